@@ -1,0 +1,26 @@
+# Two commands are enough: `make demo` and `make test`; each sets up what is missing.
+# Variables on the command line (TASK, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint clean distclean
+
+help:  ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup:  ## virtual environment, wheels, colcon build; skips what stands
+	@scripts/setup.bash
+
+demo: setup  ## learn to swim in a graph of ROS 2 nodes (TASK= HIDDEN= SEED= ITERATIONS=)
+	@scripts/run_demo.bash
+
+test: setup  ## run the tests and check that they leave nothing behind
+	@scripts/run_tests.bash
+
+lint: setup  ## ruff (rules and format) and mypy
+	@scripts/check_style.bash
+
+clean:  ## remove build, install, log and caches; keeps the virtual environment
+	@rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	@find vgps_ros tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean  ## the same, and the virtual environment
+	@rm -rf .venv

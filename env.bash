@@ -1,0 +1,52 @@
+# shellcheck shell=bash
+# Puts vgps_ros, and the ROS 2 it was set up with, on this shell's path: source env.bash
+#
+# Set before sourcing, these are kept: FASTRTPS_DEFAULT_PROFILES_FILE (the default keeps all
+# traffic on this machine's loopback interface) and OMP_NUM_THREADS.
+
+_vgps_env() {
+  local root venv nounset=''
+  root=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd -P)
+  venv=$root/.venv
+  if [[ ! -f $venv/.complete || ! -f $root/install/.complete ]]; then
+    printf "env.bash: this checkout is not set up yet: run 'make setup' in %s.\n" "$root" >&2
+    return 1
+  fi
+
+  # The scripts of ROS and colcon read variables that may be unset.
+  if [[ $- == *u* ]]; then nounset=1; fi
+  set +u
+  if [[ -f $venv/ros_setup ]]; then
+    # shellcheck disable=SC1090
+    if [[ -z $ROS_DISTRO ]]; then source "$(<"$venv/ros_setup")"; fi
+  elif [[ -n $ROS_DISTRO ]]; then
+    printf "env.bash: this checkout was set up without the ROS 2 '%s' sourced here: run 'make setup' again, or use a shell without it.\n" "$ROS_DISTRO" >&2
+    if [[ -n $nounset ]]; then set -u; fi
+    return 1
+  else
+    # Packages of other workspaces must not shadow the wheels.
+    unset PYTHONPATH COLCON_PREFIX_PATH
+    export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
+  fi
+  # shellcheck disable=SC1091
+  source "$root/install/setup.bash"
+  if [[ -n $nounset ]]; then set -u; fi
+
+  if [[ :$PATH: != *:$venv/bin:* ]]; then PATH=$venv/bin:$PATH; fi
+  # The stand-in for ros2 comes last: a real one on the path wins.
+  if [[ :$PATH: != *:$root/scripts/bin:* ]]; then PATH=$PATH:$root/scripts/bin; fi
+  export PATH VIRTUAL_ENV=$venv
+  if [[ -z ${FASTDDS_DEFAULT_PROFILES_FILE:-} ]]; then
+    export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE-$root/config/fastdds_loopback.xml}
+  fi
+  # One thread a process: the matrices are small, the processes are many, and sums that are
+  # split over threads depend on the number of cores.
+  export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+}
+
+if _vgps_env; then
+  unset -f _vgps_env
+else
+  unset -f _vgps_env
+  return 1
+fi

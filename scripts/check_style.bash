@@ -1,0 +1,8 @@
+#!/usr/bin/env bash
+# Lint, format and types, as .ci/run checks them; settings are in pyproject.toml.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+.venv/bin/ruff check .
+.venv/bin/ruff format --check .
+.venv/bin/mypy

@@ -1,0 +1,78 @@
+# shellcheck shell=bash
+# What set-up needs from the machine: found by running it, because a name on the path may be
+# a shim that starts nothing. Sourced by setup.bash, whose fail() it uses.
+
+check_compilers() {
+  cmake --version >/dev/null 2>&1 ||
+    fail "CMake is missing: install it, on Debian or Ubuntu with 'sudo apt-get install cmake'."
+  local compiler
+  for compiler in ${CXX:-c++ g++ clang++}; do
+    if "$compiler" --version >/dev/null 2>&1; then return; fi
+  done
+  fail "a C++ compiler is missing: install one, on Debian or Ubuntu with 'sudo apt-get install g++'."
+}
+
+# Prints "ok" or the first thing that the Python which runs it lacks.
+python_probe='
+import os, sys, sysconfig
+
+def finding(ros):
+    if not (3, 10) <= sys.version_info[:2] <= (3, 12):
+        return "version"
+    if ros == "system":
+        try:
+            import rclpy
+        except ImportError:
+            return "rclpy"
+    try:
+        import ensurepip, venv
+    except ImportError:
+        return "venv"
+    if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
+        return "dev"
+    return "ok"
+
+print(finding(sys.argv[1]))
+'
+
+# find_python ROS: sets $python to a Python 3.10 to 3.12 that has all that is needed, with
+# rclpy if ROS is "system". $PYTHON names the one to use.
+find_python() {
+  local name candidate finding lack='' lacking=''
+  for name in ${PYTHON:-python3 python3.12 python3.11 python3.10}; do
+    while read -r candidate; do
+      # The environment that is about to be made anew cannot make itself.
+      if [[ $candidate == "$venv"/* ]]; then continue; fi
+      finding=$("$candidate" -c "$python_probe" "$1" 2>/dev/null) || continue
+      case $finding in
+        ok)
+          python=$candidate
+          return
+          ;;
+        venv | dev | rclpy)
+          if [[ -z $lack ]]; then lack=$finding lacking=$candidate; fi
+          ;;
+      esac
+    done < <(type -aP "$name")
+  done
+  case $lack in
+    rclpy) fail "ROS_DISTRO is 'jazzy', but $lacking cannot import rclpy: source the installation's setup.bash, or unset ROS_DISTRO to use wheels." ;;
+    venv) fail "$lacking has no venv module: install it, on Debian or Ubuntu with 'sudo apt-get install python3-venv'." ;;
+    dev) fail "$lacking has no C headers: install them, on Debian or Ubuntu with 'sudo apt-get install python3-dev'." ;;
+  esac
+  fail "no Python 3.10, 3.11 or 3.12 ${PYTHON:+by the name of '$PYTHON' }starts here: install one, on Debian or Ubuntu with 'sudo apt-get install python3 python3-venv python3-dev', or name one with 'make setup PYTHON=/path/to/python3'."
+}
+
+# Prints the setup.bash of the ROS installation that $python takes rclpy from.
+find_ros_setup() {
+  "$python" - <<'PY'
+from pathlib import Path
+
+import rclpy
+
+# <prefix>/lib/python3.12/site-packages/rclpy/__init__.py; an installation built from source
+# may have one prefix a package, and its setup.bash is then one folder up.
+prefix = Path(rclpy.__file__).parents[4]
+print(next((p for p in (prefix / "setup.bash", prefix.parent / "setup.bash") if p.exists()), ""))
+PY
+}

@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Runs the tests, then fails if they left a process, a shared-memory segment or a file
+# outside this checkout. Arguments go to pytest, instead of "tests -q".
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+cd "$root"
+# shellcheck source=env.bash
+source env.bash
+
+marker=VGPS_TEST_RUN=$$.$(date +%s%N)
+
+# Processes carry the environment they were started with, so the marker finds all
+# descendants, also those that left their process group.
+leftover_processes() { grep -lsz "^$marker\$" /proc/[0-9]*/environ | grep -o '[0-9]\+' || true; }
+
+# A segment that a living process maps belongs to some other ROS graph on this machine.
+shared_memory() { find /dev/shm -mindepth 1 -user "$(id -u)" 2>/dev/null | sort; }
+in_use() { grep -qsF "$1" /proc/[0-9]*/maps; }
+
+# The places where the libraries in use would write if they ignored the variables below.
+outside_files() {
+  find "$HOME" -mindepth 1 -maxdepth 2 \( -path "$root" -o -path '*/.local' \) -prune -o -print 2>/dev/null
+  find "$HOME/.ros" "$HOME/.cache/numba" "$HOME/.cache/matplotlib" "$HOME/.config/rerun" 2>/dev/null
+  find /tmp -mindepth 1 -maxdepth 1 -user "$(id -u)" \( -name 'pytest-*' -o -name 'pymp-*' -o -name 'torch*' \
+    -o -name '*rerun*' -o -name '*ros*' -o -name '*vgps*' \) 2>/dev/null
+}
+# Only what is new; a failure of find is no failure here.
+snapshot() { { outside_files || true; } | sort -u; }
+
+scratch=$root/log/tests
+rm -rf "$scratch"
+mkdir -p "$scratch"/{home,ros,tmp}
+snapshot >"$scratch/files_before"
+shared_memory >"$scratch/shared_memory_before"
+
+status=0
+env "$marker" HOME="$scratch/home" TMPDIR="$scratch/tmp" ROS_HOME="$scratch/ros" ROS_LOG_DIR="$scratch/ros/log" \
+  XDG_CACHE_HOME="$scratch/home/.cache" XDG_CONFIG_HOME="$scratch/home/.config" MPLCONFIGDIR="$scratch/home/matplotlib" \
+  python -m pytest "${@:-tests}" -q || status=$?
+
+left=$(leftover_processes)
+if [[ -n $left ]]; then
+  sleep 2 # a node that was just told to stop may need a moment
+  left=$(leftover_processes)
+fi
+if [[ -n $left ]]; then
+  printf 'run_tests: these processes are left, and are killed now:\n' >&2
+  # shellcheck disable=SC2086
+  ps -o pid=,args= -p $left >&2 || true
+  # shellcheck disable=SC2086
+  kill -KILL $left 2>/dev/null || true
+  status=1
+fi
+
+comm -13 "$scratch/shared_memory_before" <(shared_memory) | while read -r segment; do
+  if in_use "$segment"; then continue; fi
+  case $segment in
+    # LTTng, which ROS's tracepoints link, leaves these two for the next process on purpose.
+    */lttng-ust-wait-*) rm -f "$segment" ;;
+    *) printf '%s\n' "$segment" ;;
+  esac
+done >"$scratch/left"
+comm -13 "$scratch/files_before" <(snapshot) >>"$scratch/left"
+if [[ -s $scratch/left ]]; then
+  printf 'run_tests: these are left outside the checkout:\n' >&2
+  cat "$scratch/left" >&2
+  status=1
+fi
+exit "$status"

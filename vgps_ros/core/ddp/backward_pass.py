@@ -1,0 +1,139 @@
+"""The backward pass of iterative LQR.
+
+Given f_x, f_u and a quadratic expansion of the cost along a trajectory, it computes backwards in
+time the local policy
+
+    g(x) = ū + k + K (x − x̄)
+
+that minimises the quadratic model, and Quu, whose inverse is the covariance of the maximum-entropy
+policy π_G(u|x) = N(g(x), Quu⁻¹) (section 4). The state regularisation μ penalises deviations of the
+next state, B'(V + μI)B, when gains are computed; the value function stays that of the true model.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
+
+
+@dataclass(frozen=True)
+class LocalPolicy:
+    """Result of a backward pass.
+
+    Attributes:
+        feedforward: k_t, shape (T, n_u), [N·m].
+        gains: K_t, shape (T, n_u, n_x).
+        q_uu: unregularised Quu_t, shape (T, n_u, n_u).
+        slope: Σ kᵀQ_u, by which the model's cost changes per unit of a small step.
+        curvature: Σ kᵀ Quu k.
+        complete: false if a regularised Quu was not positive definite; the rest is then void.
+    """
+
+    feedforward: Array
+    gains: Array
+    q_uu: Array
+    slope: float
+    curvature: float
+    complete: bool
+
+    def expected_reduction(self, step_size: float) -> float:
+        """Returns by how much the quadratic model expects a step to lower the cost."""
+        return -step_size * self.slope - 0.5 * step_size**2 * self.curvature
+
+    def control_covariances(self) -> Array:
+        """Returns Quu⁻¹, shape (T, n_u, n_u), the covariance of π_G."""
+        return np.linalg.inv(self.q_uu)
+
+
+def backward_pass(
+    dynamics: LinearDynamics, cost: CostExpansion, regularization: float = 0.0
+) -> LocalPolicy:
+    """Computes the local policy of a linear-quadratic model (section 4).
+
+    Args:
+        dynamics: f_x, f_u of each step.
+        cost: expansion of each step's cost; the state after the last step costs nothing.
+        regularization: μ, at least 0.
+    """
+    k, gains, q_uu, slope, curvature, complete = _recursion(
+        dynamics.f_x,
+        dynamics.f_u,
+        cost.c_x,
+        cost.c_u,
+        cost.c_xx,
+        cost.c_uu,
+        cost.c_ux,
+        float(regularization),
+    )
+    return LocalPolicy(k, gains, q_uu, slope, curvature, complete)
+
+
+@njit(cache=True)
+def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-untyped-def]  # pragma: no cover
+    horizon, n_x, n_u = f_u.shape
+    k = np.zeros((horizon, n_u))
+    gains = np.zeros((horizon, n_u, n_x))
+    quu = np.zeros((horizon, n_u, n_u))
+    v_x, v_xx = np.zeros(n_x), np.zeros((n_x, n_x))
+    slope, curvature = 0.0, 0.0
+    for t in range(horizon - 1, -1, -1):
+        a, b = f_x[t], f_u[t]
+        a_t, b_t = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
+        va, vb = v_xx @ a, v_xx @ b
+        q_xx = c_xx[t] + a_t @ va
+        q_uu = c_uu[t] + b_t @ vb
+        q_ux = c_ux[t] + b_t @ va
+        q_x = c_x[t] + a_t @ v_x
+        q_u = c_u[t] + b_t @ v_x
+
+        # Solve (Quu + μ BᵀB) [k K] = −[Q_u  Q_ux + μ BᵀA] by a Cholesky factorisation.
+        left = q_uu + mu * (b_t @ b)
+        right = np.empty((n_u, n_x + 1))
+        right[:, 0] = -q_u
+        right[:, 1:] = -(q_ux + mu * (b_t @ a))
+        if not _solve_in_place(left, right):
+            return k, gains, quu, slope, curvature, False
+        k_t = right[:, 0].copy()
+        gain = right[:, 1:].copy()
+
+        # These equal V_x = Q_x − Q_uxᵀ Quu⁻¹ Q_u and V_xx = Q_xx − Q_uxᵀ Quu⁻¹ Q_ux at μ = 0,
+        # and stay the value of the policy that is really followed at μ > 0.
+        gain_t = np.ascontiguousarray(gain.T)
+        q_xu = np.ascontiguousarray(q_ux.T)
+        quu_k = q_uu @ k_t
+        v_x = q_x + gain_t @ (quu_k + q_u) + q_xu @ k_t
+        v_xx = q_xx + gain_t @ (q_uu @ gain) + gain_t @ q_ux + q_xu @ gain
+        v_xx = 0.5 * (v_xx + v_xx.T)
+
+        slope += k_t @ q_u
+        curvature += k_t @ quu_k
+        k[t], gains[t], quu[t] = k_t, gain, q_uu
+    return k, gains, quu, slope, curvature, True
+
+
+@njit(cache=True)
+def _solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Overwrites b with a⁻¹b; false if a is not positive definite (or not a number)."""
+    n, m = b.shape
+    for j in range(n):
+        for i in range(j):
+            a[j, j] -= a[j, i] ** 2
+        if not a[j, j] > 0.0:
+            return False
+        a[j, j] = np.sqrt(a[j, j])
+        for row in range(j + 1, n):
+            for i in range(j):
+                a[row, j] -= a[row, i] * a[j, i]
+            a[row, j] /= a[j, j]
+    for column in range(m):
+        for j in range(n):
+            for i in range(j):
+                b[j, column] -= a[j, i] * b[i, column]
+            b[j, column] /= a[j, j]
+        for j in range(n - 1, -1, -1):
+            for i in range(j + 1, n):
+                b[j, column] -= a[i, j] * b[i, column]
+            b[j, column] /= a[j, j]
+    return True

@@ -1,0 +1,62 @@
+"""The forward pass: a backtracking line search along the local policy, on the true dynamics."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.cost import TrajectoryCost
+from vgps_ros.core.ddp.backward_pass import LocalPolicy
+from vgps_ros.core.ddp.settings import DdpSettings
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.records import Array, Trajectory
+
+
+@dataclass(frozen=True)
+class ForwardStep:
+    """An accepted step.
+
+    Attributes:
+        trajectory: the new trajectory.
+        cost: its cost.
+        step_size: the step size that was accepted.
+        expected_reduction: what the quadratic model expected of it.
+    """
+
+    trajectory: Trajectory
+    cost: float
+    step_size: float
+    expected_reduction: float
+
+
+def follow(
+    dynamics: Dynamics, nominal: Trajectory, policy: LocalPolicy, step_size: float
+) -> Trajectory:
+    """Executes u = ū + step_size k + K (x − x̄) from the nominal trajectory's first state."""
+    controls = nominal.controls + step_size * policy.feedforward
+
+    def control_law(t: int, x: Array) -> Array:
+        return controls[t] + (x - nominal.states[t]) @ policy.gains[t].T
+
+    return dynamics.rollout(nominal.states[0], control_law, nominal.horizon)
+
+
+def forward_pass(
+    dynamics: Dynamics,
+    cost: TrajectoryCost,
+    nominal: Trajectory,
+    nominal_cost: float,
+    policy: LocalPolicy,
+    settings: DdpSettings,
+) -> ForwardStep | None:
+    """Returns the first step that lowers the cost as it should, or None.
+
+    A trajectory that diverges has the cost NaN and is never accepted.
+    """
+    for i in range(settings.line_search_steps):
+        step_size = settings.line_search_shrink**i
+        trajectory = follow(dynamics, nominal, policy, step_size)
+        new_cost = float(np.sum(cost.values(trajectory)))
+        expected = policy.expected_reduction(step_size)
+        if nominal_cost - new_cost > max(settings.acceptance_ratio * expected, 0.0):
+            return ForwardStep(trajectory, new_cost, step_size, expected)
+    return None

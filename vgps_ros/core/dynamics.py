@@ -1,0 +1,144 @@
+"""A MuJoCo model as discrete dynamics.
+
+A control is held for a number of simulator steps:
+
+    x_{t+1} = f(x_t, u_t),    x = (qpos, qvel),
+
+with f_x, f_u from centred finite differences. The model must have as many positions as velocities
+(hinges and slides only), so that states can be subtracted.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+
+# A state beyond this magnitude has diverged: neither metres nor radians per second get there.
+DIVERGENCE_BOUND = 1e4
+
+ControlLaw = Callable[[int, Array], Array]
+"""Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
+
+
+class Dynamics:
+    """x' = f(x, u) for a MuJoCo model, with rollouts and derivatives.
+
+    Args:
+        model: the robot; positions and velocities must have the same dimension.
+        substeps: simulator steps for which one control is held.
+        eps: perturbation of the centred differences.
+        threads: threads that share the differences; their number does not change the result.
+
+    Raises:
+        InvalidInputError: the model has quaternions or actuator states.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        substeps: int = 1,
+        eps: float = 1e-6,
+        threads: int | None = None,
+    ):
+        if model.nq != model.nv or model.na:
+            raise InvalidInputError(
+                f"The model has nq={model.nq}, nv={model.nv}, na={model.na}, but nq must equal nv "
+                "and na must be 0: use hinge and slide joints and motors only."
+            )
+        self.model = model
+        self.substeps = substeps
+        self.eps = eps
+        self.state_dim = 2 * model.nv
+        self.control_dim = model.nu
+        self.time_step = model.opt.timestep * substeps
+        self._threads = threads or len(os.sched_getaffinity(0))
+        self._data = mujoco.MjData(model)
+
+    def step(self, state: Array, control: Array) -> Array:
+        """Returns f(x, u), shape (n_x,)."""
+        self._load(self._data, state, control)
+        for _ in range(self.substeps):
+            mujoco.mj_step(self.model, self._data)
+        return np.concatenate([self._data.qpos, self._data.qvel])
+
+    def rollouts(
+        self, initial_states: Array, control_law: ControlLaw, horizon: int
+    ) -> tuple[Array, Array]:
+        """Runs several rollouts in closed loop, side by side.
+
+        A rollout that diverges is NaN from the step after which it did.
+
+        Args:
+            initial_states: shape (N, n_x).
+            control_law: maps t and the states (N, n_x) to controls (N, n_u).
+            horizon: T.
+
+        Returns:
+            States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
+        """
+        n = len(initial_states)
+        states = np.full((n, horizon + 1, self.state_dim), np.nan)
+        controls = np.full((n, horizon, self.control_dim), np.nan)
+        states[:, 0] = initial_states
+        alive = np.flatnonzero(np.isfinite(initial_states).all(axis=1))
+        for t in range(horizon):
+            # An open-loop law may give one control for all.
+            control = np.broadcast_to(control_law(t, states[:, t]), controls[:, t].shape)
+            controls[alive, t] = control[alive]
+            for i in alive:
+                states[i, t + 1] = self.step(states[i, t], controls[i, t])
+            # A NaN fails the comparison too.
+            inside = (np.abs(states[alive, t + 1]) < DIVERGENCE_BOUND).all(axis=1)
+            states[alive[~inside], t + 1] = np.nan
+            alive = alive[inside]
+        return states, controls
+
+    def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
+        """Runs one rollout; `control_law` still sees states of shape (1, n_x)."""
+        states, controls = self.rollouts(initial_state[None], control_law, horizon)
+        return Trajectory(states[0], controls[0])
+
+    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
+        """Returns f_x, f_u along a trajectory, by centred differences over several threads."""
+        horizon = trajectory.horizon
+        f_x = np.empty((horizon, self.state_dim, self.state_dim))
+        f_u = np.empty((horizon, self.state_dim, self.control_dim))
+
+        def linearize_steps(steps: range) -> None:
+            data = mujoco.MjData(self.model)
+            for t in steps:
+                f_x[t], f_u[t] = self._linearize_step(
+                    data, trajectory.states[t], trajectory.controls[t]
+                )
+
+        chunks = [range(i, horizon, self._threads) for i in range(self._threads)]
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(linearize_steps, chunks))
+        return LinearDynamics(f_x, f_u)
+
+    def _linearize_step(
+        self, data: mujoco.MjData, state: Array, control: Array
+    ) -> tuple[Array, Array]:
+        """Returns f_x, f_u at one point: the chain rule over the simulator steps of one control."""
+        self._load(data, state, control)
+        f_x = np.eye(self.state_dim)
+        f_u = np.zeros((self.state_dim, self.control_dim))
+        a, b = np.empty_like(f_x), np.empty_like(f_u)
+        for substep in range(self.substeps):
+            if substep:
+                mujoco.mj_step(self.model, data)
+            mujoco.mjd_transitionFD(self.model, data, self.eps, True, a, b, None, None)
+            f_x, f_u = a @ f_x, a @ f_u + b
+        return f_x, f_u
+
+    def _load(self, data: mujoco.MjData, state: Array, control: Array) -> None:
+        """Puts state and control into `data`, and nothing of what was there before counts."""
+        data.qpos[:] = state[: self.model.nv]
+        data.qvel[:] = state[self.model.nv :]
+        data.ctrl[:] = control
+        data.qacc_warmstart[:] = 0.0

@@ -1,0 +1,21 @@
+"""Closed forms of Gaussian entropies and divergences."""
+
+import numpy as np
+
+from vgps_ros.core.records import Array
+
+
+def entropy(covariances: Array) -> Array:
+    """Returns the entropy of N(·, Σ) [nat], shape (...,), for covariances (..., n, n)."""
+    n = covariances.shape[-1]
+    return 0.5 * (n * np.log(2 * np.pi * np.e) + np.linalg.slogdet(covariances)[1])
+
+
+def kl_divergence(mean_0: Array, covariance_0: Array, mean_1: Array, covariance_1: Array) -> Array:
+    """Returns KL(N_0 ‖ N_1) [nat], shape (...,), for means (..., n) and covariances (..., n, n)."""
+    precision = np.linalg.inv(covariance_1)
+    difference = mean_1 - mean_0
+    trace = np.einsum("...ij,...ji->...", precision, covariance_0)
+    distance = np.einsum("...i,...ij,...j->...", difference, precision, difference)
+    log_ratio = np.linalg.slogdet(covariance_1)[1] - np.linalg.slogdet(covariance_0)[1]
+    return 0.5 * (trace + distance - mean_0.shape[-1] + log_ratio)

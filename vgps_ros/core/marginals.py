@@ -1,0 +1,84 @@
+"""The marginals of the Gaussian trajectory distribution q(ζ) (section 4).
+
+In deviations from the trajectory, δx = x − x̄ and δu = u − ū:
+
+    δu = K δx + noise of covariance Quu⁻¹,    δx' = f_x δx + f_u δu + ε,  ε ~ N(0, Σ_f).
+
+q is centred on a trajectory that was executed, where k = 0; the means of δx and δu are then zero
+and the covariances are all that is left to compute.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
+
+
+@dataclass(frozen=True)
+class MarginalSettings:
+    """What the marginals assume about noise.
+
+    Attributes:
+        initial_std: standard deviation of x_1, shape (n_x,).
+        dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_x,).
+        std_limit: largest standard deviation of each coordinate, shape (n_x,); inf for none. A cap
+            keeps linearised covariances from exploding through contact.
+    """
+
+    initial_std: Array
+    dynamics_std: Array
+    std_limit: Array
+
+
+def state_covariances(
+    linear: LinearDynamics, gains: Array, control_covariances: Array, settings: MarginalSettings
+) -> Array:
+    """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_x, n_x), by the recursion of section 4."""
+    horizon, n_x, _ = linear.f_x.shape
+    sigma_f = np.diag(settings.dynamics_std**2)
+    sigma = np.empty((horizon + 1, n_x, n_x))
+    sigma[0] = _capped(np.diag(settings.initial_std**2), settings.std_limit)
+    for t in range(horizon):
+        f_u = linear.f_u[t]
+        closed_loop = linear.f_x[t] + f_u @ gains[t]
+        # [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
+        following = (
+            closed_loop @ sigma[t] @ closed_loop.T + f_u @ control_covariances[t] @ f_u.T + sigma_f
+        )
+        sigma[t + 1] = _capped(following, settings.std_limit)
+    return sigma
+
+
+def sample_deviations(
+    distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
+) -> Array:
+    """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_x)."""
+    horizon = distribution.mean.horizon
+    eigenvalues, eigenvectors = np.linalg.eigh(distribution.state_covariances[:horizon])
+    # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
+    roots = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
+    noise = rng.standard_normal((count, horizon, roots.shape[-1]))
+    return np.einsum("txy,sty->stx", roots, noise)
+
+
+def sample_rollout_noise(
+    distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
+) -> Array:
+    """Draws π_G's control noise, N(0, Quu⁻¹); returns shape (count, T, n_u), [N·m]."""
+    roots = np.linalg.cholesky(distribution.control_covariances)
+    noise = rng.standard_normal((count, *roots.shape[:2]))
+    return np.einsum("tuv,stv->stu", roots, noise)
+
+
+def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:
+    """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_x)."""
+    return distribution.mean.controls + np.einsum("tux,stx->stu", distribution.gains, deviations)
+
+
+def _capped(sigma: Array, limit: Array) -> Array:
+    """Scales coordinates down to their limit; correlations stay."""
+    std = np.sqrt(np.diagonal(sigma))
+    scale = np.minimum(1.0, limit / np.maximum(std, 1e-300))
+    return sigma * np.outer(scale, scale)
+

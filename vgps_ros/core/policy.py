@@ -1,0 +1,170 @@
+"""The Gaussian network policy π_θ(u|x) = N(μ_θ(x), diag(σ)²) (section 6).
+
+μ_θ is a multilayer perceptron that reads some coordinates of the state. By default it has one
+hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers. The number of
+parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
+gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
+
+Evaluation is NumPy's, the same in a rollout, in the trajectory optimiser and on the robot.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vgps_ros.core.checks import finite_array, one_of, positive
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+
+
+def _softplus(z: Array) -> Array:
+    return np.logaddexp(0.0, z)
+
+
+def _sigmoid(z: Array) -> Array:
+    return 0.5 * (1.0 + np.tanh(0.5 * z))
+
+
+# Name: the activation and its derivative.
+ACTIVATIONS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
+    "softplus": (_softplus, _sigmoid),
+    "tanh": (np.tanh, lambda z: 1.0 - np.tanh(z) ** 2),
+    "relu": (lambda z: np.maximum(z, 0.0), lambda z: (z > 0.0).astype(float)),
+}
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Shape of the network.
+
+    Attributes:
+        observed: indices of the state's coordinates that the network reads.
+        hidden_units: width of each hidden layer.
+        control_dim: n_u.
+        activation: softplus, tanh or relu.
+        hidden_bias: whether hidden layers have bias terms.
+        output_bias: whether the output layer has bias terms.
+
+    Raises:
+        InvalidInputError: a layer has no units, or the activation is unknown.
+    """
+
+    observed: tuple[int, ...]
+    hidden_units: tuple[int, ...]
+    control_dim: int
+    activation: str = "softplus"
+    hidden_bias: bool = True
+    output_bias: bool = True
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        one_of("activation", self.activation, ACTIVATIONS)
+        for units in self.layer_sizes:
+            positive("the number of units of a layer", units)
+
+    @property
+    def layer_sizes(self) -> tuple[int, ...]:
+        """Inputs, width of each hidden layer, outputs."""
+        return (len(self.observed), *self.hidden_units, self.control_dim)
+
+    @property
+    def num_parameters(self) -> int:
+        """Number of weights and biases."""
+        return sum(outputs * inputs + bias for outputs, inputs, bias in self._layers())
+
+    def unpack(self, parameters: Any) -> list[tuple[Any, Any]]:
+        """Splits θ into (weight (n_out, n_in), bias (n_out,) or 0.0) of each layer.
+
+        Args:
+            parameters: shape (num_parameters,), a NumPy array or a torch tensor.
+        """
+        layers, start = [], 0
+        for outputs, inputs, bias in self._layers():
+            end = start + outputs * inputs
+            weight = parameters[start:end].reshape(outputs, inputs)
+            layers.append((weight, parameters[end : end + bias] if bias else 0.0))
+            start = end + bias
+        return layers
+
+    def _layers(self) -> list[tuple[int, int, int]]:
+        """Outputs, inputs and number of biases of each layer."""
+        sizes = self.layer_sizes
+        biased = [self.hidden_bias] * len(self.hidden_units) + [self.output_bias]
+        return [
+            (n_out, n_in, n_out * has_bias)
+            for n_in, n_out, has_bias in zip(sizes, sizes[1:], biased, strict=False)
+        ]
+
+
+@dataclass(frozen=True)
+class GaussianPolicy:
+    """π_θ(u|x) = N(μ_θ(x), diag(σ)²).
+
+    Attributes:
+        architecture: shape of the network.
+        parameters: θ, shape (num_parameters,): layer by layer, weights row-major, then biases.
+        noise_std: σ, shape (n_u,), [N·m].
+
+    Raises:
+        InvalidInputError: an array has the wrong size, is not finite, or σ is not positive.
+    """
+
+    architecture: Architecture
+    parameters: Array
+    noise_std: Array
+
+    def __post_init__(self) -> None:
+        """Checks the arrays."""
+        finite_array("parameters", self.parameters, (self.architecture.num_parameters,))
+        finite_array("noise_std", self.noise_std, (self.architecture.control_dim,))
+        for std in self.noise_std:
+            positive("noise_std", std)
+
+    def check_fits(self, state_dim: int, control_dim: int) -> None:
+        """Checks that the policy can drive a robot of these dimensions.
+
+        Raises:
+            InvalidInputError: it reads coordinates that the state lacks, or has other controls.
+        """
+        if self.architecture.control_dim != control_dim:
+            raise InvalidInputError(
+                f"The policy has {self.architecture.control_dim} controls, but the task has "
+                f"{control_dim}."
+            )
+        outside = [i for i in self.architecture.observed if not 0 <= i < state_dim]
+        if outside:
+            raise InvalidInputError(
+                f"The policy reads coordinate {outside[0]} of the state, but the task's state has "
+                f"coordinates 0 to {state_dim - 1}."
+            )
+
+    def mean(self, states: Array) -> Array:
+        """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
+        activation = ACTIVATIONS[self.architecture.activation][0]
+        a = states[..., self.architecture.observed]
+        *hidden, (weight, bias) = self.architecture.unpack(self.parameters)
+        for w, b in hidden:
+            a = activation(a @ w.T + b)
+        return a @ weight.T + bias
+
+    def linearize(self, states: Array) -> tuple[Array, Array]:
+        """Returns μ_θ(x), shape (..., n_u), and ∂μ/∂x, shape (..., n_u, n_x)."""
+        activation, derivative = ACTIVATIONS[self.architecture.activation]
+        a = states[..., self.architecture.observed]
+        jacobian = np.eye(len(self.architecture.observed))
+        *hidden, (weight, bias) = self.architecture.unpack(self.parameters)
+        for w, b in hidden:
+            z = a @ w.T + b
+            a = activation(z)
+            jacobian = derivative(z)[..., None] * (w @ jacobian)
+        full = np.zeros((*states.shape[:-1], self.architecture.control_dim, states.shape[-1]))
+        full[..., self.architecture.observed] = weight @ jacobian
+        return a @ weight.T + bias, full
+
+    def log_density(self, states: Array, controls: Array) -> Array:
+        """Returns log π_θ(u|x) [nat], shape (...,)."""
+        z = (controls - self.mean(states)) / self.noise_std
+        normaliser = np.sum(np.log(self.noise_std)) + 0.5 * len(self.noise_std) * np.log(2 * np.pi)
+        return -0.5 * np.sum(z**2, -1) - normaliser

@@ -1,0 +1,77 @@
+"""The modified cost c̄ = α c − log π_θ of section 4, averaged over samples of the marginals.
+
+log π_θ can be jagged, so its values and derivatives are averaged over samples drawn from q. State
+and action are drawn jointly, (x̄ + δ, ū + K δ), and the deviations δ stay fixed within one solve:
+the line search judges the same averaged cost whose derivatives were used.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.cost import TrajectoryCost
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array, CostExpansion, Trajectory
+
+
+@dataclass(frozen=True)
+class ScaledCost:
+    """α c(x, u)."""
+
+    cost: TrajectoryCost
+    alpha: float
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Returns α c of each step, shape (T,)."""
+        return self.alpha * self.cost.values(trajectory)
+
+    def expand(self, trajectory: Trajectory) -> CostExpansion:
+        """Returns α times the expansion of c."""
+        e = self.cost.expand(trajectory)
+        a = self.alpha
+        return CostExpansion(a * e.c, a * e.c_x, a * e.c_u, a * e.c_xx, a * e.c_uu, a * e.c_ux)
+
+
+@dataclass(frozen=True)
+class PolicyCost:
+    """c̄(x, u) = α c(x, u) − mean over s of log π_θ(u + K δ_s | x + δ_s).
+
+    Attributes:
+        scaled: α c.
+        policy: π_θ.
+        deviations: δ, shape (S, T, n_x); a single zero sample gives the point cost.
+        gains: K, shape (T, n_u, n_x).
+    """
+
+    scaled: ScaledCost
+    policy: GaussianPolicy
+    deviations: Array
+    gains: Array
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Returns c̄ of each step, shape (T,)."""
+        log_density = self.policy.log_density(*self._samples(trajectory))
+        return self.scaled.values(trajectory) - log_density.mean(axis=0)
+
+    def expand(self, trajectory: Trajectory) -> CostExpansion:
+        """Returns c̄ and its Gauss-Newton derivatives, which are never indefinite."""
+        states, controls = self._samples(trajectory)
+        mean, jacobian = self.policy.linearize(states)
+        precision = 1.0 / self.policy.noise_std**2  # P = Σ⁻¹, diagonal
+        p_r = precision * (controls - mean)  # P r
+        p_j = precision[:, None] * jacobian  # P J
+        count = len(states)
+        e = self.scaled.expand(trajectory)
+        return CostExpansion(
+            c=e.c - self.policy.log_density(states, controls).mean(axis=0),
+            c_x=e.c_x - np.einsum("stux,stu->tx", jacobian, p_r) / count,  # −Jᵀ P r
+            c_u=e.c_u + p_r.mean(axis=0),  # P r
+            c_xx=e.c_xx + (np.swapaxes(jacobian, -1, -2) @ p_j).mean(axis=0),  # Jᵀ P J
+            c_uu=e.c_uu + np.diag(precision),  # P
+            c_ux=e.c_ux - p_j.mean(axis=0),  # −P J
+        )
+
+    def _samples(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Returns x + δ_s and u + K δ_s, shapes (S, T, n_x) and (S, T, n_u)."""
+        shift = np.einsum("tux,stx->stu", self.gains, self.deviations)
+        return trajectory.states[:-1] + self.deviations, trajectory.controls + shift

@@ -1,0 +1,264 @@
+"""The M-step: maximise L(q, θ) with respect to the policy (section 5).
+
+Up to a constant, with states drawn from the marginals of q,
+
+    L(q, θ) = E[ −½ (μ_θ − μ_q)ᵀ Σ_θ⁻¹ (μ_θ − μ_q) − ½ log|Σ_θ| − ½ tr(Σ_θ⁻¹ Σ_q) ].
+
+The *analytic* form uses the mean and covariance of q(u|x) as they stand. The *sampled* form
+(Eq. 3) draws actions too; it is the same expression with the drawn action as mean and no
+covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ_θ − μ_q)_j² +
+(Σ_q)_jj], so it is profiled out and only the network is left to optimise:
+
+    minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
+
+States and controls are standardised during the fit, which conditions it; the weights handed in and
+out are those of the raw units.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.records import Array, TrajectoryDistribution
+
+_ACTIVATIONS = {
+    "softplus": torch.nn.functional.softplus,
+    "tanh": torch.tanh,
+    "relu": torch.relu,
+}
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How the M-step is done.
+
+    Attributes:
+        form: analytic (actions integrated) or sampled (Eq. 3).
+        optimizer: lbfgs, adam or sgd.
+        samples_per_step: M, samples drawn of each step's marginal, at least 1.
+        iterations: optimiser iterations in all.
+        resample_every: LBFGS iterations between new samples; the paper found 20 to 50 good. SGD
+            and Adam draw new samples every iteration.
+        learning_rate: step of SGD and Adam, in standardised units.
+    """
+
+    form: str = "analytic"
+    optimizer: str = "lbfgs"
+    samples_per_step: int = 10
+    iterations: int = 100
+    resample_every: int = 25
+    learning_rate: float = 1e-2
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Supervision of the fit, N samples pooled over steps and trajectories.
+
+    Attributes:
+        states: shape (N, n_x).
+        means: μ_q, or drawn actions, shape (N, n_u), [N·m].
+        variances: diagonal of Σ_q, or zero for drawn actions, shape (N, n_u), [N²·m²].
+    """
+
+    states: Array
+    means: Array
+    variances: Array
+
+
+def draw_targets(
+    distributions: Sequence[TrajectoryDistribution],
+    form: str,
+    samples_per_step: int,
+    rng: np.random.Generator,
+) -> Targets:
+    """Draws the samples of one M-step from q(x_t), or from q(x_t, u_t) in the sampled form."""
+    parts = []
+    for q in distributions:
+        deviations = sample_deviations(q, samples_per_step, rng)
+        means = control_means(q, deviations)
+        variances = np.broadcast_to(
+            np.diagonal(q.control_covariances, axis1=1, axis2=2), means.shape
+        )
+        if form == "sampled":
+            means = means + sample_rollout_noise(q, samples_per_step, rng)
+            variances = np.zeros_like(means)
+        parts.append((q.mean.states[:-1] + deviations, means, variances))
+    states, means, variances = (
+        np.concatenate([part.reshape(-1, part.shape[-1]) for part in column])
+        for column in zip(*parts, strict=True)
+    )
+    return Targets(states, means, variances)
+
+
+def objective(policy: GaussianPolicy, targets: Targets) -> float:
+    """Returns L(q, θ) ÷ (M T) [nat], with the constant −½ n_u log 2π included."""
+    squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
+    log_sigma = np.log(policy.noise_std).sum()
+    constant = 0.5 * len(policy.noise_std) * np.log(2 * np.pi)
+    return float(-0.5 * (squares / policy.noise_std**2).sum(1).mean() - log_sigma - constant)
+
+
+def initial_policy(
+    architecture: Architecture,
+    distributions: Sequence[TrajectoryDistribution],
+    rng: np.random.Generator,
+) -> GaussianPolicy:
+    """Draws a network whose units are spread over the states that the distributions visit."""
+    scaling = _Standardization.of(architecture, distributions)
+    parameters = np.zeros(architecture.num_parameters)
+    for weight, bias in architecture.unpack(parameters):
+        weight[:] = rng.standard_normal(weight.shape) / np.sqrt(weight.shape[1])
+        if not np.isscalar(bias):
+            bias[:] = rng.standard_normal(bias.shape)
+    return GaussianPolicy(architecture, scaling.to_raw(parameters), scaling.output_scale)
+
+
+def fit_policy(
+    policy: GaussianPolicy,
+    distributions: Sequence[TrajectoryDistribution],
+    settings: FitSettings,
+    rng: np.random.Generator,
+) -> GaussianPolicy:
+    """Returns the policy that maximises L(q, θ), started from `policy`."""
+    scaling = _Standardization.of(policy.architecture, distributions)
+    start = torch.from_numpy(scaling.to_standard(policy.parameters))
+    theta = torch.nn.Parameter(start)
+
+    def samples() -> Iterator[Targets]:
+        while True:
+            yield draw_targets(distributions, settings.form, settings.samples_per_step, rng)
+
+    if settings.optimizer == "lbfgs":
+        _fit_lbfgs(theta, scaling, samples(), settings)
+    else:
+        _fit_gradient(theta, scaling, samples(), settings)
+    fitted = replace(policy, parameters=scaling.to_raw(theta.detach().numpy()))
+    return replace(fitted, noise_std=best_noise(fitted, next(samples())))
+
+
+def best_noise(policy: GaussianPolicy, targets: Targets) -> Array:
+    """Returns the σ that maximises L(q, θ) for the policy's network, shape (n_u,), [N·m]."""
+    squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
+    return np.sqrt(squares.mean(axis=0))
+
+
+def _fit_lbfgs(
+    theta: torch.nn.Parameter,
+    scaling: "_Standardization",
+    samples: Iterator[Targets],
+    settings: FitSettings,
+) -> None:
+    """LBFGS with new samples, and a new memory, every `resample_every` iterations."""
+    for start in range(0, settings.iterations, settings.resample_every):
+        loss = scaling.loss(next(samples))
+        optimizer = torch.optim.LBFGS(
+            [theta],
+            max_iter=min(settings.resample_every, settings.iterations - start),
+            history_size=20,
+            tolerance_grad=1e-9,
+            tolerance_change=1e-12,
+            line_search_fn="strong_wolfe",
+        )
+
+        def closure(optimizer=optimizer, loss=loss) -> torch.Tensor:  # type: ignore[no-untyped-def]
+            optimizer.zero_grad()
+            value = loss(theta)
+            value.backward()
+            return value
+
+        optimizer.step(closure)
+
+
+def _fit_gradient(
+    theta: torch.nn.Parameter,
+    scaling: "_Standardization",
+    samples: Iterator[Targets],
+    settings: FitSettings,
+) -> None:
+    """SGD or Adam with new samples every iteration."""
+    kind = torch.optim.Adam if settings.optimizer == "adam" else torch.optim.SGD
+    optimizer = kind([theta], lr=settings.learning_rate)
+    for _ in range(settings.iterations):
+        optimizer.zero_grad()
+        scaling.loss(next(samples))(theta).backward()
+        optimizer.step()
+
+
+@dataclass(frozen=True)
+class _Standardization:
+    """Affine change of units in which inputs and outputs of the network have unit spread.
+
+    Shifts are used only where the layer has biases to absorb them.
+    """
+
+    architecture: Architecture
+    input_shift: Array
+    input_scale: Array
+    output_shift: Array
+    output_scale: Array
+
+    @classmethod
+    def of(
+        cls, architecture: Architecture, distributions: Sequence[TrajectoryDistribution]
+    ) -> "_Standardization":
+        states = np.concatenate([q.mean.states[:-1] for q in distributions])
+        controls = np.concatenate([q.mean.controls for q in distributions])
+        spread = np.concatenate(
+            [np.diagonal(q.state_covariances[:-1], axis1=1, axis2=2) for q in distributions]
+        ).mean(axis=0)
+        observed = list(architecture.observed)
+        first_bias = architecture.hidden_bias if architecture.hidden_units else False
+        shift_in, shift_out = float(first_bias), float(architecture.output_bias)
+        return cls(
+            architecture,
+            shift_in * states.mean(axis=0)[observed],
+            np.maximum(np.sqrt(states.var(axis=0) + spread)[observed], 1e-3),
+            shift_out * controls.mean(axis=0),
+            np.maximum(controls.std(axis=0), 1e-3),
+        )
+
+    def to_raw(self, parameters: Array) -> Array:
+        raw = np.array(parameters)
+        layers = self.architecture.unpack(raw)
+        last_weight, last_bias = layers[-1]
+        last_weight *= self.output_scale[:, None]
+        last_bias *= self.output_scale
+        last_bias += self.output_shift
+        first_weight, first_bias = layers[0]
+        first_weight /= self.input_scale
+        first_bias -= first_weight @ self.input_shift
+        return raw
+
+    def to_standard(self, parameters: Array) -> Array:
+        standard = np.array(parameters)
+        layers = self.architecture.unpack(standard)
+        first_weight, first_bias = layers[0]
+        first_bias += first_weight @ self.input_shift
+        first_weight *= self.input_scale
+        last_weight, last_bias = layers[-1]
+        last_bias -= self.output_shift
+        last_bias /= self.output_scale
+        last_weight /= self.output_scale[:, None]
+        return standard
+
+    def loss(self, targets: Targets):  # type: ignore[no-untyped-def]
+        """Returns the profiled objective as a function of θ in standardised units."""
+        observed = list(self.architecture.observed)
+        inputs = (targets.states[:, observed] - self.input_shift) / self.input_scale
+        means = (targets.means - self.output_shift) / self.output_scale
+        variances = (targets.variances / self.output_scale**2).mean(axis=0)
+        inputs, means, variances = map(torch.from_numpy, (inputs, means, variances))
+
+        def profiled(theta: torch.Tensor) -> torch.Tensor:
+            a = inputs
+            *hidden, (weight, bias) = self.architecture.unpack(theta)
+            for w, b in hidden:
+                a = _ACTIVATIONS[self.architecture.activation](a @ w.T + b)
+            squares = (a @ weight.T + bias - means) ** 2
+            return 0.5 * torch.log(squares.mean(dim=0) + variances).sum()
+
+        return profiled

@@ -1,0 +1,83 @@
+"""Frozen records that the parts of the method hand to each other.
+
+Indices run over steps first: `states[t]` is x_{t+1} of the paper, which counts from 1. A trajectory
+of T controls has T + 1 states; the last one carries no cost.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A sequence of states and controls.
+
+    Attributes:
+        states: shape (T+1, n_x), generalized positions [m, rad], then velocities [m/s, rad/s].
+        controls: shape (T, n_u), [N·m].
+    """
+
+    states: Array
+    controls: Array
+
+    @property
+    def horizon(self) -> int:
+        """T, the number of controls."""
+        return len(self.controls)
+
+
+@dataclass(frozen=True)
+class LinearDynamics:
+    """Derivatives of x' = f(x, u) along a trajectory.
+
+    Attributes:
+        f_x: shape (T, n_x, n_x).
+        f_u: shape (T, n_x, n_u).
+    """
+
+    f_x: Array
+    f_u: Array
+
+
+@dataclass(frozen=True)
+class CostExpansion:
+    """Second-order expansion of a cost along a trajectory (section 4).
+
+    Attributes:
+        c: shape (T,), values.
+        c_x: shape (T, n_x).
+        c_u: shape (T, n_u).
+        c_xx: shape (T, n_x, n_x).
+        c_uu: shape (T, n_u, n_u).
+        c_ux: shape (T, n_u, n_x).
+    """
+
+    c: Array
+    c_x: Array
+    c_u: Array
+    c_xx: Array
+    c_uu: Array
+    c_ux: Array
+
+
+@dataclass(frozen=True)
+class TrajectoryDistribution:
+    """The Gaussian q(ζ) of section 4, centred on an executed trajectory.
+
+    Attributes:
+        mean: x̄, ū.
+        gains: K_t, shape (T, n_u, n_x).
+        control_covariances: Quu_t⁻¹, shape (T, n_u, n_u), [N²·m²].
+        linear_dynamics: f_x, f_u around the mean.
+        state_covariances: Σ_t of the marginals q(x_t), shape (T+1, n_x, n_x).
+    """
+
+    mean: Trajectory
+    gains: Array
+    control_covariances: Array
+    linear_dynamics: LinearDynamics
+    state_covariances: Array

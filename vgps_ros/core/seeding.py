@@ -1,0 +1,32 @@
+"""Random draws that depend on a seed and on what they are for, and on nothing else.
+
+Every draw has its own stream, named by its purpose and its place in the run. Two processes that
+make the same draw therefore agree bit for bit, whatever each drew before.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Stream(IntEnum):
+    """What a random draw is for. Values are part of a run's identity: never renumber them."""
+
+    INITIAL_STATES = 1
+    INITIAL_CONTROLS = 2
+    POLICY_PARAMETERS = 3
+    POLICY_DERIVATIVES = 4
+    POLICY_FIT = 5
+    EVALUATION = 6
+    EXECUTION = 7
+
+
+def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:
+    """Returns the generator of one draw.
+
+    Args:
+        seed: seed of the run, at least 0.
+        stream: what the draw is for.
+        place: where in the run it stands, for example iteration and trajectory index.
+    """
+    return np.random.default_rng([seed, int(stream), *place])

@@ -1,0 +1,1 @@
+"""Policy search methods: one file each, one shape for all."""

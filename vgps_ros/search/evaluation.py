@@ -1,0 +1,79 @@
+"""The two costs that Figure 1 of the paper plots, on the true dynamics."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.tasks import Task
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Costs of a policy.
+
+    Attributes:
+        deterministic_costs: cost without noise from each initial state, shape (I,); inf where the
+            rollout diverged.
+        stochastic_costs: cost of each stochastic rollout, shape (N,); inf where it diverged.
+    """
+
+    deterministic_costs: Array
+    stochastic_costs: Array
+
+    @property
+    def deterministic_cost(self) -> float:
+        """Mean over the initial states."""
+        return float(self.deterministic_costs.mean())
+
+    @property
+    def stochastic_mean(self) -> float:
+        """Mean over the rollouts that did not diverge; inf if all did."""
+        finite = self.stochastic_costs[np.isfinite(self.stochastic_costs)]
+        return float(finite.mean()) if finite.size else float("inf")
+
+    @property
+    def stochastic_median(self) -> float:
+        """Median over all rollouts, a diverged one counting as inf."""
+        return float(np.quantile(self.stochastic_costs, 0.5, method="higher"))
+
+    @property
+    def stochastic_survival(self) -> float:
+        """Share of the rollouts that did not diverge."""
+        return float(np.isfinite(self.stochastic_costs).mean())
+
+
+def evaluate(
+    task: Task,
+    policy: GaussianPolicy,
+    initial_states: Sequence[Array],
+    rollouts: int,
+    seed: int,
+    iteration: int,
+) -> Evaluation:
+    """Rolls a policy out from each initial state.
+
+    Args:
+        task: dynamics, cost and horizon.
+        policy: π_θ.
+        initial_states: means of x_1; stochastic rollouts start from draws around them.
+        rollouts: stochastic rollouts from each initial state.
+        seed: seed of the run.
+        iteration: k, the place of these draws in the run.
+    """
+    means = np.stack(initial_states)
+    states, controls = task.dynamics.rollouts(means, lambda t, x: policy.mean(x), task.horizon)
+    deterministic = task.rollout_costs(states, controls)
+
+    rng = generator(seed, Stream.EVALUATION, iteration)
+    starts = np.repeat(means, rollouts, axis=0)
+    starts = starts + task.marginals.initial_std * rng.standard_normal(starts.shape)
+    noise = rng.standard_normal((task.horizon, len(starts), len(policy.noise_std)))
+    noise *= policy.noise_std
+    states, controls = task.dynamics.rollouts(
+        starts, lambda t, x: policy.mean(x) + noise[t], task.horizon
+    )
+    return Evaluation(deterministic, task.rollout_costs(states, controls))

@@ -1,0 +1,185 @@
+"""Lines 1, 3 and 6 of Algorithm 1: optimise q(ζ) by DDP and compute its marginals.
+
+An optimisation is a pure function of its request, so it gives the same numbers in this process, in
+another one, or on another machine of the same kind.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from vgps_ros.core.checks import finite_array, positive
+from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.marginals import sample_deviations, state_covariances
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.tasks import Task
+
+
+@dataclass(frozen=True)
+class OptimizerSettings:
+    """How q(ζ) is optimised.
+
+    Attributes:
+        ddp: solver settings; regularisations are multiplied by α, so that they keep their weight
+            beside a cost that is annealed.
+        policy_samples: samples of each marginal over which log π_θ is averaged.
+    """
+
+    ddp: DdpSettings
+    policy_samples: int = 10
+
+
+@dataclass(frozen=True)
+class OptimizationRequest:
+    """One solve.
+
+    Attributes:
+        trajectory_index: which initial state of Algorithm 1.
+        iteration: k of Algorithm 1; 0 for the initial solve.
+        seed: seed of the run.
+        cost_scale: α.
+        max_iterations: DDP iterations at most.
+        initial_state: x_1, shape (n_x,).
+        guess: controls (T, n_u) to start from, where there is no `previous`.
+        previous: q(ζ) of the iteration before.
+        policy: π_θ; without it the cost is α c alone.
+    """
+
+    trajectory_index: int
+    iteration: int
+    seed: int
+    cost_scale: float
+    max_iterations: int
+    initial_state: Array
+    guess: Array | None = None
+    previous: TrajectoryDistribution | None = None
+    policy: GaussianPolicy | None = None
+
+
+@dataclass(frozen=True)
+class OptimizationResult:
+    """What a solve returns.
+
+    Attributes:
+        distribution: q(ζ).
+        cost: Σ c of its mean, unscaled and without the policy term.
+        modified_cost: what was minimised.
+        status: why the solve ended.
+        iterations: its log.
+    """
+
+    distribution: TrajectoryDistribution
+    cost: float
+    modified_cost: float
+    status: Status
+    iterations: tuple[Iteration, ...]
+
+
+class TrajectoryOptimizer:
+    """Optimises q(ζ) of one task."""
+
+    def __init__(self, task: Task, settings: OptimizerSettings):
+        self.task = task
+        self.settings = settings
+
+    def optimize(
+        self,
+        request: OptimizationRequest,
+        on_iteration: Callable[[Iteration], None] = lambda _: None,
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> OptimizationResult:
+        """Solves one request.
+
+        Raises:
+            InvalidInputError: a value of the request does not fit the task.
+            DivergenceError: the first rollout diverges.
+        """
+        self._check(request)
+        initial, linear = self._start(request)
+        cost = ScaledCost(self.task.cost, request.cost_scale)
+        solution = solve(
+            self.task.dynamics,
+            cost if request.policy is None else self._policy_cost(cost, request),
+            initial,
+            _scaled(self.settings.ddp, request.cost_scale),
+            request.max_iterations,
+            linear_dynamics=linear,
+            on_iteration=on_iteration,
+            is_cancelled=is_cancelled,
+        )
+        return OptimizationResult(
+            distribution=self._distribution(solution),
+            cost=self.task.trajectory_cost(solution.trajectory),
+            modified_cost=solution.cost,
+            status=solution.status,
+            iterations=solution.iterations,
+        )
+
+    def _check(self, request: OptimizationRequest) -> None:
+        dynamics = self.task.dynamics
+        n_x, n_u = dynamics.state_dim, dynamics.control_dim
+        positive("cost_scale", request.cost_scale)
+        positive("max_iterations", request.max_iterations)
+        finite_array("initial_state", request.initial_state, (n_x,))
+        if request.guess is not None:
+            finite_array("guess.controls", request.guess, (self.task.horizon, n_u))
+        if request.previous is not None:
+            q, horizon = request.previous, self.task.horizon
+            finite_array("previous.mean.states", q.mean.states, (horizon + 1, n_x))
+            finite_array("previous.mean.controls", q.mean.controls, (horizon, n_u))
+            finite_array("previous.gains", q.gains, (horizon, n_u, n_x))
+            finite_array("previous.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
+            finite_array("previous.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
+            finite_array(
+                "previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x)
+            )
+        if request.policy is not None:
+            request.policy.check_fits(n_x, n_u)
+            if request.previous is None:
+                raise InvalidInputError(
+                    "The request has a policy but no previous distribution, from whose marginals "
+                    "the policy's derivatives are sampled; send both."
+                )
+
+    def _start(self, request: OptimizationRequest) -> tuple[Trajectory, LinearDynamics | None]:
+        """The trajectory to start from, and its derivatives where they are known."""
+        if request.previous is not None:
+            return request.previous.mean, request.previous.linear_dynamics
+        if request.guess is None:
+            raise InvalidInputError("The request has neither guess nor previous; send one of them.")
+        controls = request.guess
+        initial = self.task.dynamics.rollout(
+            request.initial_state, lambda t, _: controls[t], self.task.horizon
+        )
+        return initial, None
+
+    def _policy_cost(self, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
+        assert request.previous is not None and request.policy is not None
+        place = (request.iteration, request.trajectory_index)
+        rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
+        deviations = sample_deviations(request.previous, self.settings.policy_samples, rng)
+        return PolicyCost(scaled, request.policy, deviations, request.previous.gains)
+
+    def _distribution(self, solution: Solution) -> TrajectoryDistribution:
+        """q(ζ) around the trajectory that was executed, with its marginals."""
+        covariances = solution.policy.control_covariances()
+        gains, linear = solution.policy.gains, solution.linear_dynamics
+        return TrajectoryDistribution(
+            mean=solution.trajectory,
+            gains=gains,
+            control_covariances=covariances,
+            linear_dynamics=linear,
+            state_covariances=state_covariances(linear, gains, covariances, self.task.marginals),
+        )
+
+
+def _scaled(settings: DdpSettings, alpha: float) -> DdpSettings:
+    return replace(
+        settings,
+        initial_regularization=alpha * settings.initial_regularization,
+        regularization_floor=alpha * settings.regularization_floor,
+        distribution_regularization=alpha * settings.distribution_regularization,
+    )

@@ -1,0 +1,221 @@
+"""Variational guided policy search, Algorithm 1 of Levine and Koltun (NIPS 2013).
+
+It alternates between two problems until the policy reproduces what the trajectory optimiser found:
+
+    q(ζ) ← argmin KL(q ‖ p(ζ | O, θ))    DDP on α_k c − log π_θ       (line 6)
+    θ    ← argmax L(q, θ)                supervised fit to q's marginals (line 4)
+
+Several initial states may be given; each has its own q, and all train one policy (section 5).
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_fit import FitSettings, fit_policy, initial_policy
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.evaluation import Evaluation, evaluate
+from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
+from vgps_ros.tasks import Task
+
+OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationResult]]
+"""Solves independent requests, in order; in this process or through optimizer nodes."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Settings of Algorithm 1.
+
+    Attributes:
+        iterations: K.
+        hidden_units: width of each hidden layer.
+        activation: softplus, tanh or relu.
+        hidden_bias: whether hidden layers have biases.
+        output_bias: whether the output layer has biases.
+        initial_alpha: α at k = 0.
+        final_alpha: α from `annealing_iterations` on.
+        annealing_iterations: iterations over which α falls exponentially.
+        initial_ddp_iterations: DDP iterations of line 1.
+        ddp_iterations: DDP iterations of line 6.
+        num_initial_states: initial states from which one policy learns.
+        evaluation_rollouts: stochastic rollouts per initial state and iteration.
+        fit: the M-step.
+    """
+
+    iterations: int = 50
+    hidden_units: tuple[int, ...] = (5,)
+    activation: str = "softplus"
+    hidden_bias: bool = True
+    output_bias: bool = True
+    initial_alpha: float = 1.0
+    final_alpha: float = 0.1
+    annealing_iterations: int = 50
+    initial_ddp_iterations: int = 80
+    ddp_iterations: int = 1
+    num_initial_states: int = 1
+    evaluation_rollouts: int = 20
+    fit: FitSettings = field(default_factory=FitSettings)
+
+    def alpha(self, k: int) -> float:
+        """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), constant after the annealing."""
+        done = min(k / self.annealing_iterations, 1.0)
+        return float(
+            np.exp((1 - done) * np.log(self.initial_alpha) + done * np.log(self.final_alpha))
+        )
+
+
+@dataclass(frozen=True)
+class SearchIteration:
+    """Outcome of iteration k.
+
+    Attributes:
+        k: 1 … K.
+        alpha: α_k.
+        policy: π_θ after line 4.
+        evaluation: its costs.
+        solutions: q(ζ) of each initial state after line 6.
+        initial_ddp_cost: cost of the solution of line 1, mean over initial states.
+        ddp_cost: cost of the current solution, mean over initial states.
+        q_step_seconds: wall time of line 6.
+        m_step_seconds: wall time of line 4.
+    """
+
+    k: int
+    alpha: float
+    policy: GaussianPolicy
+    evaluation: Evaluation
+    solutions: tuple[OptimizationResult, ...]
+    initial_ddp_cost: float
+    ddp_cost: float
+    q_step_seconds: float
+    m_step_seconds: float
+
+
+def architecture(task: Task, settings: SearchSettings) -> Architecture:
+    """Returns the shape of the task's policy."""
+    return Architecture(
+        observed=task.observed,
+        hidden_units=settings.hidden_units,
+        control_dim=task.dynamics.control_dim,
+        activation=settings.activation,
+        hidden_bias=settings.hidden_bias,
+        output_bias=settings.output_bias,
+    )
+
+
+def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
+    """Returns x_1 of each trajectory: the task's own, or draws around it if there are several."""
+    if settings.num_initial_states == 1:
+        return [task.initial_state]
+    rng = generator(seed, Stream.INITIAL_STATES)
+    draws = rng.standard_normal((settings.num_initial_states, len(task.initial_state)))
+    return list(task.initial_state + task.varied_state_std * draws)
+
+
+def vgps(
+    task: Task, settings: SearchSettings, seed: int, optimize_all: OptimizeAll
+) -> Iterator[SearchIteration]:
+    """Runs Algorithm 1, yielding each iteration as it ends.
+
+    Args:
+        task: the control problem.
+        settings: of the algorithm.
+        seed: of all random draws, at least 0.
+        optimize_all: solves the trajectory optimisations.
+
+    Raises:
+        InvalidInputError: a setting is out of range.
+        DivergenceError: the first rollout of line 1 diverges.
+    """
+    _check(settings, seed)
+    starts = initial_states(task, settings, seed)
+    # Line 1.
+    solutions = optimize_all(
+        [
+            OptimizationRequest(
+                trajectory_index=i,
+                iteration=0,
+                seed=seed,
+                cost_scale=settings.alpha(0),
+                max_iterations=settings.initial_ddp_iterations,
+                initial_state=start,
+                guess=task.guess(generator(seed, Stream.INITIAL_CONTROLS, i)),
+            )
+            for i, start in enumerate(starts)
+        ]
+    )
+    initial_ddp_cost = _mean_cost(solutions)
+    policy = initial_policy(
+        architecture(task, settings),
+        [s.distribution for s in solutions],
+        generator(seed, Stream.POLICY_PARAMETERS),
+    )
+    for k in range(1, settings.iterations + 1):  # line 2
+        began = time.perf_counter()
+        # Line 3 is part of lines 1 and 6: a solution comes with its marginals. Line 4:
+        distributions = [s.distribution for s in solutions]
+        rng = generator(seed, Stream.POLICY_FIT, k)
+        policy = fit_policy(policy, distributions, settings.fit, rng)
+        fitted = time.perf_counter()
+        alpha = settings.alpha(k)  # line 5
+        solutions = optimize_all(  # line 6
+            [
+                OptimizationRequest(
+                    trajectory_index=i,
+                    iteration=k,
+                    seed=seed,
+                    cost_scale=alpha,
+                    max_iterations=settings.ddp_iterations,
+                    initial_state=starts[i],
+                    previous=q,
+                    policy=policy,
+                )
+                for i, q in enumerate(distributions)
+            ]
+        )
+        optimized = time.perf_counter()
+        yield SearchIteration(
+            k=k,
+            alpha=alpha,
+            policy=policy,
+            evaluation=evaluate(task, policy, starts, settings.evaluation_rollouts, seed, k),
+            solutions=tuple(solutions),
+            initial_ddp_cost=initial_ddp_cost,
+            ddp_cost=_mean_cost(solutions),
+            q_step_seconds=optimized - fitted,
+            m_step_seconds=fitted - began,
+        )
+
+
+def _mean_cost(solutions: Sequence[OptimizationResult]) -> float:
+    return float(np.mean([s.cost for s in solutions]))
+
+
+def _check(settings: SearchSettings, seed: int) -> None:
+    counts = {
+        name: getattr(settings, name)
+        for name in (
+            "iterations",
+            "annealing_iterations",
+            "initial_ddp_iterations",
+            "ddp_iterations",
+            "num_initial_states",
+            "evaluation_rollouts",
+        )
+    }
+    for name, value in counts.items():
+        if value < 1:
+            raise InvalidInputError(f"{name} is {value}, but it must be at least 1.")
+    for name, value in (
+        ("initial_alpha", settings.initial_alpha),
+        ("final_alpha", settings.final_alpha),
+    ):
+        if not value > 0:
+            raise InvalidInputError(f"{name} is {value}, but it must be above 0.")
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")

@@ -1,0 +1,96 @@
+"""What a control problem is made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.ddp import DdpSettings
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.marginals import MarginalSettings
+from vgps_ros.core.records import Array, Trajectory
+
+
+@dataclass(frozen=True)
+class Task:
+    """A control problem: dynamics, cost, where it starts, and settings measured to suit it.
+
+    Attributes:
+        name: its name in the registry.
+        model_path: its MJCF.
+        dynamics: x' = f(x, u).
+        cost: c(x, u).
+        horizon: T, steps that are optimised and scored.
+        initial_state: mean of x_1, shape (n_x,).
+        varied_state_std: standard deviation of the starts where one policy learns from several
+            initial states, shape (n_x,).
+        observed: coordinates of the state that a policy reads.
+        guess: draws the controls from which the first solve starts.
+        marginals: noise that the marginals assume.
+        ddp: solver settings of the initial solve.
+    """
+
+    name: str
+    model_path: Path
+    dynamics: Dynamics
+    cost: FeatureCost
+    horizon: int
+    initial_state: Array
+    varied_state_std: Array
+    observed: tuple[int, ...]
+    guess: Callable[[np.random.Generator], Array]
+    marginals: MarginalSettings
+    ddp: DdpSettings = field(default_factory=DdpSettings)
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of all joints, in the order of positions and velocities in the state."""
+        model = self.dynamics.model
+        return [model.joint(i).name for i in range(model.njnt)]
+
+    @property
+    def actuated_joint_names(self) -> list[str]:
+        """Names of the joints that the controls drive, in the order of the controls."""
+        model = self.dynamics.model
+        return [model.joint(model.actuator(i).trnid[0]).name for i in range(model.nu)]
+
+    def rollout_costs(self, states: Array, controls: Array) -> Array:
+        """Returns Σ_t c of rollouts, shape (N,); inf for one that diverged.
+
+        Args:
+            states: shape (N, T+1, n_x), NaN where a rollout has diverged.
+            controls: shape (N, T, n_u).
+        """
+        costs = self.cost(states[:, :-1], controls).sum(axis=1)
+        diverged = ~np.isfinite(states).all(axis=(1, 2))
+        return np.where(diverged, np.inf, costs)
+
+    def trajectory_cost(self, trajectory: Trajectory) -> float:
+        """Returns Σ_t c of one trajectory."""
+        return float(self.cost.values(trajectory).sum())
+
+
+def load_model(path: Path) -> mujoco.MjModel:
+    """Compiles an MJCF file."""
+    return mujoco.MjModel.from_xml_path(str(path))
+
+
+def smoothed_noise(
+    rng: np.random.Generator, shape: tuple[int, int], amplitude: float, time_constant: float
+) -> Array:
+    """Draws controls that vary smoothly: white noise through a first-order filter.
+
+    Args:
+        rng: source of the draw.
+        shape: (T, n_u).
+        amplitude: stationary standard deviation [N·m].
+        time_constant: time constant of the filter, in steps.
+    """
+    decay = np.exp(-1.0 / time_constant)
+    noise = amplitude * rng.standard_normal(shape)
+    for t in range(1, shape[0]):
+        noise[t] = decay * noise[t - 1] + np.sqrt(1.0 - decay**2) * noise[t]
+    return noise
