@@ -1,8 +1,9 @@
 # shellcheck shell=bash
 # Puts vgps_ros, and the ROS 2 it was set up with, on this shell's path: source env.bash
 #
-# Set before sourcing, these are kept: FASTRTPS_DEFAULT_PROFILES_FILE (the default keeps all
-# traffic on this machine's loopback interface) and OMP_NUM_THREADS.
+# Set before sourcing, these are kept: OMP_NUM_THREADS and FASTRTPS_DEFAULT_PROFILES_FILE. The
+# default profile keeps all traffic on the loopback interface; to reach other machines, name
+# one of your own, or set it to nothing for the defaults of Fast DDS.
 
 _vgps_env() {
   local root venv nounset=''

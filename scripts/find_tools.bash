@@ -35,14 +35,14 @@ def finding(ros):
 print(finding(sys.argv[1]))
 '
 
-# find_python ROS: sets $python to a Python 3.10 to 3.12 that has all that is needed, with
-# rclpy if ROS is "system". $PYTHON names the one to use.
+# find_python ROS VENV: sets $python to a Python 3.10 to 3.12 that has all that is needed, with
+# rclpy if ROS is "system", and lies outside VENV. $PYTHON names the one to use.
 find_python() {
   local name candidate finding lack='' lacking=''
   for name in ${PYTHON:-python3 python3.12 python3.11 python3.10}; do
     while read -r candidate; do
       # The environment that is about to be made anew cannot make itself.
-      if [[ $candidate == "$venv"/* ]]; then continue; fi
+      if [[ $candidate == "$2"/* ]]; then continue; fi
       finding=$("$candidate" -c "$python_probe" "$1" 2>/dev/null) || continue
       case $finding in
         ok)
@@ -60,6 +60,7 @@ find_python() {
     venv) fail "$lacking has no venv module: install it, on Debian or Ubuntu with 'sudo apt-get install python3-venv'." ;;
     dev) fail "$lacking has no C headers: install them, on Debian or Ubuntu with 'sudo apt-get install python3-dev'." ;;
   esac
+  # shellcheck disable=SC2016
   fail "no Python 3.10, 3.11 or 3.12 ${PYTHON:+by the name of '$PYTHON' }starts here: install one, on Debian or Ubuntu with 'sudo apt-get install python3 python3-venv python3-dev', or name one with 'make setup PYTHON=/path/to/python3'."
 }
 

@@ -34,6 +34,9 @@ is_complete() { [[ -f $1/.complete && $(<"$1/.complete") == "$2" ]]; }
 # shellcheck source=scripts/find_tools.bash
 source scripts/find_tools.bash
 
+[[ $root != *[[:space:]]* ]] ||
+  fail "colcon's scripts fail in a folder with a space in its path: move the checkout out of '$root'."
+
 # --- Which ROS ------------------------------------------------------------------------------
 # .venv/ros_setup names the setup.bash of the ROS installation that the environment was made
 # for; the environment then stays with it, whether or not a later shell has it sourced.
@@ -100,7 +103,7 @@ PY
 
 if ! venv_stands; then
   check_compilers
-  find_python "$ros" # sets $python
+  find_python "$ros" "$venv" # sets $python
   rm -rf "$venv" build install # half an installation is not worth repairing
   step "virtual environment with $("$python" -V)" venv make_venv
   step "pip" pip pip_install -r requirements/pip.txt

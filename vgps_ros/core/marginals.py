@@ -53,13 +53,18 @@ def state_covariances(
 def sample_deviations(
     distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
 ) -> Array:
-    """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_x)."""
+    """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_x).
+
+    Samples come in pairs ±δ: for an even count their mean is exactly zero, so that averages over
+    them carry no noise of first order. At a small α that noise would outweigh the cost.
+    """
     horizon = distribution.mean.horizon
     eigenvalues, eigenvectors = np.linalg.eigh(distribution.state_covariances[:horizon])
     # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
     roots = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
-    noise = rng.standard_normal((count, horizon, roots.shape[-1]))
-    return np.einsum("txy,sty->stx", roots, noise)
+    noise = rng.standard_normal(((count + 1) // 2, horizon, roots.shape[-1]))
+    deviations = np.einsum("txy,sty->stx", roots, noise)
+    return np.concatenate([deviations, -deviations])[:count]
 
 
 def sample_rollout_noise(
@@ -81,4 +86,3 @@ def _capped(sigma: Array, limit: Array) -> Array:
     std = np.sqrt(np.diagonal(sigma))
     scale = np.minimum(1.0, limit / np.maximum(std, 1e-300))
     return sigma * np.outer(scale, scale)
-

@@ -15,6 +15,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import setting
 from vgps_ros.tasks import Task
 
 
@@ -23,13 +24,17 @@ class OptimizerSettings:
     """How q(ζ) is optimised.
 
     Attributes:
-        ddp: solver settings; regularisations are multiplied by α, so that they keep their weight
-            beside a cost that is annealed.
-        policy_samples: samples of each marginal over which log π_θ is averaged.
+        ddp: solver settings; its regularisations are multiplied by α, so that they keep their
+            weight beside a cost that is annealed.
     """
 
     ddp: DdpSettings
-    policy_samples: int = 10
+    policy_samples: int = setting(
+        10,
+        "samples of each step's marginal over which log pi_theta is averaged",
+        minimum=1,
+        maximum=10_000,
+    )
 
 
 @dataclass(frozen=True)
@@ -133,9 +138,7 @@ class TrajectoryOptimizer:
             finite_array("previous.gains", q.gains, (horizon, n_u, n_x))
             finite_array("previous.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
             finite_array("previous.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
-            finite_array(
-                "previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x)
-            )
+            finite_array("previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
         if request.policy is not None:
             request.policy.check_fits(n_x, n_u)
             if request.previous is None:
@@ -157,7 +160,8 @@ class TrajectoryOptimizer:
         return initial, None
 
     def _policy_cost(self, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
-        assert request.previous is not None and request.policy is not None
+        assert request.previous is not None
+        assert request.policy is not None
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
         deviations = sample_deviations(request.previous, self.settings.policy_samples, rng)

@@ -19,6 +19,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_fit import FitSettings, fit_policy, initial_policy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import check_settings, setting
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
@@ -29,36 +30,36 @@ OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationRes
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Settings of Algorithm 1.
+    """Settings of Algorithm 1."""
 
-    Attributes:
-        iterations: K.
-        hidden_units: width of each hidden layer.
-        activation: softplus, tanh or relu.
-        hidden_bias: whether hidden layers have biases.
-        output_bias: whether the output layer has biases.
-        initial_alpha: α at k = 0.
-        final_alpha: α from `annealing_iterations` on.
-        annealing_iterations: iterations over which α falls exponentially.
-        initial_ddp_iterations: DDP iterations of line 1.
-        ddp_iterations: DDP iterations of line 6.
-        num_initial_states: initial states from which one policy learns.
-        evaluation_rollouts: stochastic rollouts per initial state and iteration.
-        fit: the M-step.
-    """
-
-    iterations: int = 50
-    hidden_units: tuple[int, ...] = (5,)
-    activation: str = "softplus"
-    hidden_bias: bool = True
-    output_bias: bool = True
-    initial_alpha: float = 1.0
-    final_alpha: float = 0.1
-    annealing_iterations: int = 50
-    initial_ddp_iterations: int = 80
-    ddp_iterations: int = 1
-    num_initial_states: int = 1
-    evaluation_rollouts: int = 20
+    iterations: int = setting(50, "iterations K of Algorithm 1", minimum=1, maximum=100_000)
+    hidden_units: tuple[int, ...] = setting(
+        (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
+    )
+    activation: str = setting(
+        "softplus", "activation of the hidden layers", choices=("softplus", "tanh", "relu")
+    )
+    hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
+    output_bias: bool = setting(True, "whether the output layer has bias terms")
+    initial_alpha: float = setting(
+        1.0, "alpha, the cost's scale, at k = 0", minimum=1e-9, maximum=1e9
+    )
+    final_alpha: float = setting(0.1, "alpha after the annealing", minimum=1e-9, maximum=1e9)
+    annealing_iterations: int = setting(
+        50, "iterations over which alpha falls exponentially", minimum=1, maximum=100_000
+    )
+    initial_ddp_iterations: int = setting(
+        80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
+    )
+    ddp_iterations: int = setting(
+        1, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
+    )
+    num_initial_states: int = setting(
+        1, "initial states, each with its own q, that train one policy", minimum=1, maximum=1000
+    )
+    evaluation_rollouts: int = setting(
+        20, "stochastic rollouts per initial state and iteration", minimum=1, maximum=100_000
+    )
     fit: FitSettings = field(default_factory=FitSettings)
 
     def alpha(self, k: int) -> float:
@@ -132,7 +133,9 @@ def vgps(
         InvalidInputError: a setting is out of range.
         DivergenceError: the first rollout of line 1 diverges.
     """
-    _check(settings, seed)
+    check_settings(settings)
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
     starts = initial_states(task, settings, seed)
     # Line 1.
     solutions = optimize_all(
@@ -194,28 +197,3 @@ def vgps(
 
 def _mean_cost(solutions: Sequence[OptimizationResult]) -> float:
     return float(np.mean([s.cost for s in solutions]))
-
-
-def _check(settings: SearchSettings, seed: int) -> None:
-    counts = {
-        name: getattr(settings, name)
-        for name in (
-            "iterations",
-            "annealing_iterations",
-            "initial_ddp_iterations",
-            "ddp_iterations",
-            "num_initial_states",
-            "evaluation_rollouts",
-        )
-    }
-    for name, value in counts.items():
-        if value < 1:
-            raise InvalidInputError(f"{name} is {value}, but it must be at least 1.")
-    for name, value in (
-        ("initial_alpha", settings.initial_alpha),
-        ("final_alpha", settings.final_alpha),
-    ):
-        if not value > 0:
-            raise InvalidInputError(f"{name} is {value}, but it must be above 0.")
-    if seed < 0:
-        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")

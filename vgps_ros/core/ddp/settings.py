@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from vgps_ros.core.settings import setting
+
 
 @dataclass(frozen=True)
 class DdpSettings:
@@ -9,25 +11,32 @@ class DdpSettings:
 
     The state regularisation μ of B'(V + μI)B follows Tassa, Erez and Todorov (IROS 2012): it grows
     and shrinks by a factor that itself grows while the direction stays the same.
-
-    Attributes:
-        initial_regularization: μ of the first iteration.
-        regularization_floor: smallest μ; lets contact-rich problems keep small steps.
-        regularization_limit: μ above which the solve gives up with the status no_descent.
-        regularization_factor: growth of the factor by which μ changes, above 1.
-        distribution_regularization: μ of the last backward pass, whose gains make q(ζ).
-        line_search_shrink: ratio of consecutive step sizes, in (0, 1).
-        line_search_steps: step sizes tried before μ grows, at least 1.
-        acceptance_ratio: least share of the expected reduction that a step must bring.
-        cost_tolerance: relative cost reduction below which the solve has converged.
     """
 
-    initial_regularization: float = 0.01
-    regularization_floor: float = 1e-6
-    regularization_limit: float = 1e10
-    regularization_factor: float = 1.6
-    distribution_regularization: float = 0.0
-    line_search_shrink: float = 0.5
-    line_search_steps: int = 8
-    acceptance_ratio: float = 0.1
-    cost_tolerance: float = 1e-7
+    initial_regularization: float = setting(
+        0.01, "state regularisation mu of the first iteration", minimum=0.0, maximum=1e10
+    )
+    regularization_floor: float = setting(
+        1e-6, "smallest mu; a large one keeps steps small where contact is hard", minimum=0.0,
+        maximum=1e10,
+    )  # fmt: skip
+    regularization_limit: float = setting(
+        1e10, "mu above which a solve gives up with the status no_descent", minimum=1e-6
+    )
+    regularization_factor: float = setting(
+        1.6, "growth of the factor by which mu changes", minimum=1.01, maximum=100.0
+    )
+    distribution_regularization: float = setting(
+        0.0, "mu of the last backward pass, whose gains make q", minimum=0.0, maximum=1e10
+    )
+    line_search_shrink: float = setting(
+        0.5, "ratio of consecutive step sizes", minimum=0.01, maximum=0.99
+    )
+    line_search_steps: int = setting(8, "step sizes tried before mu grows", minimum=1, maximum=100)
+    acceptance_ratio: float = setting(
+        0.1, "least share of the expected cost reduction that a step must bring", minimum=0.0,
+        maximum=0.99,
+    )  # fmt: skip
+    cost_tolerance: float = setting(
+        1e-7, "relative cost reduction below which a solve has converged", minimum=0.0, maximum=1.0
+    )

@@ -1,0 +1,128 @@
+"""Settings that carry their own description and range.
+
+A setting is declared once, in the record that uses it. Its description and range are what
+`--help` prints, what a node declares as a parameter, and what a value is checked against.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Description and range of one setting.
+
+    Attributes:
+        name: its name; settings of a nested record are dotted, as in `fit.form`.
+        default: its default, whose type it keeps.
+        description: what it does, with its unit.
+        minimum: smallest valid value, or None.
+        maximum: largest valid value, or None.
+        choices: valid values, or None.
+    """
+
+    name: str
+    default: Any
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] | None = None
+
+    def check(self, value: Any) -> None:
+        """Checks a value.
+
+        Raises:
+            InvalidInputError: the value has another type than the default, or is out of range.
+        """
+        kind = type(self.default)
+        wanted = (int, float) if kind is float else kind
+        if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
+            raise InvalidInputError(
+                f"{self.name} is {value!r} of type {type(value).__name__}, but it must be of type "
+                f"{kind.__name__}."
+            )
+        if self.choices:
+            one_of(self.name, value, self.choices)
+        for number in value if isinstance(value, tuple) else (value,):
+            low, high = self.minimum, self.maximum
+            # Written so that NaN fails.
+            if (low is not None and not number >= low) or (high is not None and not number <= high):
+                raise InvalidInputError(f"{self.name} is {number}, but it must be {self.range()}.")
+
+    def range(self) -> str:
+        """Returns the valid range in words."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.minimum is not None and self.maximum is not None:
+            return f"from {self.minimum:g} to {self.maximum:g}"
+        if self.minimum is not None:
+            return f"at least {self.minimum:g}"
+        return "any value" if self.maximum is None else f"at most {self.maximum:g}"
+
+
+def setting(
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """Declares a field of a settings record; see `Setting`."""
+    limits = {"minimum": minimum, "maximum": maximum, "choices": choices}
+    return field(default=default, metadata={"description": description, **limits})
+
+
+def settings_of(record: Any, prefix: str = "") -> Iterator[Setting]:
+    """Yields the settings of a record, nested ones included, with its values as defaults."""
+    for f in dataclasses.fields(record):
+        value = getattr(record, f.name)
+        if dataclasses.is_dataclass(value):
+            yield from settings_of(value, f"{prefix}{f.name}.")
+        else:
+            yield Setting(prefix + f.name, value, **f.metadata)
+
+
+def with_values(record: Record, values: Mapping[str, Any]) -> Record:
+    """Returns the record with some settings replaced, all of them checked.
+
+    Args:
+        record: a settings record.
+        values: by dotted name; missing ones keep the record's value.
+
+    Raises:
+        InvalidInputError: a name is unknown, or a value is of the wrong type or out of range.
+    """
+    known = {s.name: s for s in settings_of(record)}
+    for name, value in values.items():
+        one_of("setting", name, known)
+        known[name].check(value)
+    return _replaced(record, values, "")
+
+
+def check_settings(record: Any) -> None:
+    """Checks every setting of a record.
+
+    Raises:
+        InvalidInputError: a value is of the wrong type or out of range.
+    """
+    for s in settings_of(record):
+        s.check(s.default)
+
+
+def _replaced(record: Any, values: Mapping[str, Any], prefix: str) -> Any:
+    changes = {}
+    for f in dataclasses.fields(record):
+        value = getattr(record, f.name)
+        if dataclasses.is_dataclass(value):
+            changes[f.name] = _replaced(value, values, f"{prefix}{f.name}.")
+        else:
+            changes[f.name] = values.get(prefix + f.name, value)
+    return dataclasses.replace(record, **changes)

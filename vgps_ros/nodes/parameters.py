@@ -1,0 +1,100 @@
+"""Settings of the core as ROS parameters: one declaration serves both."""
+
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import Setting, settings_of, with_values
+
+Record = TypeVar("Record")
+
+_INTEGER_LIMIT = 2**63 - 1
+_FLOAT_LIMIT = 1e300
+
+
+def declare(node: Node, setting: Setting, *, read_only: bool = False) -> Any:
+    """Declares one parameter and returns its value.
+
+    A value of the wrong type or out of range, at start or later, is refused with a sentence.
+
+    Raises:
+        InvalidInputError: the value that the node was started with is wrong.
+    """
+    descriptor = ParameterDescriptor(
+        description=f"{setting.description} ({setting.range()})",
+        read_only=read_only,
+        integer_range=_range(setting, IntegerRange, int, _INTEGER_LIMIT),
+        floating_point_range=_range(setting, FloatingPointRange, float, _FLOAT_LIMIT),
+    )
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == setting.name:
+                try:
+                    setting.check(_from_ros(parameter.value, setting))
+                except InvalidInputError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(check)
+    try:
+        node.declare_parameter(setting.name, _to_ros(setting.default), descriptor)
+    except InvalidParameterValueException as error:
+        raise InvalidInputError(str(error)) from error
+    except InvalidParameterTypeException as error:
+        raise InvalidInputError(
+            f"Parameter {setting.name} must be of type {type(setting.default).__name__}: {error}"
+        ) from error
+    return value(node, setting)
+
+
+def value(node: Node, setting: Setting) -> Any:
+    """Returns a declared parameter's current value, in the type of the setting."""
+    return _from_ros(node.get_parameter(setting.name).value, setting)
+
+
+def declare_settings(
+    node: Node, record: Record, prefix: str = "", *, read_only: bool = True
+) -> Record:
+    """Declares all settings of a record as parameters and returns the record with their values.
+
+    Args:
+        node: the node.
+        record: defaults.
+        prefix: put before each parameter's name, for example `ddp.`.
+        read_only: whether the parameters are fixed at start.
+
+    Raises:
+        InvalidInputError: a value that the node was started with is wrong.
+    """
+    values = {}
+    for s in settings_of(record):
+        named = Setting(prefix + s.name, s.default, s.description, s.minimum, s.maximum, s.choices)
+        values[s.name] = declare(node, named, read_only=read_only)
+    return with_values(record, values)
+
+
+def _range(setting: Setting, message: type, kind: type, limit: float) -> list[Any]:
+    """The descriptor's range, where the parameter is a number of this kind."""
+    if type(setting.default) is not kind or (setting.minimum, setting.maximum) == (None, None):
+        return []
+    low = -limit if setting.minimum is None else setting.minimum
+    high = limit if setting.maximum is None else setting.maximum
+    return [message(from_value=kind(low), to_value=kind(high))]
+
+
+def _to_ros(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _from_ros(value: Any, setting: Setting) -> Any:
+    return tuple(value) if isinstance(setting.default, tuple) and value is not None else value

@@ -1,0 +1,41 @@
+"""How every node runs and ends."""
+
+import signal
+import sys
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+
+from vgps_ros.core.errors import VgpsError
+
+
+def run(make_node: Callable[[], Node], threads: int = 1) -> None:
+    """Runs a node until INT or TERM, then destroys it; the process ends with code 0.
+
+    Args:
+        make_node: builds the node; a VgpsError from it ends the process with its sentence and
+            code 1.
+        threads: callbacks that may run at once. One is fastest where messages flow.
+    """
+    # rclpy ends the spin on INT and TERM, then calls the handler that was there before it. With one
+    # that does nothing, a second signal during the clean-up does no harm either.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+    rclpy.init()
+    try:
+        node = make_node()
+    except VgpsError as error:
+        rclpy.try_shutdown()
+        sys.exit(str(error))
+    executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+    finally:
+        executor.shutdown(timeout_sec=5.0)
+        node.destroy_node()
+        rclpy.try_shutdown()
