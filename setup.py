@@ -13,7 +13,7 @@ NODES = [
 PROGRAMS = {
     "train": "vgps_ros.experiments.train",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
-    "swim": "vgps_ros.nodes.swim",
+    "execute_policy": "vgps_ros.nodes.execute_policy",
 }
 
 setup(

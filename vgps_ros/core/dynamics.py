@@ -20,6 +20,8 @@ from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
 DIVERGENCE_BOUND = 1e4
+# MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
+CONTROL_BOUND = 1e9
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
@@ -50,6 +52,8 @@ class Dynamics:
                 f"The model has nq={model.nq}, nv={model.nv}, na={model.na}, but nq must equal nv "
                 "and na must be 0: use hinge and slide joints and motors only."
             )
+        # MuJoCo would silently reset a state that it finds bad; here it counts as diverged.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.model = model
         self.substeps = substeps
         self.eps = eps
@@ -85,17 +89,17 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        alive = np.flatnonzero(np.isfinite(initial_states).all(axis=1))
+        alive = np.flatnonzero(_is_sound(initial_states, DIVERGENCE_BOUND))
         for t in range(horizon):
             # An open-loop law may give one control for all.
             control = np.broadcast_to(control_law(t, states[:, t]), controls[:, t].shape)
             controls[alive, t] = control[alive]
+            alive = alive[_is_sound(control[alive], CONTROL_BOUND)]
             for i in alive:
                 states[i, t + 1] = self.step(states[i, t], controls[i, t])
-            # A NaN fails the comparison too.
-            inside = (np.abs(states[alive, t + 1]) < DIVERGENCE_BOUND).all(axis=1)
-            states[alive[~inside], t + 1] = np.nan
-            alive = alive[inside]
+            sound = _is_sound(states[alive, t + 1], DIVERGENCE_BOUND)
+            states[alive[~sound], t + 1] = np.nan
+            alive = alive[sound]
         return states, controls
 
     def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
@@ -142,3 +146,9 @@ class Dynamics:
         data.qvel[:] = state[self.model.nv :]
         data.ctrl[:] = control
         data.qacc_warmstart[:] = 0.0
+
+
+def _is_sound(rows: Array, bound: float) -> Array:
+    """Whether each row of (N, n) is inside the bound; NaN is not."""
+    inside: Array = (np.abs(rows) < bound).all(axis=1)
+    return inside

@@ -8,7 +8,7 @@ q is centred on a trajectory that was executed, where k = 0; the means of δx an
 and the covariances are all that is left to compute.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,13 +22,21 @@ class MarginalSettings:
     Attributes:
         initial_std: standard deviation of x_1, shape (n_x,).
         dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_x,).
-        std_limit: largest standard deviation of each coordinate, shape (n_x,); inf for none. A cap
-            keeps linearised covariances from exploding through contact.
+        std_limit: largest standard deviation of each coordinate at α = 1, shape (n_x,); inf for
+            none. It keeps linearised covariances inside the region where they mean something, and
+            the policy's fit to states near the trajectory.
+        std_limit_annealing: exponent p of the limit std_limit · α^p. The policy's noise falls
+            while α does; with p > 0 the region that the fit covers shrinks with it.
     """
 
     initial_std: Array
     dynamics_std: Array
     std_limit: Array
+    std_limit_annealing: float = 0.0
+
+    def at(self, alpha: float) -> "MarginalSettings":
+        """Returns the settings with the limit that holds at α."""
+        return replace(self, std_limit=self.std_limit * alpha**self.std_limit_annealing)
 
 
 def state_covariances(

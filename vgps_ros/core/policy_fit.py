@@ -15,7 +15,7 @@ States and controls are standardised during the fit, which conditions it; the we
 out are those of the raw units.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import setting
 
-_ACTIVATIONS = {
+_ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "softplus": torch.nn.functional.softplus,
     "tanh": torch.tanh,
     "relu": torch.relu,
@@ -171,7 +171,10 @@ def _fit_lbfgs(
             line_search_fn="strong_wolfe",
         )
 
-        def closure(optimizer=optimizer, loss=loss) -> torch.Tensor:  # type: ignore[no-untyped-def]
+        def closure(
+            optimizer: torch.optim.Optimizer = optimizer,
+            loss: Callable[[torch.Tensor], torch.Tensor] = loss,
+        ) -> torch.Tensor:
             optimizer.zero_grad()
             value = loss(theta)
             value.backward()
@@ -252,20 +255,20 @@ class _Standardization:
         last_weight /= self.output_scale[:, None]
         return standard
 
-    def loss(self, targets: Targets):  # type: ignore[no-untyped-def]
+    def loss(self, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
         """Returns the profiled objective as a function of θ in standardised units."""
         observed = list(self.architecture.observed)
         inputs = (targets.states[:, observed] - self.input_shift) / self.input_scale
         means = (targets.means - self.output_shift) / self.output_scale
         variances = (targets.variances / self.output_scale**2).mean(axis=0)
-        inputs, means, variances = map(torch.from_numpy, (inputs, means, variances))
+        x, mu_q, sigma_q = (torch.from_numpy(array) for array in (inputs, means, variances))
 
         def profiled(theta: torch.Tensor) -> torch.Tensor:
-            a = inputs
+            a = x
             *hidden, (weight, bias) = self.architecture.unpack(theta)
             for w, b in hidden:
                 a = _ACTIVATIONS[self.architecture.activation](a @ w.T + b)
-            squares = (a @ weight.T + bias - means) ** 2
-            return 0.5 * torch.log(squares.mean(dim=0) + variances).sum()
+            squares = (a @ weight.T + bias - mu_q) ** 2
+            return 0.5 * torch.log(squares.mean(dim=0) + sigma_q).sum()
 
         return profiled

@@ -49,7 +49,7 @@ class Setting:
                 f"{kind.__name__}."
             )
         if self.choices:
-            one_of(self.name, value, self.choices)
+            one_of(self.name, str(value), self.choices)
         for number in value if isinstance(value, tuple) else (value,):
             low, high = self.minimum, self.maximum
             # Written so that NaN fails.

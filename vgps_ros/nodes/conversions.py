@@ -30,6 +30,17 @@ def pack(values: Array) -> array:
     return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
 
 
+def nanoseconds(stamp: Time) -> int:
+    """Returns a stamp as one whole number [ns]."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def stamp_of(nanoseconds: int) -> Time:
+    """Returns a time [ns] as a stamp."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return Time(sec=seconds, nanosec=rest)
+
+
 def policy_to_msg(
     policy: GaussianPolicy, task: str, iteration: int, stamp: Time
 ) -> GaussianPolicyMsg:

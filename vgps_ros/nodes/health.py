@@ -12,6 +12,7 @@ from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.qos import STREAM
 
 _PERIOD = 1.0  # between two diagnostics [s]
+_LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
 
 WAIT_TIMEOUT = Setting(
     "wait_timeout",
@@ -35,7 +36,9 @@ class Health:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, float] = {}
         self._late: set[str] = set()
-        self._error = ""
+        self._errors: dict[str, str] = {}  # by what they are about
+        self._over: set[str] = set()
+        self._said: dict[str, tuple[str, float]] = {}
         self._values: dict[str, str] = {}
         # Wall time: simulated time may stand still just when something is wrong.
         self._timer = node.create_timer(
@@ -49,20 +52,35 @@ class Health:
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
-        """Notes that the node no longer waits for it."""
-        if self._waiting.pop(what, None) is not None and what in self._late:
-            self._late.discard(what)
+        """Notes that the node no longer waits for it, since it came."""
+        if what in self._late:
             self._node.get_logger().info(f"Here now: {what}.")
+        self.stop_waiting(what)
 
-    def error(self, sentence: str) -> None:
-        """Reports a fault, once in the log and on /diagnostics until it is cleared."""
-        if sentence != self._error:
+    def stop_waiting(self, what: str) -> None:
+        """Notes that the node no longer needs it."""
+        self._waiting.pop(what, None)
+        self._late.discard(what)
+
+    def error(self, sentence: str, about: str = "") -> None:
+        """Reports a fault: on /diagnostics until it is cleared, and in the log, but not often.
+
+        Args:
+            sentence: what is wrong, and what would be right.
+            about: faults about different things are reported and cleared on their own.
+        """
+        said, when = self._said.get(about, ("", 0.0))
+        now = time.monotonic()
+        if (about not in self._errors and now - when > _LOG_PERIOD) or sentence != said:
             self._node.get_logger().error(sentence)
-        self._error = sentence
+            self._said[about] = (sentence, now)
+        self._errors[about] = sentence
+        self._over.discard(about)
 
-    def clear(self) -> None:
-        """Reports that the fault is over."""
-        self._error = ""
+    def clear(self, about: str = "") -> None:
+        """Reports that a fault is over; /diagnostics shows it once, however short it was."""
+        if about in self._errors:
+            self._over.add(about)
 
     def set_value(self, key: str, value: object) -> None:
         """Shows a figure beside the status."""
@@ -86,10 +104,13 @@ class Health:
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+        over, self._over = self._over, set()
+        for about in over:
+            self._errors.pop(about, None)
 
     def _summary(self) -> tuple[bytes, str]:
-        if self._error:
-            return DiagnosticStatus.ERROR, self._error
+        if self._errors:
+            return DiagnosticStatus.ERROR, " ".join(self._errors.values())
         late = [what for what in self._waiting if what in self._late]
         if late:
             return DiagnosticStatus.ERROR, f"Still waiting for {late[0]}; is it running?"

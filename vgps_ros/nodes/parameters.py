@@ -1,5 +1,6 @@
 """Settings of the core as ROS parameters: one declaration serves both."""
 
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -14,17 +15,33 @@ from rclpy.parameter import Parameter
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
+from vgps_ros.tasks import TASKS
 
 Record = TypeVar("Record")
+
+TASK = Setting("task", "swimmer", "control problem", choices=tuple(sorted(TASKS)))
+SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
 
 _INTEGER_LIMIT = 2**63 - 1
 _FLOAT_LIMIT = 1e300
 
 
-def declare(node: Node, setting: Setting, *, read_only: bool = False) -> Any:
+def declare(
+    node: Node,
+    setting: Setting,
+    *,
+    read_only: bool = False,
+    also_check: Callable[[Any], object] | None = None,
+) -> Any:
     """Declares one parameter and returns its value.
 
     A value of the wrong type or out of range, at start or later, is refused with a sentence.
+
+    Args:
+        node: the node.
+        setting: name, default, description and range.
+        read_only: whether the parameter is fixed at start.
+        also_check: raises InvalidInputError for a value that is wrong for another reason.
 
     Raises:
         InvalidInputError: the value that the node was started with is wrong.
@@ -40,7 +57,10 @@ def declare(node: Node, setting: Setting, *, read_only: bool = False) -> Any:
         for parameter in parameters:
             if parameter.name == setting.name:
                 try:
-                    setting.check(_from_ros(parameter.value, setting))
+                    wanted = _from_ros(parameter.value, setting)
+                    setting.check(wanted)
+                    if also_check:
+                        also_check(wanted)
                 except InvalidInputError as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -116,7 +116,7 @@ class TrajectoryOptimizer:
             is_cancelled=is_cancelled,
         )
         return OptimizationResult(
-            distribution=self._distribution(solution),
+            distribution=self._distribution(solution, request.cost_scale),
             cost=self.task.trajectory_cost(solution.trajectory),
             modified_cost=solution.cost,
             status=solution.status,
@@ -167,16 +167,17 @@ class TrajectoryOptimizer:
         deviations = sample_deviations(request.previous, self.settings.policy_samples, rng)
         return PolicyCost(scaled, request.policy, deviations, request.previous.gains)
 
-    def _distribution(self, solution: Solution) -> TrajectoryDistribution:
+    def _distribution(self, solution: Solution, alpha: float) -> TrajectoryDistribution:
         """q(ζ) around the trajectory that was executed, with its marginals."""
         covariances = solution.policy.control_covariances()
         gains, linear = solution.policy.gains, solution.linear_dynamics
+        noise = self.task.marginals.at(alpha)
         return TrajectoryDistribution(
             mean=solution.trajectory,
             gains=gains,
             control_covariances=covariances,
             linear_dynamics=linear,
-            state_covariances=state_covariances(linear, gains, covariances, self.task.marginals),
+            state_covariances=state_covariances(linear, gains, covariances, noise),
         )
 
 

@@ -52,7 +52,7 @@ class SearchSettings:
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
     )
     ddp_iterations: int = setting(
-        1, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
+        3, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
     )
     num_initial_states: int = setting(
         1, "initial states, each with its own q, that train one policy", minimum=1, maximum=1000

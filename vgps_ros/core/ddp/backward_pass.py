@@ -11,6 +11,7 @@ next state, B'(V + μI)B, when gains are computed; the value function stays that
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numba import njit
@@ -44,7 +45,7 @@ class LocalPolicy:
 
     def control_covariances(self) -> Array:
         """Returns Quu⁻¹, shape (T, n_u, n_u), the covariance of π_G."""
-        return np.linalg.inv(self.q_uu)
+        return cast(Array, np.linalg.inv(self.q_uu))
 
 
 def backward_pass(

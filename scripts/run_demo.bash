@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Learns to swim in a graph of separate ROS 2 processes, then lets the learned policy swim.
+# TASK, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source env.bash
+
+task=${TASK:-swimmer} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
+output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
+parameters=config/$task.yaml
+if [[ ! -f $parameters ]]; then
+  known=$(cd config && printf '%s ' [!f]*.yaml)
+  printf "demo: TASK is '%s', but it must be one of: %s\n" "$task" "${known//.yaml/}" >&2
+  exit 1
+fi
+if [[ -e $output ]]; then
+  printf "demo: OUTPUT '%s' exists already; name a folder that does not.\n" "$output" >&2
+  exit 1
+fi
+mkdir -p "$output/log"
+# A domain of its own keeps the demo apart from any graph that already runs on this machine.
+export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((101 + RANDOM % 132))}
+
+declare -A pids=()
+start() {  # start NODE [ROS arguments]: runs a node, its output goes to a log
+  local node=$1
+  shift
+  "install/vgps_ros/lib/vgps_ros/$node" --ros-args --params-file "$parameters" "$@" \
+    >"$output/log/$node.log" 2>&1 &
+  pids[$node]=$!
+}
+stop() {  # stop NODE...: interrupts nodes by their process ids and waits for their clean end
+  local node
+  for node in "$@"; do
+    if [[ -n ${pids[$node]:-} ]]; then kill -INT "${pids[$node]}" 2>/dev/null || true; fi
+  done
+  for node in "$@"; do
+    [[ -n ${pids[$node]:-} ]] || continue
+    wait "${pids[$node]}" || { printf 'demo: %s ended with code %s:\n' "$node" $? >&2
+                               tail -n 5 "$output/log/$node.log" >&2; failed=1; }
+    unset "pids[$node]"
+  done
+}
+failed=0
+trap 'stop policy_learner policy_executor trajectory_optimizer simulation recorder visualizer' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+
+# The recorder and the visualizer first, so that they miss nothing.
+start recorder -p output:="$output/bag"
+start visualizer -p output:="$output/run.rrd"
+start simulation
+start trajectory_optimizer
+start policy_executor
+start policy_learner
+
+printf 'Learning: task %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
+  "$task" "$hidden" "$seed" "$iterations" "$output/log"
+program=install/vgps_ros/lib/vgps_ros
+"$program/train_through_graph" --seed "$seed" --iterations "$iterations" \
+  --hidden-units "$hidden" --output "$output"
+printf 'Swimming: the learned policy drives the simulation in lock-step.\n'
+"$program/swim" --task "$task" --json "$output/execution.json"
+
+stop policy_learner policy_executor trajectory_optimizer simulation recorder visualizer
+printf '\nBag:            %s\n' "$output"/bag/*.mcap
+printf 'Recording:      %s\n' "$output/run.rrd"
+printf 'Learning curve: %s\n' "$output/learning_curve.png"
+exit "$failed"

@@ -1,0 +1,82 @@
+"""Linear-quadratic problems, for which everything is known in closed form."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
+
+
+@dataclass(frozen=True)
+class LqProblem:
+    """x' = A_t x + B_t u with cost ½ zᵀ H_t z + g_tᵀ z, z = (x, u).
+
+    It plays both the dynamics and the cost of a solve.
+    """
+
+    linear: LinearDynamics
+    hessians: Array
+    gradients: Array
+
+    @property
+    def horizon(self) -> int:
+        return len(self.gradients)
+
+    @property
+    def state_dim(self) -> int:
+        return self.linear.f_x.shape[1]
+
+    def rollout(self, initial_state, control_law, horizon) -> Trajectory:
+        states, controls = [initial_state], []
+        for t in range(horizon):
+            controls.append(np.atleast_2d(control_law(t, states[t][None]))[0])
+            states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
+        return Trajectory(np.array(states), np.array(controls))
+
+    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
+        return self.linear
+
+    def values(self, trajectory: Trajectory) -> Array:
+        return self.expand(trajectory).c
+
+    def expand(self, trajectory: Trajectory) -> CostExpansion:
+        n = self.state_dim
+        z = np.hstack([trajectory.states[:-1], trajectory.controls])
+        h_z = np.einsum("tij,tj->ti", self.hessians, z)
+        gradient = self.gradients + h_z
+        blocks = (
+            np.sum(z * (self.gradients + 0.5 * h_z), axis=1),
+            gradient[:, :n],
+            gradient[:, n:],
+            self.hessians[:, :n, :n],
+            self.hessians[:, n:, n:],
+            self.hessians[:, n:, :n],
+        )
+        return CostExpansion(*map(np.ascontiguousarray, blocks))
+
+    def at_rest(self) -> Trajectory:
+        """The trajectory in which nothing moves."""
+        n_u = self.linear.f_u.shape[2]
+        return Trajectory(
+            np.zeros((self.horizon + 1, self.state_dim)), np.zeros((self.horizon, n_u))
+        )
+
+
+@pytest.fixture
+def lq_problem(rng):
+    """Returns a function that draws a convex problem with cross and linear terms."""
+
+    def make(horizon=12, n_x=4, n_u=2, stationary=False) -> LqProblem:
+        steps = 1 if stationary else horizon
+        roots = rng.standard_normal((steps, n_x + n_u, n_x + n_u))
+        arrays = (
+            rng.standard_normal((steps, n_x, n_x)) / np.sqrt(n_x),
+            rng.standard_normal((steps, n_x, n_u)),
+            roots @ np.swapaxes(roots, 1, 2) / n_x + 0.1 * np.eye(n_x + n_u),
+            rng.standard_normal((steps, n_x + n_u)),
+        )
+        f_x, f_u, hessians, gradients = (np.repeat(a, horizon // steps, axis=0) for a in arrays)
+        return LqProblem(LinearDynamics(f_x, f_u), hessians, gradients)
+
+    return make

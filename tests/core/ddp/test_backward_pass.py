@@ -1,0 +1,127 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
+
+from vgps_ros.core.ddp import backward_pass
+
+
+def solve_kkt(problem, start):
+    """Minimises the quadratic cost under the dynamics and x_1 = start, as one linear system."""
+    horizon, n_x = problem.horizon, problem.state_dim
+    n = problem.gradients.shape[1]
+    constraints = np.zeros((horizon * n_x, horizon * n))
+    for t in range(horizon):
+        constraints[t * n_x : (t + 1) * n_x, t * n : t * n + n_x] = np.eye(n_x)
+        if t:
+            step = np.hstack([problem.linear.f_x[t - 1], problem.linear.f_u[t - 1]])
+            constraints[t * n_x : (t + 1) * n_x, (t - 1) * n : t * n] = -step
+    zeros = np.zeros((horizon * n_x, horizon * n_x))
+    matrix = np.block([[block_diag(*problem.hessians), constraints.T], [constraints, zeros]])
+    bounds = np.zeros(horizon * n_x)
+    bounds[:n_x] = start
+    solution = np.linalg.solve(matrix, np.concatenate([-problem.gradients.ravel(), bounds]))
+    return np.split(solution[: horizon * n].reshape(horizon, n), [n_x], axis=1)
+
+
+def follow(problem, policy, start, step_size=1.0):
+    return problem.rollout(
+        start,
+        lambda t, x: step_size * policy.feedforward[t] + x @ policy.gains[t].T,
+        problem.horizon,
+    )
+
+
+def plain_backward_pass(problem, mu):
+    """The recursion in block form: value of the policy that is followed, gains regularised."""
+    n_x, n = problem.state_dim, problem.gradients.shape[1]
+    v, v_x = np.zeros((n_x, n_x)), np.zeros(n_x)
+    feedforward, gains, q_uu = [], [], []
+    for t in reversed(range(problem.horizon)):
+        f = np.hstack([problem.linear.f_x[t], problem.linear.f_u[t]])
+        q = problem.hessians[t] + f.T @ v @ f
+        q_z = problem.gradients[t] + f.T @ v_x
+        regularized = q + mu * f.T @ f
+        u = slice(n_x, n)
+        k = -np.linalg.solve(regularized[u, u], q_z[u])
+        gain = -np.linalg.solve(regularized[u, u], regularized[u, :n_x])
+        follows = np.vstack([np.eye(n_x), gain])  # z = follows δx + (0, k)
+        v = follows.T @ q @ follows
+        v_x = follows.T @ (q_z + q[:, u] @ k)
+        feedforward.append(k), gains.append(gain), q_uu.append(q[u, u])
+    return np.array(feedforward[::-1]), np.array(gains[::-1]), np.array(q_uu[::-1])
+
+
+@pytest.mark.parametrize("start_scale", [0.0, 1.0])
+def test_following_the_policy_solves_the_dense_kkt_system(lq_problem, rng, start_scale):
+    problem = lq_problem(horizon=15)
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
+    start = start_scale * rng.standard_normal(problem.state_dim)
+    trajectory = follow(problem, policy, start)
+    states, controls = solve_kkt(problem, start)
+    assert policy.complete
+    assert_allclose(trajectory.controls, controls, rtol=0, atol=1e-9)
+    assert_allclose(trajectory.states[:-1], states, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.1, 10.0])
+def test_regularised_pass_equals_plain_numpy(lq_problem, mu):
+    problem = lq_problem()
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()), mu)
+    feedforward, gains, q_uu = plain_backward_pass(problem, mu)
+    assert_allclose(policy.feedforward, feedforward, rtol=1e-10, atol=1e-10)
+    assert_allclose(policy.gains, gains, rtol=1e-10, atol=1e-10)
+    assert_allclose(policy.q_uu, q_uu, rtol=1e-10, atol=1e-10)
+
+
+def test_regularisation_shortens_the_deviation_of_the_next_state(lq_problem):
+    problem = lq_problem()
+    expansion = problem.expand(problem.at_rest())
+
+    def deviation(mu):
+        k = backward_pass(problem.linear, expansion, mu).feedforward
+        return np.linalg.norm(np.einsum("txu,tu->tx", problem.linear.f_u, k))
+
+    assert deviation(0.0) > deviation(1.0) > deviation(100.0)
+
+
+@pytest.mark.parametrize("step_size", [1.0, 0.5, 0.1, 0.01])
+def test_expected_reduction_is_that_of_the_quadratic_model(lq_problem, step_size):
+    problem = lq_problem()
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
+    moved = follow(problem, policy, np.zeros(problem.state_dim), step_size)
+    assert_allclose(policy.expected_reduction(step_size), -problem.values(moved).sum(), rtol=1e-10)
+
+
+def test_expected_reduction_of_a_full_regularised_step_is_that_of_the_model(lq_problem):
+    problem = lq_problem()
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()), 1.0)
+    moved = follow(problem, policy, np.zeros(problem.state_dim))
+    assert_allclose(policy.expected_reduction(1.0), -problem.values(moved).sum(), rtol=1e-10)
+
+
+def test_control_covariance_is_the_inverse_of_quu(lq_problem):
+    problem = lq_problem(n_u=3)
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
+    product = policy.control_covariances() @ policy.q_uu
+    assert_allclose(product, np.tile(np.eye(3), (problem.horizon, 1, 1)), atol=1e-10)
+
+
+@pytest.mark.parametrize("bad", [-1e3, np.nan])
+def test_quu_that_is_not_positive_definite_is_reported(lq_problem, bad):
+    problem = lq_problem()
+    expansion = problem.expand(problem.at_rest())
+    c_uu = expansion.c_uu.copy()
+    c_uu[4, 1, 1] = bad
+    expansion = dataclasses.replace(expansion, c_uu=c_uu)
+    assert not backward_pass(problem.linear, expansion).complete
+
+
+def test_regularisation_makes_an_indefinite_quu_solvable(lq_problem):
+    problem = lq_problem()
+    expansion = problem.expand(problem.at_rest())
+    expansion = dataclasses.replace(expansion, c_uu=expansion.c_uu - 5.0 * np.eye(2))
+    assert not backward_pass(problem.linear, expansion).complete
+    assert backward_pass(problem.linear, expansion, 1e4).complete

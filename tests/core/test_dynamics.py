@@ -1,0 +1,131 @@
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Trajectory
+
+
+@pytest.fixture
+def points(rng):
+    """Five unrelated states and controls, as a trajectory."""
+    return Trajectory(rng.uniform(-1, 1, (6, 10)), rng.uniform(-30, 30, (5, 2)))
+
+
+def test_step_is_the_simulators(swimmer, points):
+    model, state, control = swimmer.dynamics.model, points.states[0], points.controls[0]
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel, data.ctrl = state[:5], state[5:], control
+    mujoco.mj_step(model, data, 3)
+    stepped = Dynamics(model, substeps=3).step(state, control)
+    assert_array_equal(stepped, np.concatenate([data.qpos, data.qvel]))
+    assert Dynamics(model, substeps=3).time_step == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 3])
+def test_derivatives_agree_with_finite_differences_of_step(
+    swimmer, points, finite_differences, substeps
+):
+    dynamics = Dynamics(swimmer.dynamics.model, substeps=substeps)
+    linear = dynamics.linearize(points)
+    for t in range(points.horizon):
+        x, u = points.states[t], points.controls[t]
+        f_x = finite_differences(lambda x, u=u: dynamics.step(x, u), x, eps=1e-5)
+        f_u = finite_differences(lambda u, x=x: dynamics.step(x, u), u, eps=1e-3)
+        assert_allclose(linear.f_x[t], f_x, rtol=0, atol=1e-7)
+        assert_allclose(linear.f_u[t], f_u, rtol=0, atol=1e-7)
+
+
+def test_number_of_threads_does_not_change_a_bit(swimmer, points):
+    one, *others = (
+        Dynamics(swimmer.dynamics.model, threads=n).linearize(points) for n in (1, 2, 3, 8)
+    )
+    for linear in others:
+        assert_array_equal(linear.f_x, one.f_x)
+        assert_array_equal(linear.f_u, one.f_u)
+
+
+def test_rollouts_side_by_side_equal_single_ones(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((2, 10))
+    starts = rng.uniform(-0.5, 0.5, (4, 10))
+
+    def law(t, x):
+        # Elementwise: a matrix product may round differently for other numbers of rows.
+        return 20.0 * np.sin(0.3 * t) + (x[:, None] * gains).sum(-1)
+
+    states, controls = dynamics.rollouts(starts, law, 25)
+    assert states.shape == (4, 26, 10)
+    for i, start in enumerate(starts):
+        single = dynamics.rollout(start, law, 25)
+        assert_array_equal(states[i], single.states)
+        assert_array_equal(controls[i], single.controls)
+
+
+def test_rollout_repeats_step_under_its_law(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((2, 10))
+    trajectory = dynamics.rollout(np.full(10, 0.1), lambda t, x: t + x @ gains.T, 10)
+    for t in range(10):
+        x, u = trajectory.states[t], trajectory.controls[t]
+        assert_allclose(u, t + gains @ x, rtol=1e-12)
+        assert_array_equal(trajectory.states[t + 1], dynamics.step(x, u))
+
+
+def test_earlier_steps_leave_no_trace(swimmer, points):
+    dynamics, state, control = swimmer.dynamics, points.states[0], points.controls[0]
+    first = dynamics.step(state, control)
+    dynamics.step(points.states[1], 1e3 * points.controls[1])
+    assert_array_equal(dynamics.step(state, control), first)
+
+
+def test_diverged_rollout_is_nan_from_there_on_and_others_unaffected(swimmer):
+    dynamics, starts = swimmer.dynamics, np.zeros((3, 10))
+
+    def law(t, x, explodes=True):
+        controls = np.full((len(x), 2), 10.0)
+        if t == 4 and explodes:
+            controls[1] = 1e8
+        return controls
+
+    states, controls = dynamics.rollouts(starts, law, 12)
+    calm, _ = dynamics.rollouts(starts, lambda t, x: law(t, x, False), 12)
+    assert_array_equal(states[1, :5], calm[1, :5])
+    assert np.isnan(states[1, 5:]).all()
+    assert controls[1, 4, 0] == 1e8
+    assert np.isnan(controls[1, 5:]).all()
+    assert_array_equal(states[[0, 2]], calm[[0, 2]])
+
+
+def test_rollout_from_a_state_that_is_not_finite_is_nan(swimmer):
+    starts = np.zeros((2, 10))
+    starts[0, 3] = np.nan
+    states, _ = swimmer.dynamics.rollouts(starts, lambda t, x: np.zeros((2, 2)), 3)
+    assert np.isnan(states[0, 1:]).all()
+    assert np.isfinite(states[1]).all()
+
+
+@pytest.mark.parametrize("control", [np.nan, np.inf, 1e12])
+def test_control_that_the_simulator_would_drop_makes_a_rollout_diverge(
+    swimmer, control, monkeypatch, tmp_path
+):
+    """MuJoCo replaces such controls by zero; the rollout would go on as if nothing had been."""
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
+    trajectory = swimmer.dynamics.rollout(np.full(10, 0.3), lambda t, x: np.full(2, control), 3)
+    assert np.isnan(trajectory.states[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator"),
+    [
+        ('<freejoint name="root"/>', ""),
+        ('<joint name="hinge"/>', '<general joint="hinge" dyntype="integrator"/>'),
+    ],
+)
+def test_model_with_quaternions_or_actuator_states_is_refused(joint, actuator):
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><body>{joint}<geom size='1'/></body></worldbody>"
+        f"<actuator>{actuator}</actuator></mujoco>"
+    )
+    with pytest.raises(InvalidInputError, match=rf"nq={model.nq}, nv={model.nv}, na={model.na}"):
+        Dynamics(model)

@@ -1,0 +1,123 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from vgps_ros.core.marginals import (
+    MarginalSettings,
+    control_means,
+    sample_deviations,
+    sample_rollout_noise,
+    state_covariances,
+)
+
+COUNT = 200_000
+
+
+def assert_is_covariance_of(covariance, samples):
+    """Compares with samples (N, n) of zero mean, within five standard errors."""
+    variances = np.diagonal(covariance)
+    error = np.sqrt((np.outer(variances, variances) + covariance**2) / len(samples))
+    assert np.all(np.abs(samples.T @ samples / len(samples) - covariance) <= 5 * error + 1e-12)
+
+
+@pytest.fixture
+def settings(rng):
+    return MarginalSettings(rng.uniform(0.5, 1, 4), rng.uniform(0.2, 0.5, 4), np.full(4, np.inf))
+
+
+def covariances_of(q, settings):
+    return state_covariances(q.linear_dynamics, q.gains, q.control_covariances, settings)
+
+
+def test_covariances_agree_with_monte_carlo(random_distribution, settings, rng):
+    q = random_distribution(horizon=5)
+    q = dataclasses.replace(q, gains=0.3 * q.gains)
+    found = covariances_of(q, settings)
+    dx = settings.initial_std * rng.standard_normal((COUNT, 4))
+    assert_is_covariance_of(found[0], dx)
+    for t in range(5):
+        noise = rng.multivariate_normal(np.zeros(2), q.control_covariances[t], COUNT)
+        du = dx @ q.gains[t].T + noise
+        dx = dx @ q.linear_dynamics.f_x[t].T + du @ q.linear_dynamics.f_u[t].T
+        dx += settings.dynamics_std * rng.standard_normal(dx.shape)
+        assert_is_covariance_of(found[t + 1], dx)
+
+
+def test_covariances_are_symmetric_and_positive(random_distribution, settings):
+    sigma = covariances_of(random_distribution(), settings)
+    assert_allclose(sigma, np.swapaxes(sigma, 1, 2), rtol=1e-12)
+    assert np.all(np.linalg.eigvalsh(sigma) > 0)
+
+
+def test_recursion_equals_the_papers_block_form(random_distribution, settings):
+    q = random_distribution()
+    found = covariances_of(q, settings)
+    for t in range(q.mean.horizon):
+        f = np.hstack([q.linear_dynamics.f_x[t], q.linear_dynamics.f_u[t]])
+        sigma, gain = found[t], q.gains[t]
+        joint = np.block(
+            [
+                [sigma, sigma @ gain.T],
+                [gain @ sigma, q.control_covariances[t] + gain @ sigma @ gain.T],
+            ]
+        )
+        expected = f @ joint @ f.T + np.diag(settings.dynamics_std**2)
+        assert_allclose(found[t + 1], expected, rtol=1e-10)
+
+
+def test_cap_limits_deviations_and_keeps_correlations(random_distribution, settings):
+    q = random_distribution(horizon=1)
+    free = covariances_of(q, settings)
+    limit = np.array([0.4, np.inf, 1e-3, np.inf])
+    capped = covariances_of(q, dataclasses.replace(settings, std_limit=limit))
+    assert_allclose(np.sqrt(np.diagonal(capped[0])), np.minimum(settings.initial_std, limit))
+    stds = np.sqrt(np.diagonal(capped[1]))
+    assert_allclose(stds[[0, 2]], limit[[0, 2]])
+
+    # After one step from the capped start, without a cap of its own.
+    start = dataclasses.replace(settings, initial_std=np.minimum(settings.initial_std, limit))
+    free = covariances_of(q, start)[1]
+    free_stds = np.sqrt(np.diagonal(free))
+    assert_allclose(stds[[1, 3]], free_stds[[1, 3]])
+    assert_allclose(capped[1] / np.outer(stds, stds), free / np.outer(free_stds, free_stds))
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_drawn_deviations_have_the_covariances(random_distribution, rng, singular):
+    q = random_distribution(horizon=3)
+    if singular:  # no spread in one coordinate, and two that move as one
+        mix = np.diag([1.0, 0.0, 1.0, 1.0])
+        mix[3] = mix[2]
+        sigma = mix @ q.state_covariances @ mix.T
+        q = dataclasses.replace(q, state_covariances=sigma)
+    deviations = sample_deviations(q, COUNT, rng)
+    assert deviations.shape == (COUNT, 3, 4)
+    for t in range(3):
+        # Samples come in pairs ±δ: only half of them are independent.
+        assert_is_covariance_of(q.state_covariances[t], deviations[: COUNT // 2, t])
+
+
+def test_drawn_deviations_come_in_pairs(random_distribution, rng):
+    q = random_distribution()
+    deviations = sample_deviations(q, 10, rng)
+    assert_array_equal(deviations[:5], -deviations[5:])
+    assert sample_deviations(q, 7, rng).shape == (7, 6, 4)
+    assert np.unique(np.abs(deviations[:, 0, 0])).size == 5
+
+
+def test_rollout_noise_has_the_control_covariances(random_distribution, rng):
+    q = random_distribution(horizon=3)
+    noise = sample_rollout_noise(q, COUNT, rng)
+    for t in range(3):
+        assert_is_covariance_of(q.control_covariances[t], noise[:, t])
+
+
+def test_control_means_follow_the_gains(random_distribution, rng):
+    q = random_distribution()
+    deviations = sample_deviations(q, 2, rng)
+    found = control_means(q, deviations)
+    for t in range(6):
+        expected = [q.mean.controls[t] + q.gains[t] @ delta for delta in deviations[:, t]]
+        assert_allclose(found[:, t], expected, rtol=1e-12)

@@ -1,0 +1,146 @@
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+
+MODULES = {
+    # Beyond the threshold torch returns z; its default of 20 costs 2e-9.
+    "softplus": lambda: torch.nn.Softplus(threshold=40),
+    "tanh": torch.nn.Tanh,
+    "relu": torch.nn.ReLU,
+}
+every_shape = pytest.mark.parametrize(
+    ("hidden_units", "hidden_bias", "output_bias"),
+    [
+        ((), True, True),
+        ((), True, False),
+        ((5,), True, True),
+        ((5,), False, True),
+        ((6, 4), True, False),
+        ((6, 4), False, False),
+    ],
+)
+
+
+def torch_network(policy):
+    """The same network, built of torch's modules, with its parameters filled in order."""
+    a = policy.architecture
+    sizes, layers = [len(a.observed), *a.hidden_units], []
+    for n_in, n_out in itertools.pairwise(sizes):
+        layers += [torch.nn.Linear(n_in, n_out, bias=a.hidden_bias), MODULES[a.activation]()]
+    layers.append(torch.nn.Linear(sizes[-1], a.control_dim, bias=a.output_bias))
+    network = torch.nn.Sequential(*layers).double()
+    torch.nn.utils.vector_to_parameters(torch.from_numpy(policy.parameters), network.parameters())
+    return network
+
+
+@every_shape
+@pytest.mark.parametrize("activation", sorted(MODULES))
+def test_mean_is_that_of_torch(
+    random_policy, rng, hidden_units, hidden_bias, output_bias, activation
+):
+    policy = random_policy(
+        hidden_units=hidden_units,
+        activation=activation,
+        hidden_bias=hidden_bias,
+        output_bias=output_bias,
+    )
+    states = 2 * rng.standard_normal((7, 3, 5))
+    with torch.no_grad():
+        expected = torch_network(policy)(torch.from_numpy(states[..., [0, 2, 3]])).numpy()
+    assert_allclose(policy.mean(states), expected, rtol=1e-12, atol=1e-13)
+
+
+@every_shape
+@pytest.mark.parametrize("activation", sorted(MODULES))
+def test_jacobian_agrees_with_finite_differences(
+    random_policy, rng, finite_differences, hidden_units, hidden_bias, output_bias, activation
+):
+    policy = random_policy(
+        hidden_units=hidden_units,
+        activation=activation,
+        hidden_bias=hidden_bias,
+        output_bias=output_bias,
+    )
+    states = rng.standard_normal((4, 5))
+    mean, jacobian = policy.linearize(states)
+    assert_array_equal(mean, policy.mean(states))
+    assert jacobian.shape == (4, 2, 5)
+    for state, found in zip(states, jacobian, strict=True):
+        assert_allclose(found, finite_differences(policy.mean, state), atol=1e-8)
+        assert_array_equal(found[:, [1, 4]], 0.0)  # not observed
+
+
+@pytest.mark.parametrize("value", [1e3, -1e3])
+def test_activations_keep_their_limits(random_policy, value):
+    """log(1 + exp(z)) must neither overflow nor lose its slope."""
+    policy = random_policy(observed=(0,), hidden_units=(1,), control_dim=1)
+    policy = dataclasses.replace(policy, parameters=np.array([1.0, 0.0, 1.0, 0.0]))
+    mean, jacobian = policy.linearize(np.array([value]))
+    assert_allclose(mean, max(value, 0.0), atol=1e-300)
+    assert_allclose(jacobian, float(value > 0), atol=1e-300)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "units", "controls", "options", "count"),
+    [
+        (9, (5,), 2, {}, 62),  # swimmer
+        (17, (10,), 6, {}, 246),  # walker, as in the paper
+        (9, (5,), 2, {"hidden_bias": False}, 57),
+        (9, (5,), 2, {"output_bias": False}, 60),
+        (9, (), 2, {}, 20),
+        (9, (5, 3), 2, {}, 76),
+    ],
+)
+def test_parameters_are_weights_and_biases(inputs, units, controls, options, count):
+    assert Architecture(tuple(range(inputs)), units, controls, **options).num_parameters == count
+
+
+def test_log_density_is_scipys(random_policy, rng):
+    policy = random_policy(control_dim=3)
+    states, controls = rng.standard_normal((6, 4)), rng.standard_normal((6, 3))
+    covariance = np.diag(policy.noise_std**2)
+    expected = [
+        multivariate_normal.logpdf(u, policy.mean(x), covariance)
+        for x, u in zip(states, controls, strict=True)
+    ]
+    assert_allclose(policy.log_density(states, controls), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"parameters": np.zeros(31)}, r"parameters has 31 values, .* needs 32\."),
+        ({"parameters": np.r_[np.zeros(31), np.nan]}, r"parameters is nan at index 31; .* finite"),
+        ({"noise_std": np.ones(3)}, r"noise_std has 3 values, .* needs 2\."),
+        ({"noise_std": np.array([1.0, 0.0])}, r"noise_std is 0\.0, but it must be .* above 0\."),
+        ({"noise_std": np.array([1.0, -1.0])}, r"noise_std is -1\.0"),
+        ({"noise_std": np.array([1.0, np.inf])}, r"noise_std is inf at index 1"),
+    ],
+)
+def test_bad_array_is_refused_with_its_value(random_policy, changes, message):
+    with pytest.raises(InvalidInputError, match=message):
+        dataclasses.replace(random_policy(), **changes)
+
+
+def test_bad_shape_is_refused_with_the_valid_choices():
+    with pytest.raises(InvalidInputError, match=r"'sigmoid'.* one of relu, softplus, tanh\."):
+        Architecture((0,), (5,), 2, activation="sigmoid")
+    with pytest.raises(InvalidInputError, match=r"number of units of a layer is 0"):
+        Architecture((0,), (5, 0), 2)
+
+
+def test_policy_of_another_robot_is_refused(random_policy):
+    policy: GaussianPolicy = random_policy(observed=(0, 7))
+    policy.check_fits(8, 2)
+    with pytest.raises(InvalidInputError, match=r"has 2 controls, but the task has 6"):
+        policy.check_fits(18, 6)
+    with pytest.raises(InvalidInputError, match=r"coordinate 7 .* coordinates 0 to 6"):
+        policy.check_fits(7, 2)

@@ -1,0 +1,180 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from vgps_ros.core import policy_fit
+from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy_fit import (
+    FitSettings,
+    Targets,
+    best_noise,
+    draw_targets,
+    fit_policy,
+    initial_policy,
+    objective,
+)
+from vgps_ros.core.records import Trajectory
+
+WHOLE_STATE = (0, 1, 2, 3)
+
+
+@pytest.fixture
+def linear_target(random_distribution, rng):
+    """q whose actions are N(K x + b, Σ) in every step, and its K, b, σ."""
+    q = random_distribution(horizon=25)
+    gain, bias = 3 * rng.standard_normal((2, 4)), 2 * rng.standard_normal(2)
+    covariance = np.array([[8.0, 3.0], [3.0, 5.0]])
+    states = 1.0 + q.mean.states * [1.0, 0.1, 5.0, 1.0]
+    q = dataclasses.replace(
+        q,
+        mean=Trajectory(states, states[:-1] @ gain.T + bias),
+        gains=np.tile(gain, (25, 1, 1)),
+        control_covariances=np.tile(covariance, (25, 1, 1)),
+    )
+    return q, gain, bias, np.sqrt(np.diagonal(covariance))
+
+
+def expected_objective(policy, q):
+    """L(q, θ) ÷ T of a linear policy, with states and actions integrated out by hand."""
+    ((weight, bias),) = policy.architecture.unpack(policy.parameters)
+    errors = q.mean.states[:-1] @ weight.T + bias - q.mean.controls
+    differences = weight - q.gains
+    spread = differences @ q.state_covariances[:-1] @ np.swapaxes(differences, 1, 2)
+    squares = errors**2 + np.diagonal(spread + q.control_covariances, axis1=1, axis2=2)
+    density = -0.5 * squares / policy.noise_std**2 - np.log(np.sqrt(2 * np.pi) * policy.noise_std)
+    return density.sum(axis=1).mean()
+
+
+@pytest.mark.parametrize("form", ["analytic", "sampled"])
+def test_objective_is_the_closed_form_in_expectation(random_policy, random_distribution, rng, form):
+    policy, q = random_policy(observed=WHOLE_STATE, hidden_units=()), random_distribution()
+    draws = [objective(policy, draw_targets([q], form, 200, rng)) for _ in range(200)]
+    assert abs(np.mean(draws) - expected_objective(policy, q)) < 5 * np.std(draws) / np.sqrt(200)
+
+
+def test_analytic_objective_is_the_mean_sampled_one(random_policy, random_distribution, rng):
+    """With a network, for which no closed form exists; the analytic form has less noise."""
+    policy, q = random_policy(hidden_units=(5, 4), activation="tanh"), random_distribution()
+    analytic, sampled = (
+        [objective(policy, draw_targets([q], form, 200, rng)) for _ in range(200)]
+        for form in ("analytic", "sampled")
+    )
+    error = np.hypot(np.std(analytic), np.std(sampled)) / np.sqrt(200)
+    assert abs(np.mean(analytic) - np.mean(sampled)) < 5 * error
+    assert np.std(analytic) < np.std(sampled)
+
+
+def test_sampled_objective_is_the_mean_log_density(random_policy, random_distribution, rng):
+    policy = random_policy()
+    targets = draw_targets([random_distribution()], "sampled", 3, rng)
+    log_density = policy.log_density(targets.states, targets.means)
+    assert_allclose(objective(policy, targets), log_density.mean(), rtol=1e-12)
+
+
+def test_targets_pool_every_step_of_every_distribution(random_distribution, rng):
+    qs = [random_distribution(horizon=3), random_distribution(horizon=5)]
+    targets = draw_targets(qs, "analytic", 4, rng)
+    assert targets.states.shape == (32, 4)
+    assert targets.means.shape == targets.variances.shape == (32, 2)
+    variances = np.diagonal(qs[1].control_covariances, axis1=1, axis2=2)
+    assert_array_equal(targets.variances[-5:], variances)
+
+
+def test_best_noise_maximises_the_objective(random_policy, random_distribution, rng):
+    policy = random_policy()
+    targets = draw_targets([random_distribution()], "analytic", 10, rng)
+    best = best_noise(policy, targets)
+
+    def at(noise):
+        return objective(dataclasses.replace(policy, noise_std=noise), targets)
+
+    for factor in ([0.99, 1], [1.01, 1], [1, 0.99], [1, 1.01], [0.5, 2]):
+        assert at(best * factor) < at(best)
+
+
+@pytest.mark.parametrize("form", ["analytic", "sampled"])
+@pytest.mark.parametrize(
+    ("optimizer", "iterations", "learning_rate", "tolerance"),
+    [("lbfgs", 40, 0.01, 1e-5), ("adam", 600, 0.02, 0.1), ("sgd", 600, 0.1, 0.1)],
+)
+def test_fit_recovers_a_linear_gaussian(
+    linear_target, rng, form, optimizer, iterations, learning_rate, tolerance
+):
+    q, gain, bias, std = linear_target
+    settings = FitSettings(
+        form, optimizer, 40, iterations, resample_every=20, learning_rate=learning_rate
+    )
+    start = initial_policy(Architecture(WHOLE_STATE, (), 2), [q], rng)
+    policy = fit_policy(start, [q], settings, rng)
+    if form == "sampled":  # 1000 actions a fit: the estimate has a standard error of 3 %
+        tolerance = max(tolerance, 0.15)
+    states = q.mean.states
+    errors = policy.mean(states) - (states @ gain.T + bias)
+    assert np.sqrt((errors**2).mean(axis=0)).max() < tolerance * std.min()
+    assert_allclose(policy.noise_std, std, rtol=max(tolerance, 1e-5))
+
+
+@pytest.mark.parametrize("optimizer", ["lbfgs", "adam", "sgd"])
+@pytest.mark.parametrize("bias", [True, False])
+def test_fit_of_a_network_increases_the_objective(random_distribution, rng, optimizer, bias):
+    qs = [random_distribution(horizon=20), random_distribution(horizon=20)]
+    architecture = Architecture((1, 2), (5,), 2, hidden_bias=bias, output_bias=bias)
+    start = initial_policy(architecture, qs, rng)
+    targets = draw_targets(qs, "analytic", 200, rng)
+    with_best_noise = dataclasses.replace(start, noise_std=best_noise(start, targets))
+    policy = fit_policy(start, qs, FitSettings(optimizer=optimizer, iterations=60), rng)
+    assert objective(policy, targets) > objective(with_best_noise, targets) > -np.inf
+    assert objective(with_best_noise, targets) > objective(start, targets)
+
+
+@pytest.mark.parametrize("hidden_units", [(), (5,), (5, 3)])
+@pytest.mark.parametrize("hidden_bias", [True, False])
+@pytest.mark.parametrize("output_bias", [True, False])
+def test_standardised_units_change_neither_weights_nor_loss(
+    linear_target, random_policy, rng, hidden_units, hidden_bias, output_bias
+):
+    q = linear_target[0]
+    policy = random_policy(
+        hidden_units=hidden_units, hidden_bias=hidden_bias, output_bias=output_bias
+    )
+    scaling = policy_fit._Standardization.of(policy.architecture, [q])
+    standard = scaling.to_standard(policy.parameters)
+    assert_allclose(scaling.to_raw(standard), policy.parameters, rtol=1e-12, atol=1e-12)
+
+    targets = draw_targets([q], "analytic", 5, rng)
+    loss = scaling.loss(targets)(policy_fit.torch.from_numpy(standard))
+    expected = np.log(best_noise(policy, targets) / scaling.output_scale).sum()
+    assert_allclose(loss.item(), expected, rtol=1e-10)
+
+
+def test_same_generator_gives_the_same_bits(random_distribution):
+    q, architecture = random_distribution(horizon=10), Architecture(WHOLE_STATE, (5,), 2)
+
+    def fit(seed):
+        rng = np.random.default_rng(seed)
+        start = initial_policy(architecture, [q], rng)
+        return fit_policy(start, [q], FitSettings(iterations=50), rng)
+
+    assert_array_equal(fit(1).parameters, fit(1).parameters)
+    assert_array_equal(fit(1).noise_std, fit(1).noise_std)
+    assert np.all(fit(1).parameters != fit(2).parameters)
+
+
+@pytest.mark.parametrize(("optimizer", "draws"), [("lbfgs", 3), ("adam", 50), ("sgd", 50)], ids=str)
+def test_samples_are_drawn_anew_as_often_as_set(
+    random_distribution, rng, monkeypatch, optimizer, draws
+):
+    """LBFGS every 20 iterations, the others every iteration, and once more for the noise."""
+    q, drawn = random_distribution(), []
+
+    def counted(*args) -> Targets:
+        drawn.append(draw_targets(*args))
+        return drawn[-1]
+
+    monkeypatch.setattr(policy_fit, "draw_targets", counted)
+    start = initial_policy(Architecture(WHOLE_STATE, (5,), 2), [q], rng)
+    fit_policy(start, [q], FitSettings(optimizer=optimizer, iterations=50, resample_every=20), rng)
+    assert len(drawn) == draws + 1
+    assert len({t.states.tobytes() for t in drawn}) == draws + 1

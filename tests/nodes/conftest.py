@@ -1,0 +1,260 @@
+"""Real node processes for tests, each test in a ROS domain of its own.
+
+    def test_it_answers(graph):
+        simulation = graph.start("simulation", task="swimmer")
+        states = graph.messages(JointState, "joint_states")
+        graph.spin_until(lambda: states)
+        assert graph.call(StepSimulation, "simulation/step_simulation").result.error_message
+        assert simulation.end(signal.SIGTERM) == 0
+
+Processes that a test leaves running are ended with INT, and must then exit with code 0.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.nodes.qos import STREAM
+from vgps_ros.tasks import Task
+
+T = TypeVar("T")
+
+EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
+DOMAINS = range(101, 233)
+PATIENCE = 30.0  # generous: the machine may be busy [s]
+
+
+class Process:
+    """A running executable, ended by its process id."""
+
+    def __init__(self, name: str, arguments: list[str], environment: dict[str, str], log: Path):
+        self.name = name
+        self._log = log
+        with log.open("w") as file:
+            self._process = subprocess.Popen(
+                [str(EXECUTABLES / name), *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env=environment,
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def wait(self, timeout: float = PATIENCE) -> int:
+        """Waits for the process to end by itself; returns its exit code."""
+        return self._process.wait(timeout)
+
+    def send(self, number: int) -> None:
+        self._process.send_signal(number)
+
+    def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
+        """Sends a signal, waits for the end and returns the exit code."""
+        if self.running:
+            self.send(number)
+        return self.wait(timeout)
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+class Graph:
+    """Node processes in one ROS domain, and a node of the test's own among them."""
+
+    def __init__(self, domain_id: int, folder: Path):
+        self.domain_id = domain_id
+        self.folder = folder
+        self.processes: list[Process] = []
+        self._environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_LOG_DIR": str(folder / "log"),
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = rclpy.create_node("test", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._diagnostics: dict[str, DiagnosticStatus] = {}
+        self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._take_diagnostics, STREAM
+        )
+
+    # Processes
+
+    def start(self, executable: str, *arguments: str, **parameters: Any) -> Process:
+        """Starts an executable; keyword arguments become its ROS parameters ('.' written '__')."""
+        ros = [f"{name.replace('__', '.')}:={_yaml(value)}" for name, value in parameters.items()]
+        ros_arguments = [word for assignment in ros for word in ("-p", assignment)]
+        if ros_arguments:
+            ros_arguments = ["--ros-args", *ros_arguments]
+        log = self.folder / f"{len(self.processes)}_{executable}.log"
+        process = Process(executable, [*arguments, *ros_arguments], self._environment, log)
+        self.processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """Ends what still runs; a process that does not end well fails the test."""
+        running = [process for process in self.processes if process.running]
+        for process in running:
+            process.send(signal.SIGINT)
+        bad = []
+        for process in running:
+            try:
+                code = process.wait()
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = "killed, since INT did not end it"
+            if code != 0:
+                bad.append(f"{process.name}: exit code {code}\n{process.output}")
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+        assert not bad, "\n".join(bad)
+
+    # The test's own node
+
+    def spin_until(
+        self, condition: Callable[[], T], timeout: float = PATIENCE, what: str = "it"
+    ) -> T:
+        """Spins until the condition is true and returns its value."""
+        end = time.monotonic() + timeout
+        while not (result := condition()):
+            if time.monotonic() > end:
+                logs = "\n".join(f"--- {p.name}\n{p.output}" for p in self.processes)
+                raise TimeoutError(f"Waited {timeout:g} s for {what}.\n{logs}")
+            self._executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def spin_for(self, duration: float) -> None:
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_until_output(self, process: Process, text: str) -> None:
+        self.spin_until(lambda: text in process.output, what=f"{process.name} to say '{text}'")
+
+    def messages(self, kind: type, topic: str, qos: Any = STREAM) -> list[Any]:
+        """Subscribes; the list that it returns grows while the test spins."""
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, qos)
+        return received
+
+    def publisher(self, kind: type, topic: str, qos: Any = STREAM) -> Any:
+        """Returns a publisher that some node already listens to."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self.spin_until(publisher.get_subscription_count, what=f"a subscriber of {topic}")
+        return publisher
+
+    def call_async(self, kind: type, name: str, request: Any = None) -> Any:
+        """Calls a service once it is there and returns the response's future."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, what=f"the service {name}")
+        return client.call_async(request or kind.Request())
+
+    def call(self, kind: type, name: str, request: Any = None, timeout: float = PATIENCE) -> Any:
+        """Calls a service once it is there and returns its response."""
+        future = self.call_async(kind, name, request)
+        self.spin_until(future.done, timeout, what=f"the answer of {name}")
+        return future.result()
+
+    def set_parameter(self, node: str, name: str, value: Any) -> SetParametersResult:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
+
+    def diagnosis(self, node: str, level: bytes, text: str = "") -> DiagnosticStatus:
+        """Waits for a status of this level whose message contains the text."""
+
+        def found() -> DiagnosticStatus | None:
+            status = self._diagnostics.get(f"/{node}")
+            good = status is not None and status.level == level and text in status.message
+            return status if good else None
+
+        return self.spin_until(found, what=f"the level {level!r} with '{text}' of {node}")
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        self._diagnostics.update({status.name: status for status in message.status})
+
+
+@contextmanager
+def open_graph(folder: Path) -> Iterator[Graph]:
+    with _free_domain() as domain_id:
+        graph = Graph(domain_id, folder)
+        try:
+            yield graph
+        finally:
+            graph.close()
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A graph for one test."""
+    with open_graph(tmp_path) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def shared_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    """A graph that the tests of one file share, so that its nodes start once."""
+    with open_graph(tmp_path_factory.mktemp("graph")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def random_policy(swimmer: Task) -> Callable[[int], GaussianPolicy]:
+    """Returns a function that draws a policy for the swimmer, with torques of some N·m."""
+
+    def draw(seed: int) -> GaussianPolicy:
+        shape = Architecture(swimmer.observed, (5,), swimmer.dynamics.control_dim)
+        parameters = 3.0 * np.random.default_rng(seed).standard_normal(shape.num_parameters)
+        return GaussianPolicy(shape, parameters, np.array([2.0, 3.0]))
+
+    return draw
+
+
+@contextmanager
+def _free_domain() -> Iterator[int]:
+    """Reserves a domain by an abstract socket: it vanishes with the process and is no file."""
+    for domain_id in DOMAINS:
+        with socket.socket(socket.AF_UNIX) as reservation:
+            try:
+                reservation.bind(f"\0vgps_ros_test_domain_{domain_id}")
+            except OSError:
+                continue
+            yield domain_id
+            return
+    raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
+
+
+def _yaml(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,242 @@
+"""The node `policy_executor`, alone and with the real simulation."""
+
+import signal
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.nodes.conversions import (
+    command_from_msg,
+    nanoseconds,
+    policy_to_msg,
+    stamp_of,
+    state_from_msg,
+    state_to_msg,
+)
+from vgps_ros.nodes.qos import LATCHED
+
+PERIOD = 20_000_000  # of the swimmer's control [ns]
+ONES = np.ones(10)
+
+
+class Controller:
+    """The executor as a robot sees it."""
+
+    def __init__(self, graph, task):
+        self.graph = graph
+        self.task = task
+        self.commands = graph.messages(JointState, "joint_command")
+        self.policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+        self.states = graph.publisher(JointState, "joint_states")
+        graph.spin_until(lambda: graph.node.count_publishers("joint_command"))
+
+    def follow(self, policy, iteration=1):
+        """Publishes a policy and waits until it drives."""
+        self.policies.publish(policy_to_msg(policy, self.task.name, iteration, Time()))
+        self.graph.spin_until(lambda: np.array_equal(self.answer(ONES), policy.mean(ONES)))
+
+    def send(self, state, stamp=0, names=None):
+        names = self.task.joint_names if names is None else names
+        self.commands.clear()
+        self.states.publish(state_to_msg(np.array(state), names, stamp_of(stamp)))
+
+    def answer(self, state, stamp=0):
+        """Sends a state and returns the torques that answer it."""
+        self.send(state, stamp)
+        answered = self.graph.spin_until(lambda: list(self.commands), what="an answer")
+        assert nanoseconds(answered[-1].header.stamp) == stamp
+        return command_from_msg(answered[-1], self.task.actuated_joint_names)
+
+    def is_silent(self, state):
+        self.send(state)
+        self.graph.spin_for(0.5)
+        return not self.commands
+
+
+@pytest.fixture(scope="module")
+def process(shared_graph):
+    return shared_graph.start("policy_executor")
+
+
+@pytest.fixture(scope="module")
+def shared_controller(shared_graph, process, swimmer):
+    return Controller(shared_graph, swimmer)
+
+
+@pytest.fixture
+def controller(shared_controller, process, random_policy):
+    """The same process for all tests, with the policy of seed 0."""
+    shared_controller.follow(random_policy(0))
+    yield shared_controller
+    assert process.running
+
+
+def test_a_new_policy_drives_without_a_restart(controller, random_policy):
+    for seed in (1, 2):
+        policy = random_policy(seed)
+        controller.follow(policy)
+        np.testing.assert_array_equal(controller.answer(0.1 * ONES), policy.mean(0.1 * ONES))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"task": "walker"}, "the policy's task is 'walker', but it must be one of swimmer"),
+        ({"parameters": [1.0, 2.0]}, "policy.parameters has 2 values"),
+        ({"noise_std": [1.0, float("nan")]}, "policy.noise_std is nan"),
+        ({"activation": "sine"}, "activation is 'sine'"),
+        ({"observed": [1, 2, 3, 4, 5, 6, 7, 8, 10]}, "coordinate 10"),
+        ({"layer_sizes": [9, 5, 3]}, "policy.parameters has"),
+        ({"layer_sizes": []}, "layer_sizes"),
+    ],
+)
+def test_an_invalid_policy_is_refused_and_the_old_one_stays(
+    controller, random_policy, change, sentence
+):
+    message = policy_to_msg(random_policy(1), "swimmer", 1, Time())
+    for name, wrong in change.items():
+        setattr(message, name, wrong)
+    controller.policies.publish(message)
+    controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)
+    np.testing.assert_array_equal(controller.answer(ONES), random_policy(0).mean(ONES))
+    controller.follow(random_policy(0))
+    controller.graph.diagnosis("policy_executor", DiagnosticStatus.OK)
+
+
+@pytest.mark.parametrize(
+    ("state", "names", "sentence"),
+    [
+        ([*ONES[:9], np.nan], None, "joint_states.velocity is nan at index 4"),
+        ([np.inf, *ONES[:9]], None, "joint_states.position is inf at index 0"),
+        (ONES, ["a", "b", "c", "d", "e"], "['a', 'b', 'c', 'd', 'e']"),
+        (ONES[:8], ["root_x", "root_y", "root_yaw", "front_joint"], "back_joint"),
+    ],
+)
+def test_a_bad_state_gets_no_torques_but_the_next_good_one_does(controller, state, names, sentence):
+    controller.send(state, names=names)
+    controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)
+    assert not controller.commands
+    controller.answer(ONES)
+    controller.graph.diagnosis("policy_executor", DiagnosticStatus.OK)
+
+
+def test_noise_depends_on_the_seed_and_the_time_only(controller, random_policy):
+    graph, policy = controller.graph, random_policy(0)
+    assert graph.set_parameter("policy_executor", "stochastic", True).successful
+    assert graph.set_parameter("policy_executor", "seed", 3).successful
+    for step in (5, 0, 5):
+        noise = generator(3, Stream.EXECUTION, step).standard_normal(2)
+        np.testing.assert_array_equal(
+            controller.answer(ONES, step * PERIOD), policy.mean(ONES) + policy.noise_std * noise
+        )
+    refused = graph.set_parameter("policy_executor", "seed", -1)
+    assert not refused.successful
+    assert "seed" in refused.reason
+    assert graph.set_parameter("policy_executor", "stochastic", False).successful
+
+
+def test_deactivated_it_gives_no_torques_and_keeps_taking_policies(controller, random_policy):
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return controller.graph.call(ChangeState, "policy_executor/change_state", request).success
+
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert controller.is_silent(ONES)
+    controller.policies.publish(policy_to_msg(random_policy(1), "swimmer", 2, Time()))
+    controller.graph.spin_for(0.3)
+    assert change(Transition.TRANSITION_ACTIVATE)
+    np.testing.assert_array_equal(controller.answer(ONES), random_policy(1).mean(ONES))
+
+
+def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
+    process = graph.start("policy_executor", wait_timeout=1.0)
+    graph.spin_until_output(process, "Waiting for policy from policy_learner.")
+    graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, "Still waiting for policy")
+    graph.spin_for(1.5)
+    assert process.output.count("Waiting for policy") == 1
+    assert process.output.count("Still waiting for policy") == 1
+
+
+def test_without_autostart_it_waits_for_its_lifecycle(graph, swimmer, random_policy):
+    process = graph.start("policy_executor", autostart=False)
+    controller = Controller(graph, swimmer)
+    message = policy_to_msg(random_policy(0), "swimmer", 1, Time())
+    controller.policies.publish(message)
+    assert controller.is_silent(ONES)
+    assert process.end(signal.SIGTERM) == 0
+
+
+def test_torques_go_to_ros2_control_as_a_plain_array(graph, swimmer, random_policy):
+    graph.start("policy_executor", command_type="float64_multi_array")
+    commands = graph.messages(Float64MultiArray, "commands")
+    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    states = graph.publisher(JointState, "joint_states")
+    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+
+    def answered():
+        states.publish(state_to_msg(ONES, swimmer.joint_names, Time()))
+        graph.spin_for(0.05)
+        return commands
+
+    graph.spin_until(answered)
+    np.testing.assert_array_equal(commands[-1].data, random_policy(0).mean(ONES))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentences"),
+    [
+        ({"task": "crawler"}, ["crawler", "swimmer"]),
+        ({"command_type": "wrench"}, ["command_type is 'wrench'"]),
+        ({"seed": 1.5}, ["seed"]),
+        ({"stochastic": 1}, ["stochastic"]),
+    ],
+)
+def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sentences):
+    process = graph.start("policy_executor", **parameters)
+    assert process.wait() == 1
+    assert all(sentence in process.output for sentence in sentences)
+    assert "Traceback" not in process.output
+
+
+@pytest.mark.parametrize("stochastic", [False, True])
+def test_lock_step_through_two_processes_equals_a_rollout_in_process(
+    graph, swimmer, random_policy, stochastic
+):
+    horizon, policy = 60, random_policy(4)
+    start = np.linspace(-0.3, 0.3, 10)
+    states = graph.messages(JointState, "joint_states", 1000)
+    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    simulation = graph.start("simulation", initial_state=start.tolist())
+    executor = graph.start("policy_executor", stochastic=stochastic, seed=2)
+
+    def by_step():
+        return {nanoseconds(m.header.stamp) // PERIOD: m for m in states}
+
+    graph.spin_until(lambda: by_step().keys() >= set(range(horizon + 1)))
+    through_graph = [state_from_msg(by_step()[t], swimmer.joint_names) for t in range(horizon + 1)]
+
+    def law(t, x):
+        noise = generator(2, Stream.EXECUTION, t).standard_normal(2)
+        return policy.mean(x) + stochastic * policy.noise_std * noise
+
+    in_process = swimmer.dynamics.rollout(start, law, horizon)
+    np.testing.assert_array_equal(through_graph, in_process.states)
+    assert simulation.end(signal.SIGTERM) == 0
+    assert executor.end(signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_does_no_harm(graph, number):
+    process = graph.start("policy_executor")
+    graph.spin_until_output(process, "Waiting for joint_states")
+    process.send(number)
+    assert process.end(number) == 0, process.output

@@ -1,0 +1,294 @@
+"""The node `simulation`, driven by the test in the executor's place."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import Result, SimulationState
+from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
+
+from vgps_ros.nodes.conversions import command_to_msg, nanoseconds, state_from_msg
+
+PERIOD = 20_000_000  # of the swimmer's control [ns]
+STOPPED = SimulationState.STATE_STOPPED
+PLAYING = SimulationState.STATE_PLAYING
+PAUSED = SimulationState.STATE_PAUSED
+
+
+class Robot:
+    """The simulation as a controller sees it."""
+
+    def __init__(self, graph, task):
+        self.graph = graph
+        self.task = task
+        self.states = graph.messages(JointState, "joint_states")
+        self.clocks = graph.messages(Clock, "/clock")
+        self.commands = graph.publisher(JointState, "joint_command")
+
+    def next_state(self, stamp):
+        """Waits for the state of this time [ns] and takes note that it has come."""
+
+        def found():
+            return next((s for s in self.states if nanoseconds(s.header.stamp) == stamp), None)
+
+        message = self.graph.spin_until(found, what=f"the state of {stamp} ns")
+        self.states.clear()
+        return message
+
+    def command(self, torques, stamp_from, names=None):
+        names = self.task.actuated_joint_names if names is None else names
+        self.commands.publish(
+            command_to_msg(np.array(torques, dtype=float), names, stamp_from.header.stamp)
+        )
+
+    def set_state(self, state):
+        request = SetSimulationState.Request(state=SimulationState(state=state))
+        name = "simulation/set_simulation_state"
+        return self.graph.call(SetSimulationState, name, request).result
+
+    def get_state(self):
+        return self.graph.call(GetSimulationState, "simulation/get_simulation_state").state.state
+
+    def reset(self, scope=0):
+        request = ResetSimulation.Request(scope=scope)
+        return self.graph.call(ResetSimulation, "simulation/reset_simulation", request).result
+
+    def steps(self, steps):
+        """Returns the future of the service's answer."""
+        request = StepSimulation.Request(steps=steps)
+        return self.graph.call_async(StepSimulation, "simulation/step_simulation", request)
+
+
+@pytest.fixture(scope="module")
+def process(shared_graph):
+    return shared_graph.start("simulation", wait_timeout=1.5)
+
+
+@pytest.fixture(scope="module")
+def shared_robot(shared_graph, process, swimmer):
+    return Robot(shared_graph, swimmer)
+
+
+@pytest.fixture
+def robot(shared_robot, process):
+    """The same process for all tests: playing, at time 0."""
+    shared_robot.set_state(STOPPED)
+    shared_robot.set_state(PLAYING)
+    shared_robot.states.clear()
+    shared_robot.clocks.clear()
+    yield shared_robot
+    assert process.running
+
+
+def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
+    process = graph.start("simulation", wait_timeout=1.0)
+    graph.spin_until_output(process, "Waiting for joint_command from policy_executor.")
+    graph.diagnosis("simulation", DiagnosticStatus.ERROR, "Still waiting for joint_command")
+    graph.spin_for(1.5)
+    assert process.output.count("Waiting for joint_command") == 1
+    assert process.output.count("Still waiting") == 1
+
+
+def test_each_command_brings_the_next_state_and_the_clock(robot):
+    torques = np.array([1.0, -2.0])
+    expected = robot.task.initial_state
+    for step in range(4):
+        message = robot.next_state(step * PERIOD)
+        np.testing.assert_array_equal(state_from_msg(message, robot.task.joint_names), expected)
+        robot.command(torques, message)
+        expected = robot.task.dynamics.step(expected, torques)
+    robot.next_state(4 * PERIOD)
+    robot.graph.spin_until(lambda: {nanoseconds(m.clock) for m in robot.clocks} >= {4 * PERIOD})
+
+
+def test_an_unanswered_state_is_sent_again(robot):
+    first = robot.next_state(0)
+    second = robot.next_state(0)
+    assert first.position == second.position
+
+
+def test_a_second_answer_to_the_same_state_changes_nothing(robot):
+    state = robot.next_state(0)
+    robot.command([1.0, 1.0], state)
+    robot.command([5.0, 5.0], state)
+    after = state_from_msg(robot.next_state(PERIOD), robot.task.joint_names)
+    expected = robot.task.dynamics.step(robot.task.initial_state, np.ones(2))
+    np.testing.assert_array_equal(after, expected)
+
+
+@pytest.mark.parametrize(
+    ("torques", "names", "sentence"),
+    [
+        ([1.0, float("nan")], None, "joint_command.effort is nan at index 1"),
+        ([1.0, 2.0], ["front_joint", "knee"], "['front_joint', 'knee']"),
+        ([1.0], None, "joint_command.effort has 1 values"),
+    ],
+)
+def test_a_bad_command_is_ignored_with_a_sentence(robot, torques, names, sentence):
+    state = robot.next_state(0)
+    robot.command(torques, state, names)
+    robot.graph.diagnosis("simulation", DiagnosticStatus.ERROR, sentence)
+    robot.command([1.0, 1.0], state)
+    robot.next_state(PERIOD)
+    robot.graph.diagnosis("simulation", DiagnosticStatus.OK)
+
+
+def test_a_command_for_another_time_is_ignored_with_a_sentence(robot):
+    state = robot.next_state(0)
+    late = JointState()
+    late.header.stamp.sec = 7
+    robot.command([1.0, 1.0], late)
+    robot.graph.diagnosis("simulation", DiagnosticStatus.ERROR, "its stamp is 7 s")
+    assert not [s for s in robot.states if nanoseconds(s.header.stamp) > 0]
+    robot.command([1.0, 1.0], state)
+    robot.next_state(PERIOD)
+
+
+def test_a_diverged_state_pauses_with_a_sentence_until_it_is_reset(robot):
+    robot.command([1e12, 0.0], robot.next_state(0))
+    robot.graph.diagnosis("simulation", DiagnosticStatus.ERROR, "The state diverged at 0 s")
+    assert robot.get_state() == PAUSED
+    assert robot.reset().result == Result.RESULT_OK
+    robot.graph.diagnosis("simulation", DiagnosticStatus.OK)
+    np.testing.assert_array_equal(
+        state_from_msg(robot.next_state(0), robot.task.joint_names), robot.task.initial_state
+    )
+
+
+def test_steps_are_done_while_paused_and_answered_after_the_last(robot):
+    robot.set_state(PAUSED)
+    robot.states.clear()
+    answer = robot.steps(3)
+    for step in range(3):
+        robot.command([1.0, 0.0], robot.next_state(step * PERIOD))
+        assert robot.get_state() == (PLAYING if step < 2 else robot.get_state())
+    robot.graph.spin_until(answer.done)
+    assert answer.result().result.result == Result.RESULT_OK
+    assert robot.get_state() == PAUSED
+    # A command for the state where it stands moves nothing now.
+    robot.command([1.0, 0.0], robot.next_state(3 * PERIOD))
+    robot.next_state(3 * PERIOD)
+
+
+def test_services_refuse_with_a_sentence(robot):
+    answer = robot.steps(1)
+    robot.graph.spin_until(answer.done)
+    assert answer.result().result.result == Result.RESULT_INCORRECT_STATE
+    assert "must be paused" in answer.result().result.error_message
+
+    robot.set_state(PAUSED)
+    answer = robot.steps(0)
+    robot.graph.spin_until(answer.done)
+    assert "steps is 0" in answer.result().result.error_message
+
+    quitting = robot.set_state(SimulationState.STATE_QUITTING)
+    assert quitting.result == Result.RESULT_FEATURE_UNSUPPORTED
+    assert "send INT or TERM" in quitting.error_message
+    assert robot.reset(scope=4).result == Result.RESULT_FEATURE_UNSUPPORTED
+
+
+def test_a_reset_ends_steps_early_and_tells_their_caller(robot):
+    robot.set_state(PAUSED)
+    answer = robot.steps(2)
+    assert robot.reset().result == Result.RESULT_OK
+    robot.graph.spin_until(answer.done)
+    assert answer.result().result.result == Result.RESULT_OPERATION_FAILED
+    assert "reset" in answer.result().result.error_message
+
+
+def test_a_reset_takes_time_and_state_back_one_by_one_or_both(robot):
+    start = robot.task.initial_state
+    robot.command([9.0, 0.0], robot.next_state(0))
+    moved = state_from_msg(robot.next_state(PERIOD), robot.task.joint_names)
+    robot.set_state(PAUSED)
+    robot.states.clear()
+
+    robot.reset(ResetSimulation.Request.SCOPE_TIME)
+    after = state_from_msg(robot.next_state(0), robot.task.joint_names)
+    np.testing.assert_array_equal(after, moved)
+    robot.reset(ResetSimulation.Request.SCOPE_STATE)
+    robot.graph.spin_until(
+        lambda: any(np.array_equal(state_from_msg(s, robot.task.joint_names), start)
+                    for s in robot.states)
+    )  # fmt: skip
+    robot.set_state(STOPPED)
+    assert robot.get_state() == STOPPED
+
+
+def test_the_initial_state_is_a_parameter_that_the_next_reset_uses(robot):
+    wanted = (0.1 * np.arange(10)).tolist()
+    assert robot.graph.set_parameter("simulation", "initial_state", wanted).successful
+    robot.set_state(PAUSED)
+    robot.states.clear()
+    robot.reset()
+    after = state_from_msg(robot.next_state(0), robot.task.joint_names)
+    np.testing.assert_array_equal(after, wanted)
+    original = robot.task.initial_state.tolist()
+    assert robot.graph.set_parameter("simulation", "initial_state", original).successful
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "sentence"),
+    [
+        ("initial_state", [0.0, 1.0], "initial_state has 2 values"),
+        ("initial_state", [float("nan")] * 10, "initial_state is nan"),
+        ("command_timeout", -1.0, "command_timeout"),
+        ("command_timeout", "soon", "command_timeout"),
+        ("mode", "real_time", "mode"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_while_it_runs(robot, name, wrong, sentence):
+    result = robot.graph.set_parameter("simulation", name, wrong)
+    assert not result.successful
+    assert sentence in result.reason
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentences"),
+    [
+        ({"task": "crawler"}, ["crawler", "swimmer"]),
+        ({"mode": "fast"}, ["mode is 'fast'", "lock_step, real_time"]),
+        ({"mode": 3}, ["mode"]),
+        ({"real_time_factor": -1.0}, ["real_time_factor"]),
+        ({"initial_state": [0.5]}, ["initial_state has 1 values"]),
+    ],
+)
+def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sentences):
+    process = graph.start("simulation", **parameters)
+    assert process.wait() == 1
+    assert all(sentence in process.output for sentence in sentences)
+    assert "Traceback" not in process.output
+
+
+def test_real_time_follows_the_wall_clock_and_drops_torques_without_commands(graph, swimmer):
+    graph.start("simulation", mode="real_time", real_time_factor=2.0, command_timeout=0.5)
+    robot = Robot(graph, swimmer)
+    begin, wall = (
+        robot.graph.spin_until(lambda: robot.states and robot.states[-1]),
+        time.monotonic(),
+    )
+    robot.command([1.0, 1.0], begin)
+    robot.graph.diagnosis("simulation", DiagnosticStatus.ERROR, "the torques are zero")
+    graph.spin_for(1.0)
+    duration = time.monotonic() - wall
+    simulated = nanoseconds(robot.states[-1].header.stamp) - nanoseconds(begin.header.stamp)
+    # The machine may be busy: at most the factor, and at least half of it.
+    assert 1.0 < simulated * 1e-9 / duration < 2.2
+    robot.command([1.0, 1.0], robot.states[-1])
+    robot.graph.diagnosis("simulation", DiagnosticStatus.OK)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_signal_ends_it_with_code_0_even_while_it_steps(graph, number, twice):
+    process = graph.start("simulation", start_paused=True)
+    request = StepSimulation.Request(steps=5)
+    graph.call_async(StepSimulation, "simulation/step_simulation", request)
+    graph.spin_for(0.2)
+    if twice:
+        process.send(number)
+    assert process.end(number) == 0, process.output

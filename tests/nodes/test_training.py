@@ -1,0 +1,137 @@
+"""Algorithm 1 over real processes: the learner, its optimizers, and the program that asks."""
+
+import json
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.msg import OptimizerIteration
+
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.search.result import iteration_entry, load_policy
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.vgps import SearchSettings, initial_states, vgps
+from vgps_ros.tasks import Task
+
+SHORT = SearchSettings(
+    iterations=2, hidden_units=(4,), initial_ddp_iterations=3, evaluation_rollouts=2
+)
+
+
+def parameters(settings: SearchSettings) -> dict[str, object]:
+    return {
+        "initial_ddp_iterations": settings.initial_ddp_iterations,
+        "evaluation_rollouts": settings.evaluation_rollouts,
+        "num_initial_states": settings.num_initial_states,
+    }
+
+
+def start_training(graph, settings: SearchSettings, seed: int, output: Path):
+    return graph.start(
+        "train_through_graph",
+        *("--iterations", str(settings.iterations), "--seed", str(seed)),
+        *("--hidden-units", *map(str, settings.hidden_units), "--output", str(output)),
+    )
+
+
+def train_in_process(task: Task, settings: SearchSettings, seed: int):
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    solve = lambda requests: [optimizer.optimize(r) for r in requests]  # noqa: E731
+    return list(vgps(task, settings, seed, solve))
+
+
+def without_times(entries: list[dict]) -> list[dict]:
+    return [{k: v for k, v in e.items() if not k.endswith("_seconds")} for e in entries]
+
+
+def same_bits(a: GaussianPolicy, b: GaussianPolicy) -> bool:
+    return (
+        a.architecture == b.architecture
+        and a.parameters.tobytes() == b.parameters.tobytes()
+        and a.noise_std.tobytes() == b.noise_std.tobytes()
+    )
+
+
+def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
+    graph.start("trajectory_optimizer")
+    graph.start("policy_learner", **parameters(SHORT))
+    program = start_training(graph, SHORT, 7, tmp_path / "out")
+    assert program.wait() == 0, program.output
+
+    iterations = train_in_process(swimmer, SHORT, 7)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    entries = [iteration_entry(iteration) for iteration in iterations]
+    assert without_times(result["iterations"]) == without_times(entries)
+    assert result["initial_ddp_cost"] == iterations[-1].initial_ddp_cost
+    assert result["num_parameters"] == 9 * 4 + 4 + 4 * 2 + 2
+    policy, task = load_policy(tmp_path / "out" / "policy.json")
+    assert task == "swimmer"
+    assert same_bits(policy, iterations[-1].policy)
+
+
+def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
+    graph, swimmer, tmp_path
+):
+    settings = replace(
+        SHORT, iterations=8, hidden_units=(10,), initial_ddp_iterations=25, num_initial_states=4
+    )
+    for name in ("optimizer_a", "optimizer_b"):
+        graph.start("trajectory_optimizer", "--ros-args", "-r", f"__node:={name}")
+    graph.start("policy_learner", optimizers="[optimizer_a, optimizer_b]", **parameters(settings))
+    solved = {
+        name: graph.messages(OptimizerIteration, f"{name}/iterations")
+        for name in ("optimizer_a", "optimizer_b")
+    }
+    program = start_training(graph, settings, 3, tmp_path / "out")
+    graph.spin_until(lambda: not program.running, timeout=120, what="the end of the training")
+    assert program.wait() == 0, program.output
+
+    indices = [{message.trajectory_index for message in log} for log in solved.values()]
+    assert all(indices)
+    assert indices[0] | indices[1] == {0, 1, 2, 3}
+    policy, _ = load_policy(tmp_path / "out" / "policy.json")
+    starts = initial_states(swimmer, settings, 3)
+    assert np.std(starts, axis=0)[2:5].min() > 0.05
+    for start in starts:
+        swim = swimmer.dynamics.rollout(start, lambda t, x: policy.mean(x), swimmer.horizon)
+        assert swim.states[-1, 0] > 5.0  # metres in 10 s; standing still gives 0
+        assert swimmer.trajectory_cost(swim) < 300  # standing still costs 500
+
+
+def test_learner_alone_says_once_what_it_waits_for_and_goes_on_when_it_comes(graph, tmp_path):
+    learner = graph.start("policy_learner", wait_timeout=1.0, **parameters(SHORT))
+    program = start_training(graph, SHORT, 0, tmp_path / "out")
+    graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, "trajectory_optimizer")
+    assert learner.output.count("Waiting for the service of trajectory_optimizer") == 1
+    graph.start("trajectory_optimizer")
+    assert program.wait() == 0, program.output
+    graph.diagnosis("policy_learner", DiagnosticStatus.OK)
+
+
+def test_interrupted_program_cancels_the_training_and_the_learner_takes_the_next(graph, tmp_path):
+    graph.start("trajectory_optimizer")
+    graph.start("policy_learner", initial_ddp_iterations=100_000)
+    iterations = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
+    first = start_training(graph, SHORT, 0, tmp_path / "first")
+    graph.spin_until(lambda: iterations, what="the first iteration of DDP")
+    second = start_training(graph, SHORT, 0, tmp_path / "second")
+    assert second.wait() == 1
+    assert "busy" in second.output
+    assert first.end(signal.SIGINT) == 1
+    assert "The training was cancelled." in first.output
+    count = len(iterations)
+    third = start_training(graph, SHORT, 0, tmp_path / "third")
+    graph.spin_until(lambda: len(iterations) > count + 2, what="iterations of the next training")
+    third.end(signal.SIGINT)
+
+
+def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
+    graph.start("trajectory_optimizer")
+    learner = graph.start("policy_learner")
+    program = start_training(graph, replace(SHORT, hidden_units=(0,)), 0, tmp_path / "out")
+    assert program.wait() == 1
+    assert "hidden_units is 0, but it must be from 1 to 10000" in program.output
+    assert learner.running
+    assert not (tmp_path / "out").exists()

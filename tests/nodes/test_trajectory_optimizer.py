@@ -1,0 +1,121 @@
+"""The optimizer's service: what it refuses, how it is cancelled, what it reports."""
+
+import math
+from array import array
+
+import numpy as np
+import pytest
+from vgps_msgs.msg import OptimizerIteration, Trajectory
+from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.nodes.conversions import pack, policy_to_msg
+
+NODE = "trajectory_optimizer"
+
+
+@pytest.fixture(scope="module")
+def optimizer(shared_graph):
+    return shared_graph.start(NODE)
+
+
+@pytest.fixture
+def request_message(swimmer):
+    guess = swimmer.guess(generator(0, Stream.INITIAL_CONTROLS, 0))
+    return OptimizeTrajectory.Request(
+        task="swimmer",
+        cost_scale=1.0,
+        max_iterations=2,
+        initial_state=pack(swimmer.initial_state),
+        guess=[Trajectory(n_x=10, n_u=2, controls=pack(guess))],
+    )
+
+
+def other_policy(stamp, **changes):
+    shape = Architecture(observed=(0, 1), hidden_units=(2,), control_dim=changes.get("n_u", 2))
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(shape.control_dim))
+    return policy_to_msg(policy, "swimmer", 0, stamp)
+
+
+def test_a_solve_lowers_the_cost_and_logs_it(shared_graph, optimizer, request_message):
+    response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    assert response.success, response.message
+    assert response.status == "iteration_limit"
+    costs = [iteration.cost for iteration in response.iterations]
+    assert len(costs) == 2
+    assert costs[1] < costs[0]
+    assert response.cost == response.modified_cost == costs[1]
+    assert len(response.distribution.gains) == 500 * 2 * 10
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"task": "runner"}, "'runner', but this optimizer solves 'swimmer'"),
+        ({"cost_scale": 0.0}, "cost_scale is 0.0, but it must be finite and above 0"),
+        ({"cost_scale": -1.0}, "cost_scale is -1.0"),
+        ({"cost_scale": math.nan}, "cost_scale is nan"),
+        ({"max_iterations": 0}, "max_iterations is 0"),
+        ({"initial_state": array("d", [0.0] * 9)}, "initial_state has 9 values"),
+        ({"initial_state": array("d", [math.nan] * 10)}, "initial_state is nan at index 0"),
+        ({"initial_state": array("d", [1e300] * 10)}, "diverges"),
+        ({"guess": []}, "neither guess nor previous"),
+        ({"guess": [Trajectory(controls=array("d", [0.0] * 4))]}, "guess.controls has 4 values"),
+    ],
+)
+def test_bad_requests_are_refused_with_a_sentence(
+    shared_graph, optimizer, request_message, change, sentence
+):
+    for name, value in change.items():
+        setattr(request_message, name, value)
+    response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    assert not response.success
+    assert response.status == "refused"
+    assert sentence in response.message
+    assert optimizer.running
+
+
+def test_policies_that_do_not_fit_are_refused(shared_graph, optimizer, request_message):
+    stamp = shared_graph.node.get_clock().now().to_msg()
+    solved = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    cases = {
+        "The policy has 3 controls": other_policy(stamp, n_u=3),
+        "parameters has 1 values": other_policy(stamp),
+        "noise_std is nan": other_policy(stamp),
+    }
+    cases["parameters has 1 values"].parameters = array("d", [0.0])
+    cases["noise_std is nan"].noise_std = array("d", [math.nan, 1.0])
+    request_message.policy = [other_policy(stamp)]
+    alone = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    assert "no previous distribution" in alone.message
+    request_message.previous = [solved.distribution]
+    for sentence, message in cases.items():
+        request_message.policy = [message]
+        response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+        assert sentence in response.message
+        assert response.status == "refused"
+
+
+def test_a_running_solve_reports_and_can_be_cancelled(shared_graph, optimizer, request_message):
+    iterations = shared_graph.messages(OptimizerIteration, f"{NODE}/iterations")
+    request_message.max_iterations = 100_000
+    future = shared_graph.call_async(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    shared_graph.spin_until(lambda: len(iterations) >= 3, what="iterations while it runs")
+    assert not future.done()
+    assert shared_graph.call(CancelOptimization, f"{NODE}/cancel").success
+    shared_graph.spin_until(future.done, what="the cancelled answer")
+    assert not future.result().success
+    assert future.result().status == "cancelled"
+    assert not shared_graph.call(CancelOptimization, f"{NODE}/cancel").success
+
+
+def test_a_termination_ends_a_running_solve(graph, request_message):
+    node = graph.start(NODE)
+    iterations = graph.messages(OptimizerIteration, f"{NODE}/iterations")
+    request_message.max_iterations = 100_000
+    graph.call_async(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    graph.spin_until(lambda: iterations, what="a running solve")
+    node.send(15)
+    node.send(15)
+    assert node.wait() == 0, node.output

@@ -1,0 +1,82 @@
+"""Program `train`: Algorithm 1 in this process, without a graph."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.experiments.command_line import add_flags, settings_from
+from vgps_ros.search.result import iteration_entry, result_content, save_policy, write_json
+from vgps_ros.search.trajectory_optimizer import (
+    OptimizationRequest,
+    OptimizationResult,
+    OptimizerSettings,
+    TrajectoryOptimizer,
+)
+from vgps_ros.search.vgps import SearchSettings, vgps
+from vgps_ros.tasks import TASKS, Task, make_task
+from vgps_ros.views.plots import plot_learning_curve
+from vgps_ros.views.training_progress import TrainingProgress
+
+
+def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None:
+    """Trains a policy and writes result.json and policy.json after each iteration.
+
+    Raises:
+        VgpsError: a setting is out of range, or the first rollout diverges.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    entries = []
+    began = time.monotonic()
+    with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
+
+        def optimize(request: OptimizationRequest) -> OptimizationResult:
+            if request.iteration:
+                return optimizer.optimize(request)
+            return optimizer.optimize(
+                request, on_iteration=lambda i: progress.ddp_iteration(i.index, i.cost)
+            )
+
+        for iteration in vgps(
+            task, settings, seed, lambda requests: [optimize(request) for request in requests]
+        ):
+            entries.append(iteration_entry(iteration))
+            content = result_content(
+                task=task.name,
+                seed=seed,
+                hidden_units=settings.hidden_units,
+                num_parameters=iteration.policy.architecture.num_parameters,
+                initial_ddp_cost=iteration.initial_ddp_cost,
+                iterations=entries,
+            )
+            write_json(output / "result.json", content)
+            save_policy(iteration.policy, task.name, output / "policy.json")
+            per_iteration = (time.monotonic() - began) / iteration.k
+            remaining = per_iteration * (settings.iterations - iteration.k)
+            progress.iteration(entries[-1], iteration.initial_ddp_cost, remaining)
+    plot_learning_curve(content, output / "learning_curve.png")
+    print(f"Wrote result.json, policy.json and learning_curve.png to {output}.")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the program."""
+    parser = argparse.ArgumentParser(
+        prog="train",
+        description="Learns a policy by variational guided policy search in this process, and "
+        "writes result.json, policy.json and learning_curve.png.",
+    )
+    parser.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
+    parser.add_argument("--output", type=Path, required=True, help="folder for the results")
+    add_flags(parser, SearchSettings(), frozenset())
+    parsed = parser.parse_args(arguments)
+    try:
+        settings = settings_from(parsed, SearchSettings())
+        train(make_task(parsed.task), settings, parsed.seed, parsed.output)
+    except (VgpsError, OSError) as error:
+        sys.exit(f"train: {error}")
+    except KeyboardInterrupt:
+        sys.exit("train: interrupted; the results up to the last iteration are written.")

@@ -1,0 +1,145 @@
+"""Requests and results of the trajectory optimizer to messages and back."""
+
+from builtin_interfaces.msg import Time
+from vgps_msgs.msg import OptimizerIteration, Trajectory
+from vgps_msgs.srv import OptimizeTrajectory
+
+from vgps_ros.core.checks import finite_array
+from vgps_ros.core.ddp import Iteration, Status
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.nodes.conversions import (
+    distribution_from_msg,
+    distribution_to_msg,
+    pack,
+    policy_from_msg,
+    policy_to_msg,
+)
+from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
+from vgps_ros.tasks import Task
+
+
+def request_to_msg(
+    request: OptimizationRequest, task: Task, stamp: Time
+) -> OptimizeTrajectory.Request:
+    """Returns the request as a message."""
+    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
+    message = OptimizeTrajectory.Request(
+        task=task.name,
+        trajectory_index=request.trajectory_index,
+        iteration=request.iteration,
+        seed=request.seed,
+        cost_scale=request.cost_scale,
+        max_iterations=request.max_iterations,
+        initial_state=pack(request.initial_state),
+    )
+    if request.guess is not None:
+        message.guess = [Trajectory(n_x=n_x, n_u=n_u, controls=pack(request.guess))]
+    if request.previous is not None:
+        place = (request.trajectory_index, max(request.iteration - 1, 0))
+        message.previous = [_distribution(request.previous, task, place, stamp)]
+    if request.policy is not None:
+        message.policy = [policy_to_msg(request.policy, task.name, request.iteration, stamp)]
+    return message
+
+
+def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> OptimizationRequest:
+    """Returns the message's request.
+
+    Raises:
+        InvalidInputError: it is for another task, or a value does not fit.
+    """
+    if message.task != task.name:
+        raise InvalidInputError(
+            f"The request is for the task '{message.task}', but this optimizer solves "
+            f"'{task.name}'."
+        )
+    shape = (task.horizon, task.dynamics.control_dim)
+    return OptimizationRequest(
+        trajectory_index=message.trajectory_index,
+        iteration=message.iteration,
+        seed=message.seed,
+        cost_scale=message.cost_scale,
+        max_iterations=message.max_iterations,
+        initial_state=finite_array(
+            "initial_state", message.initial_state, (task.dynamics.state_dim,)
+        ),
+        guess=finite_array("guess.controls", message.guess[0].controls, shape)
+        if message.guess
+        else None,
+        previous=distribution_from_msg(message.previous[0]) if message.previous else None,
+        policy=policy_from_msg(message.policy[0]) if message.policy else None,
+    )
+
+
+def iteration_to_msg(
+    iteration: Iteration, request: OptimizationRequest, stamp: Time
+) -> OptimizerIteration:
+    """Returns one entry of a solve's log as a message."""
+    message = OptimizerIteration(
+        trajectory_index=request.trajectory_index,
+        search_iteration=request.iteration,
+        iteration=iteration.index,
+        cost=iteration.cost,
+        cost_reduction=iteration.cost_reduction,
+        expected_reduction=iteration.expected_reduction,
+        step_size=iteration.step_size,
+        regularization=iteration.regularization,
+    )
+    message.header.stamp = stamp
+    return message
+
+
+def result_to_msg(
+    result: OptimizationResult, request: OptimizationRequest, task: Task, stamp: Time
+) -> OptimizeTrajectory.Response:
+    """Returns a result as the service's response."""
+    return OptimizeTrajectory.Response(
+        success=result.status is not Status.CANCELLED,
+        status=result.status.value,
+        message=f"The solve ended after {len(result.iterations)} iterations: "
+        f"{result.status.value.replace('_', ' ')}.",
+        cost=result.cost,
+        modified_cost=result.modified_cost,
+        distribution=_distribution(
+            result.distribution, task, (request.trajectory_index, request.iteration), stamp
+        ),
+        iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
+    )
+
+
+def result_from_msg(message: OptimizeTrajectory.Response) -> OptimizationResult:
+    """Returns the response's result.
+
+    Raises:
+        VgpsError: the request was refused, the solve was cancelled, or its numbers do not fit.
+    """
+    if not message.success:
+        raise VgpsError(f"The trajectory optimizer answered '{message.status}': {message.message}")
+    return OptimizationResult(
+        distribution=distribution_from_msg(message.distribution),
+        cost=message.cost,
+        modified_cost=message.modified_cost,
+        status=Status(message.status),
+        iterations=tuple(
+            Iteration(
+                index=i.iteration,
+                cost=i.cost,
+                cost_reduction=i.cost_reduction,
+                expected_reduction=i.expected_reduction,
+                step_size=i.step_size,
+                regularization=i.regularization,
+            )
+            for i in message.iterations
+        ),
+    )
+
+
+def _distribution(q, task: Task, place: tuple[int, int], stamp: Time):  # type: ignore[no-untyped-def]
+    return distribution_to_msg(
+        q,
+        task=task.name,
+        trajectory_index=place[0],
+        iteration=place[1],
+        time_step=task.dynamics.time_step,
+        stamp=stamp,
+    )

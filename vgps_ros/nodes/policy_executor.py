@@ -1,0 +1,139 @@
+"""Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes."""
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.conversions import (
+    command_to_msg,
+    nanoseconds,
+    pack,
+    policy_from_msg,
+    state_from_msg,
+)
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.parameters import SEED, TASK, declare, value
+from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.runner import run
+from vgps_ros.tasks import make_task
+
+STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
+AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")
+COMMAND_TYPE = Setting(
+    "command_type",
+    "joint_state",
+    "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
+    "float64_multi_array: std_msgs/Float64MultiArray on commands, as the effort controllers of "
+    "ros2_control take it",
+    choices=("joint_state", "float64_multi_array"),
+)
+
+_POLICY = "policy from policy_learner"
+_STATE = "joint_states from simulation"
+
+
+class PolicyExecutor(LifecycleNode):
+    """Answers each state with torques, while it is active."""
+
+    def __init__(self) -> None:
+        super().__init__("policy_executor")
+        self._task = make_task(declare(self, TASK, read_only=True))
+        self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
+        declare(self, SEED)
+        declare(self, STOCHASTIC)
+        autostart = declare(self, AUTOSTART, read_only=True)
+        self._health = Health(self)
+        self._active = False
+        self._policy: GaussianPolicy | None = None
+        # A policy that comes before activation is kept for it.
+        self.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
+        self.create_subscription(JointState, "joint_states", self._take_state, STREAM)
+        self._commands = (
+            self.create_lifecycle_publisher(Float64MultiArray, "commands", STREAM)
+            if self._plain
+            else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
+        )
+        if autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lets torques flow."""
+        self._active = True
+        if self._policy is None:
+            self._health.wait_for(_POLICY)
+        self._health.wait_for(_STATE)
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops the torques."""
+        self._active = False
+        self._health.stop_waiting(_POLICY)
+        self._health.stop_waiting(_STATE)
+        self._health.clear("state")
+        return super().on_deactivate(state)
+
+    def _take_policy(self, message: GaussianPolicyMsg) -> None:
+        try:
+            one_of("the policy's task", message.task, [self._task.name])
+            policy = policy_from_msg(message)
+            policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+        except InvalidInputError as error:
+            kept = "the one before stays" if self._policy else "there is none before it"
+            self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
+            return
+        self._policy = policy
+        self._health.arrived(_POLICY)
+        self._health.clear("policy")
+        self._health.set_value("policy of iteration", message.iteration)
+
+    def _take_state(self, message: JointState) -> None:
+        if not self._active:
+            return
+        self._health.arrived(_STATE)
+        if self._policy is None:
+            return
+        try:
+            state = state_from_msg(message, self._task.joint_names)
+            torques = self._torques(self._policy, state, nanoseconds(message.header.stamp))
+        except InvalidInputError as error:
+            self._health.error(f"Gave no torques: {error}", "state")
+            return
+        self._health.clear("state")
+        self._publish(torques, message.header.stamp)
+
+    def _torques(self, policy: GaussianPolicy, state: Array, stamp: int) -> Array:
+        """Returns μ_θ(x), plus noise that depends on the seed and the state's time only."""
+        mean = policy.mean(state)
+        if not np.isfinite(mean).all():
+            raise InvalidInputError(f"the policy's output is {mean} in this state.")
+        if not value(self, STOCHASTIC):
+            return mean
+        step = round(stamp * 1e-9 / self._task.dynamics.time_step)
+        if step < 0:
+            raise InvalidInputError(
+                f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
+            )
+        rng = generator(value(self, SEED), Stream.EXECUTION, step)
+        return mean + policy.noise_std * rng.standard_normal(len(mean))
+
+    def _publish(self, torques: Array, stamp: Time) -> None:
+        self._commands.publish(
+            Float64MultiArray(data=pack(torques))
+            if self._plain
+            else command_to_msg(torques, self._task.actuated_joint_names, stamp)
+        )
+
+
+def main() -> None:
+    """Runs the node."""
+    run(PolicyExecutor)

@@ -1,0 +1,135 @@
+"""Node `policy_learner`: drives Algorithm 1 over the optimizers' services, as an action."""
+
+import threading
+import time
+from dataclasses import replace
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import LearningProgress
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.conversions import policy_to_msg
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
+from vgps_ros.nodes.parameters import TASK, declare, declare_settings
+from vgps_ros.nodes.progress_messages import progress_to_msg
+from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.runner import run
+from vgps_ros.search.vgps import SearchIteration, SearchSettings, vgps
+from vgps_ros.tasks import make_task
+
+OPTIMIZERS = Setting(
+    "optimizers",
+    ("trajectory_optimizer",),
+    "names of the trajectory optimizer nodes that share the solves",
+)
+
+
+class PolicyLearner(Node):
+    """Trains one policy at a time; publishes each iteration's policy and progress."""
+
+    def __init__(self) -> None:
+        super().__init__("policy_learner")
+        self._task = make_task(declare(self, TASK, read_only=True))
+        self._settings = declare_settings(self, SearchSettings())
+        names = declare(self, OPTIMIZERS, read_only=True)
+        self._health = Health(self)
+        self._pool = OptimizerPool(self, names, self._task, self._health)
+        self._busy = threading.Lock()
+        self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        self._progress = self.create_publisher(LearningProgress, "learning_progress", STREAM)
+        self._action = ActionServer(
+            self,
+            TrainPolicy,
+            "~/train",
+            self._train,
+            goal_callback=lambda _: (
+                GoalResponse.REJECT if self._busy.locked() else GoalResponse.ACCEPT
+            ),
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+        self.get_logger().info(f"Ready to train policies for the {self._task.name}.")
+
+    def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
+        result = TrainPolicy.Result()
+        with self._busy:
+            try:
+                self._run(goal, result)
+            except CancelledError as error:
+                result.message = str(error)
+                if goal.is_cancel_requested:
+                    goal.canceled()
+            except VgpsError as error:
+                result.message = str(error)
+                self._health.error(f"The training failed: {error}")
+                goal.abort()
+            else:
+                result.success = True
+                result.message = f"Trained for {len(result.history)} iterations."
+                self._health.clear()
+                goal.succeed()
+        return result
+
+    def _run(self, goal: ServerGoalHandle, result: TrainPolicy.Result) -> None:
+        """Runs Algorithm 1 and fills in the result as it goes."""
+        seed = int(goal.request.seed)
+        settings = replace(
+            self._settings,
+            iterations=int(goal.request.iterations),
+            hidden_units=tuple(goal.request.hidden_units),
+        )
+
+        def is_cancelled() -> bool:
+            return goal.is_cancel_requested or not self.context.ok()
+
+        began = time.monotonic()
+        for iteration in vgps(
+            self._task,
+            settings,
+            seed,
+            lambda requests: self._pool.optimize_all(requests, is_cancelled),
+        ):
+            if is_cancelled():
+                raise CancelledError("The training was cancelled.")
+            per_iteration = (time.monotonic() - began) / iteration.k
+            remaining = per_iteration * (settings.iterations - iteration.k)
+            self._publish(goal, result, iteration, seed, settings.iterations, remaining)
+
+    def _publish(
+        self,
+        goal: ServerGoalHandle,
+        result: TrainPolicy.Result,
+        iteration: SearchIteration,
+        seed: int,
+        iterations: int,
+        remaining: float,
+    ) -> None:
+        stamp = self.get_clock().now().to_msg()
+        policy = policy_to_msg(iteration.policy, self._task.name, iteration.k, stamp)
+        progress = progress_to_msg(
+            iteration,
+            task=self._task.name,
+            seed=seed,
+            iterations=iterations,
+            remaining_seconds=remaining,
+            stamp=stamp,
+        )
+        result.policy = policy
+        result.num_parameters = iteration.policy.architecture.num_parameters
+        result.history = [*result.history, progress]
+        self._policies.publish(policy)
+        self._progress.publish(progress)
+        goal.publish_feedback(TrainPolicy.Feedback(progress=progress))
+        self._health.set_value("iteration", f"{iteration.k} of {iterations}")
+
+
+def main() -> None:
+    """Runs the node."""
+    run(PolicyLearner, threads=4)

@@ -1,0 +1,61 @@
+"""Progress of a training run to messages and on to result.json."""
+
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from vgps_msgs.msg import LearningProgress
+
+from vgps_ros.nodes.conversions import pack
+from vgps_ros.search.vgps import SearchIteration
+
+
+def progress_to_msg(
+    iteration: SearchIteration,
+    *,
+    task: str,
+    seed: int,
+    iterations: int,
+    remaining_seconds: float,
+    stamp: Time,
+) -> LearningProgress:
+    """Returns one iteration's outcome as a message."""
+    evaluation = iteration.evaluation
+    message = LearningProgress(
+        task=task,
+        method="vgps",
+        seed=seed,
+        iteration=iteration.k,
+        iterations=iterations,
+        alpha=iteration.alpha,
+        initial_ddp_cost=iteration.initial_ddp_cost,
+        ddp_cost=iteration.ddp_cost,
+        deterministic_cost=evaluation.deterministic_cost,
+        stochastic_cost_mean=evaluation.stochastic_mean,
+        stochastic_cost_median=evaluation.stochastic_median,
+        stochastic_survival=evaluation.stochastic_survival,
+        noise_std=pack(iteration.policy.noise_std),
+        q_step_seconds=iteration.q_step_seconds,
+        m_step_seconds=iteration.m_step_seconds,
+        remaining_seconds=remaining_seconds,
+    )
+    message.header.stamp = stamp
+    return message
+
+
+def entry_from_msg(message: LearningProgress) -> dict[str, Any]:
+    """Returns the message as an entry of result.json's `iterations`."""
+    entry: dict[str, Any] = {"k": message.iteration}
+    for name in (
+        "alpha",
+        "ddp_cost",
+        "deterministic_cost",
+        "stochastic_cost_mean",
+        "stochastic_cost_median",
+        "stochastic_survival",
+        "q_step_seconds",
+        "m_step_seconds",
+    ):
+        value = getattr(message, name)
+        entry[name] = value if math.isfinite(value) else None
+    return entry

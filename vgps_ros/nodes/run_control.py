@@ -1,0 +1,91 @@
+"""What a simulation is doing, with the transitions of the ROS simulation_interfaces standard."""
+
+from rclpy.task import Future
+from vgps_msgs.msg import Result, SimulationState
+
+_SETTABLE = {
+    SimulationState.STATE_STOPPED: "stopped",
+    SimulationState.STATE_PLAYING: "playing",
+    SimulationState.STATE_PAUSED: "paused",
+}
+
+
+def ok() -> Result:
+    """Returns the outcome of what went well."""
+    return Result(result=Result.RESULT_OK)
+
+
+def refused(code: int, sentence: str) -> Result:
+    """Returns the outcome of what did not, with what would be right."""
+    return Result(result=code, error_message=sentence)
+
+
+class RunControl:
+    """Stopped, playing, paused, or doing a number of steps."""
+
+    def __init__(self, *, paused: bool):
+        self._state = SimulationState.STATE_PAUSED if paused else SimulationState.STATE_PLAYING
+        self._steps_left = 0
+        self._stepping: Future | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the next step is due."""
+        return self._stepping is not None or self._state == SimulationState.STATE_PLAYING
+
+    @property
+    def state(self) -> SimulationState:
+        """The state as others see it: while it steps, it plays."""
+        playing = SimulationState.STATE_PLAYING
+        return SimulationState(state=playing if self.running else self._state)
+
+    def set(self, wanted: int) -> Result:
+        """Plays, pauses or stops; steps that were under way end early."""
+        if wanted not in _SETTABLE:
+            valid = ", ".join(f"{value} ({name})" for value, name in _SETTABLE.items())
+            return refused(
+                Result.RESULT_FEATURE_UNSUPPORTED,
+                f"The state is {wanted}, but it must be one of {valid}; to quit, send INT or TERM.",
+            )
+        self.interrupt(f"The simulation was set to {_SETTABLE[wanted]} before the last step.")
+        self._state = wanted
+        return ok()
+
+    def interrupt(self, sentence: str, *, pause: bool = False) -> None:
+        """Ends steps that are under way; their caller gets the sentence."""
+        if pause:
+            self._state = SimulationState.STATE_PAUSED
+        if self._stepping is not None:
+            self._end_steps(refused(Result.RESULT_OPERATION_FAILED, sentence))
+
+    def begin_steps(self, steps: int) -> Result | None:
+        """Begins a number of steps, or returns why not."""
+        if steps < 1:
+            return refused(
+                Result.RESULT_OPERATION_FAILED, f"steps is {steps}, but it must be at least 1."
+            )
+        if self.running or self._state != SimulationState.STATE_PAUSED:
+            doing = "stepping already" if self._stepping else _SETTABLE[self._state]
+            return refused(
+                Result.RESULT_INCORRECT_STATE,
+                f"The simulation is {doing}; it must be paused before it can step: set its state "
+                f"to {SimulationState.STATE_PAUSED}.",
+            )
+        self._steps_left = steps
+        self._stepping = Future()
+        return None
+
+    async def last_step(self) -> Result:
+        """Returns the outcome once the last step is done."""
+        return ok() if self._stepping is None else await self._stepping
+
+    def step_done(self) -> None:
+        """Counts a step."""
+        self._steps_left -= 1
+        if self._stepping is not None and self._steps_left == 0:
+            self._end_steps(ok())
+
+    def _end_steps(self, result: Result) -> None:
+        stepping, self._stepping = self._stepping, None
+        if stepping is not None:
+            stepping.set_result(result)

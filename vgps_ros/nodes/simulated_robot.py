@@ -1,0 +1,57 @@
+"""The robot that the node `simulation` holds: its state, its time, its limits."""
+
+import numpy as np
+
+from vgps_ros.core.dynamics import DIVERGENCE_BOUND
+from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.records import Array
+from vgps_ros.tasks import Task
+
+
+class SimulatedRobot:
+    """A task's dynamics with a state and a clock.
+
+    Attributes:
+        state: x, shape (n_x,).
+        previous_stamp: time of the state before this one [ns].
+    """
+
+    def __init__(self, task: Task, state: Array):
+        self._task = task
+        self._steps = 0
+        self.state = state
+        self.previous_stamp = -1
+
+    @property
+    def stamp(self) -> int:
+        """Simulated time [ns]; from a count of steps, so that it does not drift."""
+        return round(self._steps * self._task.dynamics.time_step * 1e9)
+
+    def advance(self, command: Array) -> None:
+        """Holds torques, shape (n_u,), [N·m], for one control step.
+
+        Raises:
+            DivergenceError: the next state is out of bounds; the robot keeps the one it has.
+        """
+        state = self._task.dynamics.step(self.state, command)
+        # A NaN fails the comparison too.
+        outside = np.flatnonzero(~(np.abs(state) < DIVERGENCE_BOUND))
+        if outside.size:
+            names = self._task.joint_names
+            kind = "position" if outside[0] < len(names) else "velocity"
+            raise DivergenceError(
+                f"The state diverged at {self.stamp * 1e-9:g} s: the {kind} of "
+                f"{names[outside[0] % len(names)]} became {state[outside[0]]:g}. The simulation is "
+                "paused; reset it, and check the policy and the initial state."
+            )
+        self.previous_stamp = self.stamp
+        self.state = state
+        self._steps += 1
+
+    def reset(self, state: Array | None, *, time: bool) -> None:
+        """Puts the robot into a state, where one is given, and its time to 0, where asked."""
+        self.previous_stamp = self.stamp
+        if state is not None:
+            self.state = state
+        if time:
+            self._steps = 0

@@ -1,0 +1,239 @@
+"""Node `simulation`: a task's robot in MuJoCo, in lock-step with its controller or in real time.
+
+In lock-step each state waits for the command that carries its stamp, so a run does not depend on
+how fast anything is. A state that stays unanswered is sent again each second: a controller may come
+late, and must answer the same state in the same way.
+"""
+
+import time
+
+import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMsg
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import Result, SimulationState
+from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
+
+from vgps_ros.core.checks import finite_array
+from vgps_ros.core.dynamics import DIVERGENCE_BOUND
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.parameters import TASK, declare, value
+from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.run_control import RunControl, ok, refused
+from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.simulated_robot import SimulatedRobot
+from vgps_ros.tasks import make_task
+
+MODE = Setting(
+    "mode",
+    "lock_step",
+    "lock_step waits for the command that answers a state; real_time follows the wall clock",
+    choices=("lock_step", "real_time"),
+)
+REAL_TIME_FACTOR = Setting(
+    "real_time_factor",
+    1.0,
+    "simulated seconds per second of the wall clock, in real_time mode",
+    minimum=0.01,
+    maximum=100.0,
+)
+COMMAND_TIMEOUT = Setting(
+    "command_timeout",
+    0.5,
+    "in real_time mode, torques are zero after this time without a command [s of the wall clock]",
+    minimum=0.01,
+    maximum=86400.0,
+)
+START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
+
+_COMMAND = "joint_command from policy_executor"
+_REPEAT_PERIOD = 1.0  # between two copies of a state that does not change [s]
+_SCOPE_BITS = ResetSimulation.Request.SCOPE_TIME | ResetSimulation.Request.SCOPE_STATE
+
+
+class Simulation(Node):
+    """Publishes states and the clock, takes commands, and does what its services say."""
+
+    def __init__(self) -> None:
+        super().__init__("simulation")
+        self._task = make_task(declare(self, TASK, read_only=True))
+        self._initial_state = Setting(
+            "initial_state",
+            tuple(self._task.initial_state.tolist()),
+            "positions, then velocities of the joints, at the next reset [m, rad, m/s, rad/s]",
+            minimum=-DIVERGENCE_BOUND,
+            maximum=DIVERGENCE_BOUND,
+        )
+        start = declare(self, self._initial_state, also_check=self._to_state)
+        self._lock_step = declare(self, MODE, read_only=True) == "lock_step"
+        factor = declare(self, REAL_TIME_FACTOR, read_only=True)
+        declare(self, COMMAND_TIMEOUT)
+        self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
+        self._health = Health(self)
+        self._robot = SimulatedRobot(self._task, self._to_state(start))
+        self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
+        self._held_stamp, self._held_since = 0, float("nan")
+        self._seen_stamp = -1  # of the state at the last look, once a second
+
+        self._states = self.create_publisher(JointState, "joint_states", STREAM)
+        self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
+        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
+        self.create_service(SetSimulationState, "~/set_simulation_state", self._set_state)
+        self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
+        # Its callback waits for the last step, and must not hold up the others meanwhile.
+        step_group = ReentrantCallbackGroup()
+        self.create_service(
+            StepSimulation, "~/step_simulation", self._do_steps, callback_group=step_group
+        )
+        # The node's own time is what it publishes; its timers follow the wall clock.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_REPEAT_PERIOD, self._repeat, clock=steady)
+        time_step = self._task.dynamics.time_step
+        if not self._lock_step:
+            self.create_timer(time_step / factor, self._step_in_real_time, clock=steady)
+        pace = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
+        self.get_logger().info(f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {pace}.")
+        self._publish()
+
+    def _to_state(self, values: tuple[float, ...]) -> Array:
+        return finite_array("initial_state", values, (self._task.dynamics.state_dim,))
+
+    def _publish(self) -> None:
+        stamp = stamp_of(self._robot.stamp)
+        self._clocks.publish(ClockMsg(clock=stamp))
+        self._states.publish(state_to_msg(self._robot.state, self._task.joint_names, stamp))
+
+    def _advance(self, command: Array) -> None:
+        try:
+            self._robot.advance(command)
+        except DivergenceError as error:
+            self._health.error(str(error), "state")
+            self._control.interrupt(str(error), pause=True)
+            return
+        self._publish()
+        self._control.step_done()
+
+    # Commands
+
+    def _take_command(self, message: JointState) -> None:
+        stamp = nanoseconds(message.header.stamp)
+        oldest = self._robot.stamp if self._lock_step else self._held_stamp
+        in_time = oldest <= stamp <= self._robot.stamp
+        if not in_time and stamp == self._robot.previous_stamp:
+            return  # the second answer to a state that was sent twice
+        try:
+            command = command_from_msg(message, self._task.actuated_joint_names)
+            if not in_time:
+                raise InvalidInputError(
+                    f"its stamp is {stamp * 1e-9:g} s, but it must be that of the state that it "
+                    f"answers, {self._robot.stamp * 1e-9:g} s."
+                )
+        except InvalidInputError as error:
+            self._health.error(f"Ignored a joint_command: {error}", "command")
+            return
+        self._health.arrived(_COMMAND)
+        self._health.clear("command")
+        if not self._lock_step:
+            self._held, self._held_stamp, self._held_since = command, stamp, time.monotonic()
+        elif self._control.running:
+            self._advance(command)
+
+    def _step_in_real_time(self) -> None:
+        if not self._control.running:
+            return
+        timeout = value(self, COMMAND_TIMEOUT)
+        if np.isnan(self._held_since):
+            self._health.wait_for(_COMMAND)
+        elif time.monotonic() - self._held_since > timeout:
+            self._held = np.zeros_like(self._held)
+            self._health.error(
+                f"No joint_command for {timeout:g} s, so the torques are zero: is policy_executor "
+                "running and active?",
+                "command",
+            )
+        self._advance(self._held)
+
+    def _repeat(self) -> None:
+        """Sends a state again that has stood for a while: whoever must answer it may be new."""
+        if self._robot.stamp == self._seen_stamp:
+            if self._lock_step and self._control.running:
+                self._health.wait_for(_COMMAND)
+            self._publish()
+        self._seen_stamp = self._robot.stamp
+        self._health.set_value("simulated time", f"{self._robot.stamp * 1e-9:g} s")
+
+    # Services
+
+    def _reset(
+        self, request: ResetSimulation.Request, response: ResetSimulation.Response
+    ) -> ResetSimulation.Response:
+        scope = request.scope or request.SCOPE_ALL
+        if scope not in (*range(_SCOPE_BITS + 1), request.SCOPE_ALL):
+            response.result = refused(
+                Result.RESULT_FEATURE_UNSUPPORTED,
+                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state).",
+            )
+            return response
+        self._control.interrupt("The simulation was reset before the last step.")
+        self._restart(
+            time_too=bool(scope & request.SCOPE_TIME), state_too=bool(scope & request.SCOPE_STATE)
+        )
+        response.result = ok()
+        return response
+
+    def _restart(self, *, time_too: bool = True, state_too: bool = True) -> None:
+        state = self._to_state(value(self, self._initial_state)) if state_too else None
+        self._robot.reset(state, time=time_too)
+        self._forget_command()
+        self._health.clear("state")
+        self._publish()
+
+    def _forget_command(self) -> None:
+        self._held = np.zeros_like(self._held)
+        self._held_stamp, self._held_since = 0, float("nan")
+        self._health.stop_waiting(_COMMAND)
+        self._health.clear("command")
+
+    def _set_state(
+        self, request: SetSimulationState.Request, response: SetSimulationState.Response
+    ) -> SetSimulationState.Response:
+        was_running = self._control.running
+        response.result = self._control.set(request.state.state)
+        if response.result.result == Result.RESULT_OK:
+            if request.state.state == SimulationState.STATE_STOPPED:
+                self._restart()
+            elif self._control.running != was_running:
+                self._forget_command()
+                self._publish()
+        return response
+
+    def _get_state(
+        self, _: GetSimulationState.Request, response: GetSimulationState.Response
+    ) -> GetSimulationState.Response:
+        response.state = self._control.state
+        response.result = ok()
+        return response
+
+    async def _do_steps(
+        self, request: StepSimulation.Request, response: StepSimulation.Response
+    ) -> StepSimulation.Response:
+        refusal = self._control.begin_steps(request.steps)
+        if refusal is None:
+            self._forget_command()
+            self._publish()
+            refusal = await self._control.last_step()
+        response.result = refusal
+        return response
+
+
+def main() -> None:
+    """Runs the node."""
+    run(Simulation)

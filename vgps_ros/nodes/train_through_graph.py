@@ -1,0 +1,143 @@
+"""Program `train_through_graph`: asks a policy_learner to train, and shows how it goes."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.task import Future
+from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import OptimizerIteration
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.nodes.conversions import policy_from_msg
+from vgps_ros.nodes.progress_messages import entry_from_msg
+from vgps_ros.nodes.qos import STREAM
+from vgps_ros.search.result import result_content, save_policy, write_json
+from vgps_ros.search.vgps import SearchSettings
+from vgps_ros.views.plots import plot_learning_curve
+from vgps_ros.views.training_progress import TrainingProgress
+
+
+class TrainingClient(Node):
+    """Sends one goal to the learner's action and follows it."""
+
+    def __init__(self, learner: str):
+        super().__init__("train_through_graph")
+        self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
+
+    def train(
+        self, goal: TrainPolicy.Goal, timeout: float, progress: TrainingProgress
+    ) -> TrainPolicy.Result:
+        """Runs one goal to its end.
+
+        Raises:
+            VgpsError: the learner does not come, is busy, or fails.
+        """
+        if not self.action.wait_for_server(timeout_sec=timeout):
+            raise VgpsError(
+                f"No policy_learner answered within {timeout:g} s; start one with "
+                "'ros2 run vgps_ros policy_learner'."
+            )
+
+        def show_solve(message: OptimizerIteration) -> None:
+            if message.search_iteration == 0:
+                progress.ddp_iteration(message.iteration, message.cost)
+
+        def show_iteration(feedback: Any) -> None:
+            p = feedback.feedback.progress
+            progress.iteration(entry_from_msg(p), p.initial_ddp_cost, p.remaining_seconds)
+
+        for topic, types in self.get_topic_names_and_types():
+            if "vgps_msgs/msg/OptimizerIteration" in types:
+                self.create_subscription(OptimizerIteration, topic, show_solve, STREAM)
+        handle = self._wait(self.action.send_goal_async(goal, feedback_callback=show_iteration))
+        if not handle.accepted:
+            raise VgpsError("The policy_learner is busy with another training; wait for its end.")
+        result = self._wait(handle.get_result_async(), cancels=handle).result
+        if not result.success:
+            raise VgpsError(f"The training ended early: {result.message}")
+        return result
+
+    def _wait(self, future: Future, cancels: ClientGoalHandle | None = None) -> Any:
+        """Spins until the future is done; an interrupt cancels the goal first."""
+        try:
+            rclpy.spin_until_future_complete(self, future)
+        except KeyboardInterrupt:
+            if cancels is None:
+                raise
+            print("Cancelling the training ...", flush=True)
+            rclpy.spin_until_future_complete(self, cancels.cancel_goal_async(), timeout_sec=5.0)
+            rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
+            if not future.done():
+                raise VgpsError("The policy_learner did not confirm the cancellation.") from None
+        return future.result()
+
+
+def write_result(result: TrainPolicy.Result, output: Path) -> None:
+    """Writes result.json, policy.json and learning_curve.png, as `train` does."""
+    last = result.history[-1]
+    policy = policy_from_msg(result.policy)
+    content = result_content(
+        task=last.task,
+        seed=int(last.seed),
+        hidden_units=policy.architecture.hidden_units,
+        num_parameters=int(result.num_parameters),
+        initial_ddp_cost=last.initial_ddp_cost,
+        iterations=[entry_from_msg(message) for message in result.history],
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    write_json(output / "result.json", content)
+    save_policy(policy, last.task, output / "policy.json")
+    plot_learning_curve(content, output / "learning_curve.png")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the program."""
+    defaults = SearchSettings()
+    parser = argparse.ArgumentParser(
+        prog="train_through_graph",
+        description="Asks a running policy_learner for a training, shows its progress, and writes "
+        "result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
+    parser.add_argument(
+        "--iterations", type=int, default=defaults.iterations, help="iterations of Algorithm 1"
+    )
+    parser.add_argument(
+        "--hidden-units",
+        type=int,
+        nargs="+",
+        default=list(defaults.hidden_units),
+        help="width of each hidden layer",
+    )
+    parser.add_argument("--output", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
+    parser.add_argument("--timeout", type=float, default=20.0, help="wait for the learner [s]")
+    parsed = parser.parse_args(arguments)
+    # INT is this program's own, to cancel the goal; TERM stays rclpy's.
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
+    node = TrainingClient(parsed.learner)
+    try:
+        goal = TrainPolicy.Goal(
+            seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units
+        )
+        with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
+            result = node.train(goal, parsed.timeout, progress)
+        write_result(result, parsed.output)
+        print(f"Wrote result.json, policy.json and learning_curve.png to {parsed.output}.")
+    except (VgpsError, OSError, AssertionError) as error:
+        sys.exit(f"train_through_graph: {error}")
+    except (KeyboardInterrupt, ExternalShutdownException):
+        sys.exit("train_through_graph: interrupted.")
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        node.destroy_node()
+        rclpy.try_shutdown()
