@@ -193,7 +193,8 @@ class Graph:
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
     def diagnosis(self, node: str, level: bytes, text: str = "") -> DiagnosticStatus:
-        """Waits for a status of this level whose message contains the text."""
+        """Waits for a new status of this level whose message contains the text."""
+        self._diagnostics.pop(f"/{node}", None)
 
         def found() -> DiagnosticStatus | None:
             status = self._diagnostics.get(f"/{node}")

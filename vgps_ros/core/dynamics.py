@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
@@ -148,7 +149,6 @@ class Dynamics:
         data.qacc_warmstart[:] = 0.0
 
 
-def _is_sound(rows: Array, bound: float) -> Array:
+def _is_sound(rows: Array, bound: float) -> NDArray[np.bool_]:
     """Whether each row of (N, n) is inside the bound; NaN is not."""
-    inside: Array = (np.abs(rows) < bound).all(axis=1)
-    return inside
+    return np.logical_and.reduce(np.abs(rows) < bound, axis=1)

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import threading
 from collections.abc import Callable
 
 import rclpy
@@ -20,22 +21,28 @@ def run(make_node: Callable[[], Node], threads: int = 1) -> None:
         threads: callbacks that may run at once. One is fastest where messages flow.
     """
     # rclpy ends the spin on INT and TERM, then calls the handler that was there before it. With one
-    # that does nothing, a second signal during the clean-up does no harm either.
+    # that only takes note, a second signal during the clean-up does no harm either.
+    signalled = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+        signal.signal(number, lambda *_: signalled.set())
     rclpy.init()
+    node = executor = None
     try:
+        if signalled.is_set():
+            return
         node = make_node()
-    except VgpsError as error:
-        rclpy.try_shutdown()
-        sys.exit(str(error))
-    executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
+        executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+        executor.add_node(node)
         executor.spin()
-    except ExternalShutdownException:
-        pass
+    except VgpsError as error:
+        sys.exit(str(error))
+    except (ExternalShutdownException, RuntimeError):
+        # A signal may strike between any two calls of rclpy, which then lack their context.
+        if rclpy.ok():
+            raise
     finally:
-        executor.shutdown(timeout_sec=5.0)
-        node.destroy_node()
+        if executor:
+            executor.shutdown(timeout_sec=5.0)
+        if node:
+            node.destroy_node()
         rclpy.try_shutdown()

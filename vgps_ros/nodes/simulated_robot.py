@@ -1,9 +1,10 @@
 """The robot that the node `simulation` holds: its state, its time, its limits."""
 
+import mujoco
 import numpy as np
 
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
-from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import Task
 
@@ -26,6 +27,19 @@ class SimulatedRobot:
     def stamp(self) -> int:
         """Simulated time [ns]; from a count of steps, so that it does not drift."""
         return round(self._steps * self._task.dynamics.time_step * 1e9)
+
+    def check(self, command: Array) -> None:
+        """Checks torques that come from outside.
+
+        Raises:
+            InvalidInputError: one is so large that MuJoCo would put zero in its place.
+        """
+        too_large = np.flatnonzero(np.abs(command) >= mujoco.mjMAXVAL)
+        if too_large.size:
+            raise InvalidInputError(
+                f"joint_command.effort is {command[too_large[0]]:g} at index {too_large[0]}; every "
+                f"value must be below {mujoco.mjMAXVAL:g}."
+            )
 
     def advance(self, command: Array) -> None:
         """Holds torques, shape (n_u,), [N·m], for one control step.

@@ -131,6 +131,7 @@ class Simulation(Node):
             return  # the second answer to a state that was sent twice
         try:
             command = command_from_msg(message, self._task.actuated_joint_names)
+            self._robot.check(command)
             if not in_time:
                 raise InvalidInputError(
                     f"its stamp is {stamp * 1e-9:g} s, but it must be that of the state that it "

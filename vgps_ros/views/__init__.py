@@ -1,0 +1,1 @@
+"""What people look at: plots, Rerun scenes, progress on the terminal."""

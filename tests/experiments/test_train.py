@@ -1,0 +1,87 @@
+"""The program `train`: what it writes, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from vgps_ros.experiments.train import main
+from vgps_ros.search.result import load_policy
+
+QUICK = ["--iterations", "2", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
+
+
+def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
+    main([*QUICK, "--seed", "4", "--hidden-units", "3", "2", "--output", str(tmp_path / "run")])
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert result["task"] == "swimmer"
+    assert result["method"] == "vgps"
+    assert result["seed"] == 4
+    assert result["hidden_units"] == [3, 2]
+    assert result["num_parameters"] == (9 * 3 + 3) + (3 * 2 + 2) + (2 * 2 + 2)
+    assert [entry["k"] for entry in result["iterations"]] == [1, 2]
+    assert set(result["iterations"][0]) == {
+        "k",
+        "alpha",
+        "ddp_cost",
+        "deterministic_cost",
+        "stochastic_cost_mean",
+        "stochastic_cost_median",
+        "stochastic_survival",
+        "q_step_seconds",
+        "m_step_seconds",
+    }
+    policy, task = load_policy(tmp_path / "run" / "policy.json")
+    assert task == "swimmer"
+    assert policy.mean(np.zeros(10)).shape == (2,)
+    assert (tmp_path / "run" / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+    # Not a terminal: one line an iteration, with the figures a person follows.
+    lines = [line for line in capsys.readouterr().out.splitlines() if "iteration " in line]
+    assert len(lines) == 2
+    assert all(word in lines[0] for word in ("alpha", "stochastic", "deterministic", "s left"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--task", "runner"], "'runner' (choose from"),
+        (["--iterations", "0"], "iterations is 0, but it must be from 1"),
+        (["--final-alpha", "-0.1"], "final_alpha is -0.1, but it must be from"),
+        (["--initial-alpha", "nan"], "initial_alpha is nan"),
+        (["--hidden-units", "5", "0"], "hidden_units is 0"),
+        (["--seed", "-1"], "seed is -1"),
+        (["--fit-optimizer", "newton"], "newton"),
+        (["--hidden-units", "many"], "many"),
+    ],
+)
+def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(
+    tmp_path, capsys, arguments, sentence
+):
+    with pytest.raises(SystemExit) as exit_info:
+        main([*arguments, "--output", str(tmp_path / "run")])
+    assert exit_info.value.code != 0
+    assert sentence in str(exit_info.value.code) + capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_help_tells_what_each_setting_does_and_its_range(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "alpha after the annealing; from 1e-09 to 1e+09; default 0.1" in text
+    assert "--fit-resample-every" in text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("not json", "is not a readable policy file"),
+        ("{}", "is not a policy of vgps_ros: 'task'"),
+        ("[1]", "is not a policy of vgps_ros"),
+    ],
+)
+def test_a_file_that_is_no_policy_is_refused(tmp_path, content, sentence):
+    (tmp_path / "policy.json").write_text(content)
+    with pytest.raises(ValueError, match="policy") as error:
+        load_policy(tmp_path / "policy.json")
+    assert sentence.split("'")[0] in str(error.value)

@@ -1,0 +1,61 @@
+"""The program `execute_policy`, with the real simulation and executor."""
+
+import json
+import signal
+
+import pytest
+from builtin_interfaces.msg import Time
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from vgps_ros.nodes.conversions import policy_to_msg
+from vgps_ros.nodes.qos import LATCHED
+
+
+def test_its_figures_are_those_of_a_rollout_in_process_each_time(
+    graph, swimmer, random_policy, tmp_path
+):
+    policy, steps = random_policy(5), 53
+    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    graph.start("simulation")
+    graph.start("policy_executor")
+    rollout = swimmer.dynamics.rollout(swimmer.initial_state, lambda _, x: policy.mean(x), steps)
+    distance = rollout.states[-1, 0] - rollout.states[0, 0]
+    for _ in range(2):
+        figures = tmp_path / "figures.json"
+        program = graph.start("execute_policy", "--steps", str(steps), "--json", str(figures))
+        graph.spin_until(lambda program=program: not program.running)
+        assert program.wait() == 0, program.output
+        written = json.loads(figures.read_text())
+        assert written["cost"] == swimmer.trajectory_cost(rollout)
+        assert written["distance"] == distance
+        assert written["mean_speed"] == pytest.approx(distance / (steps * 0.02))
+        assert f"{written['cost']:.3f}" in program.output
+        figures.unlink()
+
+
+def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy):
+    def ends_with(*arguments):
+        program = graph.start("execute_policy", *arguments)
+        graph.spin_until(lambda: not program.running)
+        assert program.wait() == 1
+        assert "Traceback" not in program.output
+        return program.output
+
+    assert "task is 'crawler'" in ends_with("--task", "crawler")
+    assert "--steps is 0" in ends_with("--steps", "0")
+    assert "No simulation is there" in ends_with("--timeout", "1")
+    graph.start("simulation")
+    assert "No policy came" in ends_with("--timeout", "3")
+    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    assert "is policy_executor running" in ends_with("--timeout", "3")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_a_sentence(graph, number):
+    program = graph.start("execute_policy")
+    graph.spin_until(lambda: "execute_policy" in graph.node.get_node_names())
+    program.end(number)
+    assert "Traceback" not in program.output
+    assert "execute_policy: interrupted." in program.output
