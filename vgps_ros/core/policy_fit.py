@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -130,7 +131,13 @@ def fit_policy(
     settings: FitSettings,
     rng: np.random.Generator,
 ) -> GaussianPolicy:
-    """Returns the policy that maximises L(q, θ), started from `policy`."""
+    """Returns the policy that maximises L(q, θ), started from `policy`.
+
+    The result is never worse than `policy` on fresh samples.
+
+    Raises:
+        DivergenceError: SGD or Adam left the finite numbers.
+    """
     scaling = _Standardization.of(policy.architecture, distributions)
     start = torch.from_numpy(scaling.to_standard(policy.parameters))
     theta = torch.nn.Parameter(start)
@@ -143,14 +150,24 @@ def fit_policy(
         _fit_lbfgs(theta, scaling, samples(), settings)
     else:
         _fit_gradient(theta, scaling, samples(), settings)
-    fitted = replace(policy, parameters=scaling.to_raw(theta.detach().numpy()))
-    return replace(fitted, noise_std=best_noise(fitted, next(samples())))
+    parameters = scaling.to_raw(theta.detach().numpy())
+    if not np.isfinite(parameters).all():
+        raise DivergenceError(
+            f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "
+            f"{settings.learning_rate:g}."
+        )
+    targets = next(samples())
+    candidates = [
+        with_best_noise(candidate, targets)
+        for candidate in (policy, replace(policy, parameters=parameters))
+    ]
+    return max(candidates, key=lambda candidate: objective(candidate, targets))
 
 
-def best_noise(policy: GaussianPolicy, targets: Targets) -> Array:
-    """Returns the σ that maximises L(q, θ) for the policy's network, shape (n_u,), [N·m]."""
+def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
+    """Returns the policy with the σ that maximises L(q, θ) for its network."""
     squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
-    return np.sqrt(squares.mean(axis=0))
+    return replace(policy, noise_std=np.sqrt(squares.mean(axis=0)))
 
 
 def _fit_lbfgs(

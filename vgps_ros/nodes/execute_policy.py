@@ -97,7 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _run(parsed)
     except (VgpsError, OSError) as error:
         sys.exit(f"execute_policy: {error}")
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except (KeyboardInterrupt, ExternalShutdownException, RuntimeError):
+        # A signal may strike between any two calls of rclpy, which then lack their context.
+        if rclpy.ok():
+            raise
         sys.exit("execute_policy: interrupted.")
     finally:
         rclpy.try_shutdown()

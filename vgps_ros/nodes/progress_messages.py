@@ -35,6 +35,8 @@ def progress_to_msg(
         stochastic_cost_median=evaluation.stochastic_median,
         stochastic_survival=evaluation.stochastic_survival,
         noise_std=pack(iteration.policy.noise_std),
+        policy_kl=iteration.policy_kl,
+        policy_entropy=iteration.policy_entropy,
         q_step_seconds=iteration.q_step_seconds,
         m_step_seconds=iteration.m_step_seconds,
         remaining_seconds=remaining_seconds,

@@ -20,8 +20,8 @@ def run(make_node: Callable[[], Node], threads: int = 1) -> None:
             code 1.
         threads: callbacks that may run at once. One is fastest where messages flow.
     """
-    # rclpy ends the spin on INT and TERM, then calls the handler that was there before it. With one
-    # that only takes note, a second signal during the clean-up does no harm either.
+    # rclpy ends the spin on INT and TERM, then calls the handler that was there before it: one that
+    # only takes note, so that a second signal during the clean-up does no harm.
     signalled = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: signalled.set())
@@ -46,3 +46,6 @@ def run(make_node: Callable[[], Node], threads: int = 1) -> None:
         if node:
             node.destroy_node()
         rclpy.try_shutdown()
+        # Python's own end gives signals back their defaults, unless they are ignored.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)

@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.gaussians import entropy, kl_divergence
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_fit import FitSettings, fit_policy, initial_policy
-from vgps_ros.core.records import Array
+from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import check_settings, setting
 from vgps_ros.search.evaluation import Evaluation, evaluate
@@ -79,6 +80,9 @@ class SearchIteration:
         alpha: α_k.
         policy: π_θ after line 4.
         evaluation: its costs.
+        policy_kl: KL(q(u|x) ‖ π_θ(u|x)) along the trajectories that it was fitted to, mean over
+            steps [nat].
+        policy_entropy: entropy of π_θ(u|x) [nat].
         solutions: q(ζ) of each initial state after line 6.
         initial_ddp_cost: cost of the solution of line 1, mean over initial states.
         ddp_cost: cost of the current solution, mean over initial states.
@@ -90,6 +94,8 @@ class SearchIteration:
     alpha: float
     policy: GaussianPolicy
     evaluation: Evaluation
+    policy_kl: float
+    policy_entropy: float
     solutions: tuple[OptimizationResult, ...]
     initial_ddp_cost: float
     ddp_cost: float
@@ -187,12 +193,25 @@ def vgps(
             alpha=alpha,
             policy=policy,
             evaluation=evaluate(task, policy, starts, settings.evaluation_rollouts, seed, k),
+            policy_kl=_policy_kl(policy, distributions),
+            policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
             solutions=tuple(solutions),
             initial_ddp_cost=initial_ddp_cost,
             ddp_cost=_mean_cost(solutions),
             q_step_seconds=optimized - fitted,
             m_step_seconds=fitted - began,
         )
+
+
+def _policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribution]) -> float:
+    noise = np.diag(policy.noise_std**2)
+    divergences = [
+        kl_divergence(
+            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
+        )
+        for q in distributions
+    ]
+    return float(np.mean(divergences))
 
 
 def _mean_cost(solutions: Sequence[OptimizationResult]) -> float:

@@ -1,0 +1,120 @@
+"""The recorder: what it writes is what was published, and other tools read it."""
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import GaussianPolicy
+
+from vgps_ros.nodes.conversions import pack
+from vgps_ros.nodes.qos import LATCHED, STREAM
+
+
+def joint_state(i: int) -> JointState:
+    message = JointState(name=["a", "b"], position=pack(np.array([i, -i / 3])))
+    message.header.stamp.sec = i
+    return message
+
+
+def policy() -> GaussianPolicy:
+    return GaussianPolicy(
+        task="swimmer",
+        observed=[1, 2],
+        layer_sizes=[2, 1],
+        activation="tanh",
+        parameters=pack(np.array([np.pi, np.e, 1e-300])),
+        noise_std=pack(np.array([0.1])),
+    )
+
+
+def rows(path: Path) -> dict[str, list[bytes]]:
+    with AnyReader([path]) as reader:
+        found: dict[str, list[bytes]] = {}
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(bytes(data))
+        return found
+
+
+def test_bags_hold_what_was_published_and_independent_readers_agree(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    # Both topics appear after the recorder; the policy was latched before it was found.
+    latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
+    latched.publish(policy())
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    sent = [joint_state(i) for i in range(50)]
+    for message in sent:
+        stream.publish(message)
+        graph.spin_for(0.005)
+    graph.spin_until(latched.get_subscription_count, what="the recorder to find the policy")
+    graph.spin_for(0.5)
+    hashes = {
+        topic: str(graph.node.get_publishers_info_by_topic(topic)[0].topic_type_hash)
+        for topic in ("/policy", "/joint_states")
+    }
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+
+    recorded = rows(tmp_path / "bag")
+    # Messages, not bytes: CDR's padding is whatever stood in memory.
+    assert [deserialize_message(data, JointState) for data in recorded["/joint_states"]] == sent
+    assert [deserialize_message(d, GaussianPolicy) for d in recorded["/policy"]] == [policy()]
+    assert {"/rosout", "/parameter_events", "/diagnostics"} <= set(recorded)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        for connection in reader.connections:
+            assert hashes.get(connection.topic, connection.digest) == connection.digest
+
+    [file] = (tmp_path / "bag").glob("*.mcap")
+    with file.open("rb") as stream_in:
+        decoded = {
+            channel.topic: message
+            for _, channel, _, message in make_reader(
+                stream_in, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages(topics=["/policy", "/joint_states"])
+        }
+    assert list(decoded["/policy"].parameters) == [np.pi, np.e, 1e-300]
+    assert decoded["/joint_states"].header.stamp.sec == 49
+
+
+def test_topics_are_chosen_by_pattern(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag", include="[joint]", exclude="[_b$]")
+    graph.spin_until_output(recorder, "Recording to")
+    wanted = graph.publisher(JointState, "joint_a", STREAM)
+    for topic in ("joint_b", "other"):
+        graph.node.create_publisher(JointState, topic, STREAM).publish(joint_state(0))
+    wanted.publish(joint_state(1))
+    graph.spin_for(1.0)
+    assert recorder.end(signal.SIGINT) == 0
+    assert set(rows(tmp_path / "bag")) == {"/joint_a"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_two_signals_at_once_end_it_with_a_whole_bag(graph, tmp_path, number):
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.spin_for(1.5)
+    recorder.send(number)
+    recorder.send(number)
+    assert recorder.wait() == 0, recorder.output
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+    assert rows(tmp_path / "bag")["/diagnostics"]
+
+
+def test_an_existing_folder_is_refused_and_left_alone(graph, tmp_path):
+    (tmp_path / "bag").mkdir()
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    assert recorder.wait() == 1
+    assert "exists already; name one that does not" in recorder.output
+    assert not list((tmp_path / "bag").iterdir())
+
+
+def test_a_bad_pattern_is_refused_with_a_sentence(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag", include="['(']")
+    assert recorder.wait() == 1
+    assert "must be a regular expression" in recorder.output
+    assert not (tmp_path / "bag").exists()
