@@ -35,10 +35,12 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     assert task == "swimmer"
     assert policy.mean(np.zeros(10)).shape == (2,)
     assert (tmp_path / "run" / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
-    # Not a terminal: one line an iteration, with the figures a person follows.
-    lines = [line for line in capsys.readouterr().out.splitlines() if "iteration " in line]
-    assert len(lines) == 2
-    assert all(word in lines[0] for word in ("alpha", "stochastic", "deterministic", "s left"))
+    # A table with one line an iteration, for a person to follow.
+    header, *lines = capsys.readouterr().out.splitlines()[:3]
+    assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]
+    last = result["iterations"][-1]
+    figures = (last["stochastic_cost_mean"], last["deterministic_cost"], last["ddp_cost"])
+    assert lines[1].split()[:5] == ["2/2", "0.91", *(f"{cost:.1f}" for cost in figures)]
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def process(shared_graph):
-    return shared_graph.start("simulation", wait_timeout=1.5)
+    return shared_graph.start("simulation")
 
 
 @pytest.fixture(scope="module")
@@ -170,8 +170,9 @@ def test_steps_are_done_while_paused_and_answered_after_the_last(robot):
     robot.set_state(PAUSED)
     robot.states.clear()
     answer = robot.steps(3)
+    robot.graph.spin_until(lambda: robot.get_state() == PLAYING)
     for step in range(3):
-        assert robot.get_state() == PLAYING
+        assert not answer.done()
         robot.command([1.0, 0.0], robot.next_state(step * PERIOD))
     robot.graph.spin_until(answer.done)
     assert answer.result().result.result == Result.RESULT_OK
@@ -201,6 +202,7 @@ def test_services_refuse_with_a_sentence(robot):
 def test_a_reset_ends_steps_early_and_tells_their_caller(robot):
     robot.set_state(PAUSED)
     answer = robot.steps(2)
+    robot.graph.spin_until(lambda: robot.get_state() == PLAYING)
     assert robot.reset().result == Result.RESULT_OK
     robot.graph.spin_until(answer.done)
     assert answer.result().result.result == Result.RESULT_OPERATION_FAILED

@@ -2,12 +2,12 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.experiments.command_line import add_flags, settings_from
+from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.result import iteration_entry, result_content, save_policy, write_json
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
@@ -30,14 +30,14 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
     output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     entries = []
-    began = time.monotonic()
+    remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
 
         def optimize(request: OptimizationRequest) -> OptimizationResult:
             if request.iteration:
                 return optimizer.optimize(request)
             return optimizer.optimize(
-                request, on_iteration=lambda i: progress.ddp_iteration(i.index, i.cost)
+                request, on_iteration=lambda i: progress.ddp_iteration(i.index)
             )
 
         for iteration in vgps(
@@ -54,9 +54,8 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
             )
             write_json(output / "result.json", content)
             save_policy(iteration.policy, task.name, output / "policy.json")
-            per_iteration = (time.monotonic() - began) / iteration.k
-            remaining = per_iteration * (settings.iterations - iteration.k)
-            progress.iteration(entries[-1], iteration.initial_ddp_cost, remaining)
+            left = remaining.after(iteration)
+            progress.iteration(entries[-1], iteration.initial_ddp_cost, left)
     plot_learning_curve(content, output / "learning_curve.png")
     print(f"Wrote result.json, policy.json and learning_curve.png to {output}.")
 

@@ -1,7 +1,6 @@
 """Node `policy_learner`: drives Algorithm 1 over the optimizers' services, as an action."""
 
 import threading
-import time
 from dataclasses import replace
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -21,6 +20,7 @@ from vgps_ros.nodes.parameters import TASK, declare, declare_settings
 from vgps_ros.nodes.progress_messages import progress_to_msg
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
+from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.vgps import SearchIteration, SearchSettings, vgps
 from vgps_ros.tasks import make_task
 
@@ -89,7 +89,7 @@ class PolicyLearner(Node):
         def is_cancelled() -> bool:
             return goal.is_cancel_requested or not self.context.ok()
 
-        began = time.monotonic()
+        remaining = RemainingTime(settings.iterations)
         for iteration in vgps(
             self._task,
             settings,
@@ -98,9 +98,8 @@ class PolicyLearner(Node):
         ):
             if is_cancelled():
                 raise CancelledError("The training was cancelled.")
-            per_iteration = (time.monotonic() - began) / iteration.k
-            remaining = per_iteration * (settings.iterations - iteration.k)
-            self._publish(goal, result, iteration, seed, settings.iterations, remaining)
+            left = remaining.after(iteration)
+            self._publish(goal, result, iteration, seed, settings.iterations, left)
 
     def _publish(
         self,

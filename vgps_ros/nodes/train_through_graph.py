@@ -49,7 +49,7 @@ class TrainingClient(Node):
 
         def show_solve(message: OptimizerIteration) -> None:
             if message.search_iteration == 0:
-                progress.ddp_iteration(message.iteration, message.cost)
+                progress.ddp_iteration(message.iteration)
 
         def show_iteration(feedback: Any) -> None:
             p = feedback.feedback.progress

@@ -1,30 +1,31 @@
-"""Live progress of a training run on the terminal."""
+"""Live progress of a training run on the terminal: a table that grows, and a bar with time left."""
 
 from types import TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+_ROW = "{:>9}  {:>6}  {:>10}  {:>13}  {:>8}  {:>11}  {:>9}"
+_HEADER = ("iteration", "alpha", "stochastic", "deterministic", "DDP", "initial DDP", "time left")
 
 
 class TrainingProgress:
-    """A bar on a terminal; elsewhere (a log, a pipe) a line an iteration."""
+    """One line an iteration; on a terminal also a bar, which moves during the first solve too."""
 
     def __init__(self, iterations: int, initial_ddp_iterations: int):
         self._console = Console()
         self._bar = Progress(
             TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
+            BarColumn(bar_width=30),
             MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[costs]}"),
+            TimeElapsedColumn(),
             console=self._console,
             disable=not self._console.is_terminal,
+            transient=True,
         )
-        self._initial = self._bar.add_task(
-            "initial DDP", total=initial_ddp_iterations, costs="", visible=True
-        )
-        self._learning = self._bar.add_task("learning", total=iterations, costs="", visible=False)
+        self._initial = self._bar.add_task("initial DDP", total=initial_ddp_iterations)
+        self._learning = self._bar.add_task("learning", total=iterations, visible=False)
         self._iterations = iterations
 
     def __enter__(self) -> "TrainingProgress":
@@ -38,33 +39,38 @@ class TrainingProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends the display; what it showed last stays."""
+        """Takes the bar away; the table stays."""
         self._bar.stop()
 
-    def ddp_iteration(self, index: int, cost: float) -> None:
+    def ddp_iteration(self, index: int) -> None:
         """Shows an iteration of the initial solve."""
-        self._bar.update(self._initial, completed=index, costs=f"cost {cost:.1f}")
+        self._bar.update(self._initial, completed=index)
 
     def iteration(self, entry: dict[str, Any], initial_ddp_cost: float, remaining: float) -> None:
         """Shows an iteration of Algorithm 1, given its entry of result.json."""
-        self._bar.update(self._initial, visible=False)
-        costs = "  ".join(
-            f"{label} {_number(value)}"
-            for label, value in (
-                ("alpha", entry["alpha"]),
-                ("stochastic", entry["stochastic_cost_mean"]),
-                ("deterministic", entry["deterministic_cost"]),
-                ("DDP", entry["ddp_cost"]),
-                ("initial DDP", initial_ddp_cost),
+        if entry["k"] == 1:
+            self._print(_HEADER)
+        costs = (
+            entry["stochastic_cost_mean"],
+            entry["deterministic_cost"],
+            entry["ddp_cost"],
+            initial_ddp_cost,
+        )
+        self._print(
+            (
+                f"{entry['k']}/{self._iterations}",
+                f"{entry['alpha']:.2f}",
+                *("diverged" if cost is None else f"{cost:.1f}" for cost in costs),
+                f"{remaining:.0f} s",
             )
         )
-        self._bar.update(self._learning, completed=entry["k"], costs=costs, visible=True)
-        if not self._console.is_terminal:
-            left = f"{remaining:.0f} s left"
-            print(f"iteration {entry['k']}/{self._iterations}  {costs}  {left}", flush=True)
+        self._bar.update(self._initial, visible=False)
+        self._bar.update(self._learning, completed=entry["k"], visible=True)
 
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "diverged"
-    return f"{value:.2f}" if value < 10 else f"{value:.1f}"
+    def _print(self, cells: tuple[str, ...]) -> None:
+        # Not the console's own print, which would wrap lines where a log is narrow.
+        line = _ROW.format(*cells)
+        if self._console.is_terminal:
+            self._console.print(line, highlight=False, soft_wrap=True)
+        else:
+            print(line, flush=True)
