@@ -1,0 +1,107 @@
+"""Node `visualizer`: a headless Rerun recording of the graph, live."""
+
+from pathlib import Path
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import LearningProgress, TrajectoryDistribution
+
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.conversions import (
+    command_from_msg,
+    distribution_from_msg,
+    nanoseconds,
+    state_from_msg,
+)
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.parameters import TASK, declare
+from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.runner import run
+from vgps_ros.tasks import make_task
+from vgps_ros.views.robot_scene import RobotScene
+
+OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist")
+
+_STATE = "joint_states from simulation"
+
+
+class Visualizer(Node):
+    """Shows what passes between the nodes; a message that does not fit is left out."""
+
+    def __init__(self) -> None:
+        super().__init__("visualizer")
+        self._task = make_task(declare(self, TASK, read_only=True))
+        path = Path(declare(self, OUTPUT, read_only=True))
+        self._health = Health(self)
+        self._scene = RobotScene(self._task, path)
+        self._last_stamp = -1
+        self._health.wait_for(_STATE)
+        self.create_subscription(JointState, "joint_states", self._show_state, STREAM)
+        self.create_subscription(JointState, "joint_command", self._show_command, STREAM)
+        self.create_subscription(LearningProgress, "learning_progress", self._show_progress, STREAM)
+        self.create_subscription(
+            TrajectoryDistribution, "trajectory_distribution", self._show_solution, LATCHED
+        )
+        self.get_logger().info(f"Recording what is seen to {path}.")
+
+    def destroy_node(self) -> None:
+        """Completes the recording."""
+        self._scene.close()
+        super().destroy_node()
+
+    def _show_state(self, message: JointState) -> None:
+        stamp = nanoseconds(message.header.stamp)
+        try:
+            state = state_from_msg(message, self._task.joint_names)
+        except InvalidInputError as error:
+            self._health.error(f"Left out a joint_states: {error}", "state")
+            return
+        self._health.arrived(_STATE)
+        self._health.clear("state")
+        if stamp == self._last_stamp:
+            return  # the simulation repeats a state that waits for its command
+        if stamp < self._last_stamp:
+            self._scene.restart_path()
+        self._last_stamp = stamp
+        self._scene.log_state(stamp, state)
+
+    def _show_command(self, message: JointState) -> None:
+        try:
+            torques = command_from_msg(message, self._task.actuated_joint_names)
+        except InvalidInputError as error:
+            self._health.error(f"Left out a joint_command: {error}", "command")
+            return
+        self._health.clear("command")
+        self._scene.log_command(nanoseconds(message.header.stamp), torques)
+
+    def _show_progress(self, message: LearningProgress) -> None:
+        self._scene.log_progress(
+            message.iteration,
+            {
+                "alpha": message.alpha,
+                "stochastic_cost": message.stochastic_cost_mean,
+                "deterministic_cost": message.deterministic_cost,
+                "ddp_cost": message.ddp_cost,
+                "initial_ddp_cost": message.initial_ddp_cost,
+                "policy_kl": message.policy_kl,
+            },
+        )
+
+    def _show_solution(self, message: TrajectoryDistribution) -> None:
+        if message.iteration != 0:
+            return
+        try:
+            one_of("its task", message.task, [self._task.name])
+            states = distribution_from_msg(message).mean.states
+        except InvalidInputError as error:
+            self._health.error(f"Left out a trajectory_distribution: {error}", "solution")
+            return
+        self._health.clear("solution")
+        self._scene.log_initial_solution(message.trajectory_index, states)
+
+
+def main() -> None:
+    """Runs the node."""
+    run(Visualizer)
