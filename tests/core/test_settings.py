@@ -1,0 +1,58 @@
+"""Settings know their range, their help and their names; seeds give streams of their own."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import check_settings, settings_of, with_values
+from vgps_ros.search.vgps import SearchSettings
+
+
+def test_nested_settings_are_found_by_dotted_name_and_replaced():
+    names = {s.name for s in settings_of(SearchSettings())}
+    assert {"iterations", "hidden_units", "fit.form", "fit.resample_every"} <= names
+    changed = with_values(SearchSettings(), {"fit.form": "sampled", "iterations": 7})
+    assert (changed.fit.form, changed.iterations) == ("sampled", 7)
+    assert changed.final_alpha == SearchSettings().final_alpha
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("iterations", 0, "iterations is 0, but it must be from 1 to 100000"),
+        ("iterations", 2.5, "iterations is 2.5 of type float, but it must be of type int"),
+        ("iterations", True, "of type bool"),
+        ("hidden_bias", 1, "of type int, but it must be of type bool"),
+        ("hidden_units", (5, 0), "hidden_units is 0"),
+        ("final_alpha", float("nan"), "final_alpha is nan"),
+        ("final_alpha", float("inf"), "final_alpha is inf"),
+        ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),
+        ("fit.size", 3, "setting is 'fit.size', but it must be one of activation"),
+    ],
+)
+def test_wrong_values_are_refused_with_a_sentence(name, value, sentence):
+    with pytest.raises(InvalidInputError) as error:
+        with_values(SearchSettings(), {name: value})
+    assert sentence in str(error.value)
+
+
+def test_a_record_built_with_a_wrong_value_is_refused():
+    with pytest.raises(InvalidInputError, match="ddp_iterations is -3"):
+        check_settings(SearchSettings(ddp_iterations=-3))
+
+
+def test_every_setting_says_what_it_does():
+    for s in settings_of(SearchSettings()):
+        assert len(s.description) > 5
+        s.check(s.default)
+
+
+def test_streams_depend_on_seed_purpose_and_place_only():
+    places = itertools.product((0, 1), (Stream.POLICY_FIT, Stream.EVALUATION), (0, 1), (0, 1))
+    draws = {place: generator(*place).standard_normal(4) for place in places}
+    assert len({draw.tobytes() for draw in draws.values()}) == len(draws)
+    for place, draw in reversed(draws.items()):  # another order, the same numbers
+        np.testing.assert_array_equal(generator(*place).standard_normal(4), draw)

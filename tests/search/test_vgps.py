@@ -1,0 +1,160 @@
+"""Algorithm 1 in process."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.evaluation import evaluate
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.vgps import SearchSettings, architecture, vgps
+
+QUICK = SearchSettings(
+    iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
+)
+
+
+def search(task, settings, seed=0):
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    requests = []
+
+    def solve(batch):
+        requests.append(list(batch))
+        return [optimizer.optimize(request) for request in batch]
+
+    return list(vgps(task, settings, seed, solve)), requests
+
+
+def test_alpha_falls_exponentially_and_then_stays():
+    settings = SearchSettings()
+    assert settings.alpha(0) == 1.0
+    assert_allclose(settings.alpha(25), np.sqrt(0.1))
+    assert_allclose([settings.alpha(k) for k in (50, 51, 200)], 0.1)
+    ratios = [settings.alpha(k + 1) / settings.alpha(k) for k in range(50)]
+    assert_allclose(ratios, 0.1 ** (1 / 50))
+
+
+def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
+    iterations, requests = search(short_swimmer, QUICK)
+    first, *later = requests
+    assert first[0].policy is None  # line 1
+    assert first[0].cost_scale == 1.0
+    assert first[0].max_iterations == 3
+    for k, batch in enumerate(later, start=1):  # line 6
+        assert batch[0].iteration == k
+        assert batch[0].cost_scale == QUICK.alpha(k)
+        assert batch[0].policy is iterations[k - 1].policy
+    assert later[1][0].previous is iterations[0].solutions[0].distribution
+
+
+def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):
+    first, second, other = (search(short_swimmer, QUICK, seed)[0][-1] for seed in (5, 5, 6))
+    assert first.policy.parameters.tobytes() == second.policy.parameters.tobytes()
+    assert first.evaluation.stochastic_costs.tobytes() == (
+        second.evaluation.stochastic_costs.tobytes()
+    )
+    assert first.policy.parameters.tobytes() != other.policy.parameters.tobytes()
+
+
+def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_swimmer):
+    iterations, requests = search(short_swimmer, replace(QUICK, num_initial_states=3))
+    starts = [request.initial_state for request in requests[0]]
+    assert len({start.tobytes() for start in starts}) == 3
+    last = iterations[-1]
+    for start, solution in zip(starts, last.solutions, strict=True):
+        np.testing.assert_array_equal(solution.distribution.mean.states[0], start)
+    assert last.evaluation.deterministic_costs.shape == (3,)
+    assert last.evaluation.stochastic_costs.shape == (9,)
+
+
+def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):
+    shape = architecture(swimmer, SearchSettings(hidden_units=(5,)))
+    assert shape.num_parameters == 62
+    assert 0 not in shape.observed  # root x
+
+
+@pytest.mark.parametrize(
+    ("settings", "seed", "sentence"),
+    [
+        (replace(QUICK, iterations=0), 0, "iterations is 0"),
+        (replace(QUICK, initial_alpha=-1.0), 0, "initial_alpha is -1"),
+        (QUICK, -1, "seed is -1, but it must be at least 0"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_solved(
+    short_swimmer, settings, seed, sentence
+):
+    with pytest.raises(InvalidInputError, match=sentence):
+        next(vgps(short_swimmer, settings, seed, lambda _: pytest.fail("it was solved")))
+
+
+def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, rng):
+    shape = Architecture(short_swimmer.observed, (4,), 2)
+    policy = GaussianPolicy(
+        shape, 2 * rng.standard_normal(shape.num_parameters), np.array([5.0, 8.0])
+    )
+    start = 0.2 * rng.standard_normal(10)
+    evaluation = evaluate(short_swimmer, policy, [start], rollouts=3, seed=9, iteration=4)
+
+    def cost_of_rollout(x, noise):
+        """Plain MuJoCo, and the paper's cost written out anew."""
+        model = mujoco.MjModel.from_xml_path(str(short_swimmer.model_path))
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = x[:5], x[5:]
+        w1, b1, w2, b2 = np.split(policy.parameters, [36, 40, 48])
+        total = 0.0
+        for t in range(short_swimmer.horizon):
+            mujoco.mj_forward(model, data)
+            mujoco.mj_subtreeVel(model, data)
+            observed = np.concatenate([data.qpos, data.qvel])[1:]
+            hidden = np.log1p(np.exp(w1.reshape(4, 9) @ observed + b1))
+            u = w2.reshape(2, 4) @ hidden + b2 + noise[t]
+            total += 1e-5 * u @ u + (data.subtree_linvel[1, 0] - 1.0) ** 2
+            data.ctrl[:] = u
+            mujoco.mj_step(model, data)
+        return total
+
+    silence = np.zeros((short_swimmer.horizon, 2))
+    assert_allclose(evaluation.deterministic_costs, [cost_of_rollout(start, silence)], rtol=1e-9)
+    draws = generator(9, Stream.EVALUATION, 4)
+    starts = start + 0.01 * draws.standard_normal((3, 10))
+    noise = draws.standard_normal((short_swimmer.horizon, 3, 2)) * policy.noise_std
+    expected = [cost_of_rollout(starts[i], noise[:, i]) for i in range(3)]
+    assert_allclose(evaluation.stochastic_costs, expected, rtol=1e-9)
+    assert_allclose(evaluation.stochastic_mean, np.mean(expected), rtol=1e-9)
+    assert_allclose(evaluation.stochastic_median, np.median(expected), rtol=1e-9)
+    assert evaluation.stochastic_survival == 1.0
+
+
+def test_a_policy_that_diverges_is_reported_as_such(short_swimmer):
+    shape = Architecture(short_swimmer.observed, (), 2)
+    # Positive feedback of a velocity: it grows without bound.
+    parameters = np.zeros(shape.num_parameters)
+    parameters[shape.observed.index(8)] = 1e5
+    policy = GaussianPolicy(shape, parameters, np.array([1.0, 1.0]))
+    evaluation = evaluate(short_swimmer, policy, [np.full(10, 0.1)], 4, seed=0, iteration=1)
+    assert evaluation.deterministic_cost == np.inf
+    assert evaluation.stochastic_mean == np.inf
+    assert evaluation.stochastic_median == np.inf
+    assert evaluation.stochastic_survival == 0.0
+
+
+def test_the_method_runs_where_there_is_no_ros():
+    """Blocks the middleware's modules and imports core, search and tasks."""
+    code = (
+        "import sys\n"
+        "for name in ('rclpy', 'vgps_msgs', 'std_msgs', 'sensor_msgs'):\n"
+        "    sys.modules[name] = None\n"
+        "import vgps_ros.search.result, vgps_ros.search.vgps, vgps_ros.tasks\n"
+        "import vgps_ros.experiments.train\n"
+    )
+    root = Path(__file__).parents[2]
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=root)

@@ -1,0 +1,61 @@
+"""The swimmer is the paper's, and the registry names what it has."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Trajectory
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.task import smoothed_noise
+
+
+def test_swimmer_has_three_links_five_degrees_of_freedom_and_two_torques(swimmer):
+    assert swimmer.dynamics.state_dim == 10
+    assert swimmer.dynamics.control_dim == 2
+    assert swimmer.joint_names == ["root_x", "root_y", "root_yaw", "front_joint", "back_joint"]
+    assert swimmer.actuated_joint_names == ["front_joint", "back_joint"]
+    mass = swimmer.dynamics.model.body_mass[1:]
+    assert_allclose(mass, 1000 * (np.pi * 0.05**2 * 1.0 + 4 / 3 * np.pi * 0.05**3))
+
+
+def test_standing_still_costs_500(swimmer):
+    still = Trajectory(np.zeros((501, 10)), np.zeros((500, 2)))
+    assert swimmer.trajectory_cost(still) == 500.0
+
+
+def test_torque_turns_the_joint_that_bears_its_name(swimmer):
+    for i, name in enumerate(swimmer.actuated_joint_names):
+        torque = np.zeros(2)
+        torque[i] = 1.0
+        moved = swimmer.dynamics.step(np.zeros(10), torque)[:5]
+        joints = {n: moved[swimmer.joint_names.index(n)] for n in swimmer.actuated_joint_names}
+        assert max(joints, key=lambda n: joints[n]) == name
+
+
+def test_guess_depends_on_its_generator_and_is_smooth(swimmer):
+    first, again, other = (
+        swimmer.guess(generator(seed, Stream.INITIAL_CONTROLS, 0)) for seed in (0, 0, 1)
+    )
+    assert first.shape == (500, 2)
+    np.testing.assert_array_equal(first, again)
+    assert not np.allclose(first, other)
+
+
+def test_smoothed_noise_has_its_amplitude_and_time_constant(rng):
+    noise = smoothed_noise(rng, (200_000, 1), amplitude=30.0, time_constant=25.0)[:, 0]
+    assert_allclose(noise.std(), 30.0, rtol=0.05)
+    correlation = np.corrcoef(noise[:-25], noise[25:])[0, 1]
+    assert_allclose(correlation, np.exp(-1), rtol=0.1)
+
+
+def test_unknown_task_names_the_valid_ones():
+    with pytest.raises(InvalidInputError, match="task is 'runner', but it must be one of swimmer"):
+        make_task("runner")
+
+
+def test_a_diverged_rollout_costs_infinity_and_the_others_their_own(swimmer):
+    states, controls = np.zeros((2, 501, 10)), np.zeros((2, 500, 2))
+    states[1, 200:] = np.nan
+    np.testing.assert_array_equal(swimmer.rollout_costs(states, controls), [500.0, np.inf])
