@@ -60,7 +60,8 @@ program=install/vgps_ros/lib/vgps_ros
 "$program/train_through_graph" --seed "$seed" --iterations "$iterations" \
   --hidden-units "$hidden" --output "$output"
 printf 'Swimming: the learned policy drives the simulation in lock-step.\n'
-"$program/execute_policy" --task "$task" --json "$output/execution.json"
+"$program/execute_policy" --task "$task" --json "$output/execution.json" \
+  --result "$output/result.json"
 
 stop policy_learner policy_executor trajectory_optimizer simulation recorder visualizer
 printf '\nBag:            %s\n' "$output"/bag/*.mcap

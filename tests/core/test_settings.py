@@ -27,6 +27,8 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("iterations", True, "of type bool"),
         ("hidden_bias", 1, "of type int, but it must be of type bool"),
         ("hidden_units", (5, 0), "hidden_units is 0"),
+        ("hidden_units", (2.5,), "hidden_units is 2.5"),
+        ("hidden_units", ("five",), "hidden_units is 'five'"),
         ("final_alpha", float("nan"), "final_alpha is nan"),
         ("final_alpha", float("inf"), "final_alpha is inf"),
         ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),

@@ -34,7 +34,8 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     policy, task = load_policy(tmp_path / "run" / "policy.json")
     assert task == "swimmer"
     assert policy.mean(np.zeros(10)).shape == (2,)
-    assert (tmp_path / "run" / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("learning_curve.png", "motion.png"):
+        assert (tmp_path / "run" / name).read_bytes().startswith(b"\x89PNG")
     # A table with one line an iteration, for a person to follow.
     header, *lines = capsys.readouterr().out.splitlines()[:3]
     assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]

@@ -1,11 +1,14 @@
 """The recorder: what it writes is what was published, and other tools read it."""
 
+import os
 import signal
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
@@ -118,3 +121,44 @@ def test_a_bad_pattern_is_refused_with_a_sentence(graph, tmp_path):
     assert recorder.wait() == 1
     assert "must be a regular expression" in recorder.output
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_killed_recorder_leaves_all_but_the_last_second(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    for i in range(50):
+        stream.publish(joint_state(i))
+        graph.spin_for(0.005)
+    graph.spin_for(1.5)
+    recorder.kill()
+    [file] = (tmp_path / "bag").glob("*.mcap")
+    with file.open("rb") as stream_in:  # no index: read from the start, as far as it goes
+        reader = NonSeekingReader(stream_in, record_size_limit=None)
+        stamps = []
+        with suppress(EndOfFile):
+            for _, channel, message in reader.iter_messages(log_time_order=False):
+                if channel.topic == "/joint_states":
+                    stamps.append(deserialize_message(message.data, JointState).header.stamp.sec)
+    assert stamps == list(range(50))
+
+
+def test_a_topic_whose_type_is_not_installed_is_named_once_and_the_rest_recorded(
+    monkeypatch, request, tmp_path
+):
+    # The packages' definitions are found through the ament index: one without vgps_msgs.
+    prefixes = os.environ["AMENT_PREFIX_PATH"].split(":")
+    kept = [p for p in prefixes if not Path(p, "share", "vgps_msgs").is_dir()]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join([*kept, str(tmp_path)]))
+    graph = request.getfixturevalue("graph")
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
+    graph.publisher(JointState, "joint_states", STREAM).publish(joint_state(7))
+    graph.spin_for(1.5)
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    assert recorder.output.count("Does not record /policy") == 1
+    assert "vgps_msgs/msg/GaussianPolicy is not installed" in recorder.output
+    recorded = rows(tmp_path / "bag")
+    assert len(recorded["/joint_states"]) == 1
+    assert "/policy" not in recorded

@@ -102,8 +102,8 @@ def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
 
 def test_learner_alone_says_once_what_it_waits_for_and_goes_on_when_it_comes(graph, tmp_path):
     learner = graph.start("policy_learner", wait_timeout=1.0, **parameters(SHORT))
-    program = start_training(graph, SHORT, 0, tmp_path / "out")
     graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, "trajectory_optimizer")
+    program = start_training(graph, SHORT, 0, tmp_path / "out")
     assert learner.output.count("Waiting for the service of trajectory_optimizer") == 1
     graph.start("trajectory_optimizer")
     assert program.wait() == 0, program.output

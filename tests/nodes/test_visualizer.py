@@ -2,16 +2,32 @@
 
 import math
 import signal
+import time
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.qos import QoSProfile
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import LearningProgress
+from vgps_msgs.msg import (
+    GaussianPolicy,
+    LearningProgress,
+    OptimizerIteration,
+    TrajectoryDistribution,
+)
 
-from vgps_ros.nodes.conversions import stamp_of, state_to_msg
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.core.records import LinearDynamics, Trajectory
+from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
+from vgps_ros.nodes.conversions import (
+    distribution_to_msg,
+    pack,
+    policy_to_msg,
+    stamp_of,
+    state_to_msg,
+)
+from vgps_ros.nodes.qos import LATCHED, STREAM
 
 
 def rows(path, entity: str) -> int:
@@ -63,3 +79,58 @@ def test_an_existing_file_is_refused_and_left_alone(graph, tmp_path):
     assert visualizer.wait() == 1
     assert "exists already; name another file" in visualizer.output
     assert (tmp_path / "run.rrd").read_text() == "mine"
+
+
+def solution(swimmer, iteration: int) -> TrajectoryDistribution:
+    T, n_x, n_u = 4, 10, 2
+    covariances = np.tile(0.01 * np.eye(n_x), (T + 1, 1, 1))
+    q = GaussianTrajectory(
+        mean=Trajectory(np.zeros((T + 1, n_x)), np.zeros((T, n_u))),
+        gains=np.zeros((T, n_u, n_x)),
+        control_covariances=np.tile(np.eye(n_u), (T, 1, 1)),
+        linear_dynamics=LinearDynamics(np.zeros((T, n_x, n_x)), np.zeros((T, n_x, n_u))),
+        state_covariances=covariances,
+    )
+    return distribution_to_msg(
+        q, task="swimmer", trajectory_index=0, iteration=iteration, time_step=0.02, stamp=Time()
+    )
+
+
+def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_policy, tmp_path):
+    visualizer = start(graph, tmp_path / "run.rrd")
+    # Two optimizers that appear later, under names of their own.
+    for name in ("first", "second"):
+        solver = graph.publisher(OptimizerIteration, f"{name}/iterations", STREAM)
+        for i in range(3):
+            solver.publish(OptimizerIteration(iteration=i, cost=100.0 / (i + 1)))
+    policies = graph.publisher(GaussianPolicy, "policy", LATCHED)
+    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    solutions = graph.publisher(TrajectoryDistribution, "trajectory_distribution", LATCHED)
+    wrong = solution(swimmer, iteration=1)
+    wrong.state_covariances = pack(np.zeros(3))
+    solutions.publish(wrong)
+    graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "state_covariances has 3 values")
+    solutions.publish(solution(swimmer, iteration=0))
+    graph.diagnosis("visualizer", DiagnosticStatus.OK)  # it has come
+    assert visualizer.end(signal.SIGINT) == 0, visualizer.output
+    path = tmp_path / "run.rrd"
+    assert rows(path, "/solves/first") == rows(path, "/solves/second") == 3
+    assert rows(path, "/policy/noise_std") == 1
+    assert rows(path, "/trajectory_distribution/0/front_joint") == 5
+    assert rows(path, "/trajectory_distribution/0/root_x") == 0  # metres beside radians
+
+
+def test_a_burst_of_states_is_recorded_whole(graph, swimmer, tmp_path):
+    visualizer = start(graph, tmp_path / "run.rrd")
+    # A shorter history would lose some before they are sent, where the machine is busy.
+    states = graph.publisher(JointState, "joint_states", QoSProfile(depth=1000))
+    for i in range(500):
+        message = state_to_msg(np.full(10, 1e-3 * i), swimmer.joint_names, stamp_of(i * 10**7))
+        message.effort = pack(np.zeros(5))
+        states.publish(message)
+        time.sleep(0.0005)  # 2 kHz: more than it can draw
+    states.publish(JointState(name=["last"]))
+    graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "last")
+    assert visualizer.end(signal.SIGTERM) == 0, visualizer.output
+    for entity in ("/joint_states/position", "/joint_states/effort", "/world/robot/front"):
+        assert rows(tmp_path / "run.rrd", entity) == 500

@@ -15,7 +15,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.vgps import SearchSettings, architecture, vgps
+from vgps_ros.search.vgps import SearchSettings, architecture, initial_states, vgps
 
 QUICK = SearchSettings(
     iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
@@ -73,6 +73,29 @@ def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_
         np.testing.assert_array_equal(solution.distribution.mean.states[0], start)
     assert last.evaluation.deterministic_costs.shape == (3,)
     assert last.evaluation.stochastic_costs.shape == (9,)
+
+
+def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
+    (only,) = initial_states(swimmer, QUICK, seed=0)
+    np.testing.assert_array_equal(only, swimmer.initial_state)
+    states = np.array(initial_states(swimmer, replace(QUICK, num_initial_states=1000), seed=0))
+    std = swimmer.varied_state_std
+    assert_allclose(states.std(axis=0), std, atol=5 * 0.3 / np.sqrt(2000))
+    np.testing.assert_array_equal(states[:, std == 0], 0.0)
+
+
+def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
+    """Solves of one iteration are independent: they may run anywhere, at any time."""
+    settings = replace(QUICK, num_initial_states=2, iterations=1)
+    optimizer = TrajectoryOptimizer(short_swimmer, OptimizerSettings(short_swimmer.ddp))
+
+    def backwards(batch):
+        return [optimizer.optimize(request) for request in reversed(batch)][::-1]
+
+    (expected,), _ = search(short_swimmer, settings)
+    (found,) = vgps(short_swimmer, settings, 0, backwards)
+    np.testing.assert_array_equal(found.policy.parameters, expected.policy.parameters)
+    assert found.ddp_cost == expected.ddp_cost
 
 
 def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):

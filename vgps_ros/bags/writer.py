@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2.storage_mcap import McapWriter
 
 from vgps_ros.bags.definitions import MessageDefinitions
 from vgps_ros.core.errors import InvalidInputError
@@ -73,6 +74,16 @@ class BagWriter:
             data: the message as CDR.
         """
         self._writer.write(self._connections[topic], stamp, data)
+
+    def flush(self) -> None:
+        """Hands all messages so far to the operating system: a killed process loses none of them.
+
+        The file lacks its index until it is closed, but can be read from its start.
+        """
+        storage = self._writer.storage
+        if isinstance(storage, McapWriter) and storage.chunk.msgs:
+            storage.close_chunk()
+            storage.bio.flush()
 
     def close(self) -> None:
         """Completes the bag: its index and `metadata.yaml`."""

@@ -28,6 +28,19 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     return array.reshape(shape)
 
 
+def check_array(name: str, array: Array, shape: tuple[int, ...]) -> None:
+    """Checks that an array has a shape and finite values.
+
+    Raises:
+        InvalidInputError: it has not.
+    """
+    if np.shape(array) != shape:
+        raise InvalidInputError(
+            f"{name} has shape {np.shape(array)}, but it must have shape {shape}."
+        )
+    finite_array(name, array, shape)
+
+
 def positive(name: str, value: float) -> float:
     """Returns `value` if it is finite and above zero.
 

@@ -92,8 +92,10 @@ class Dynamics:
         states[:, 0] = initial_states
         alive = np.flatnonzero(_is_sound(initial_states, DIVERGENCE_BOUND))
         for t in range(horizon):
-            # An open-loop law may give one control for all.
-            control = np.broadcast_to(control_law(t, states[:, t]), controls[:, t].shape)
+            # The law sees zeros where a rollout has diverged; one control may serve all.
+            control = np.broadcast_to(
+                control_law(t, np.nan_to_num(states[:, t])), controls[:, t].shape
+            )
             controls[alive, t] = control[alive]
             alive = alive[_is_sound(control[alive], CONTROL_BOUND)]
             for i in alive:

@@ -41,7 +41,16 @@ class Setting:
         Raises:
             InvalidInputError: the value has another type than the default, or is out of range.
         """
-        kind = type(self.default)
+        if not isinstance(self.default, tuple):
+            self._check_one(value, self.default)
+            return
+        if not isinstance(value, tuple):
+            raise InvalidInputError(f"{self.name} is {value!r}, but it must be a list of values.")
+        for entry in value:
+            self._check_one(entry, self.default[0])
+
+    def _check_one(self, value: Any, example: Any) -> None:
+        kind = type(example)
         wanted = (int, float) if kind is float else kind
         if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
             raise InvalidInputError(
@@ -50,11 +59,10 @@ class Setting:
             )
         if self.choices:
             one_of(self.name, str(value), self.choices)
-        for number in value if isinstance(value, tuple) else (value,):
-            low, high = self.minimum, self.maximum
-            # Written so that NaN fails.
-            if (low is not None and not number >= low) or (high is not None and not number <= high):
-                raise InvalidInputError(f"{self.name} is {number}, but it must be {self.range()}.")
+        low, high = self.minimum, self.maximum
+        # Written so that NaN fails.
+        if (low is not None and not value >= low) or (high is not None and not value <= high):
+            raise InvalidInputError(f"{self.name} is {value}, but it must be {self.range()}.")
 
     def range(self) -> str:
         """Returns the valid range in words."""

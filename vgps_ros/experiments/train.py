@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.records import Trajectory
 from vgps_ros.experiments.command_line import add_flags, settings_from
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.result import iteration_entry, result_content, save_policy, write_json
@@ -17,7 +18,7 @@ from vgps_ros.search.trajectory_optimizer import (
 )
 from vgps_ros.search.vgps import SearchSettings, vgps
 from vgps_ros.tasks import TASKS, Task, make_task
-from vgps_ros.views.plots import plot_learning_curve
+from vgps_ros.views.plots import plot_learning_curve, plot_motion
 from vgps_ros.views.training_progress import TrainingProgress
 
 
@@ -30,15 +31,18 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
     output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     entries = []
+    initial: list[Trajectory] = []  # DDP's solutions of line 1
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
 
         def optimize(request: OptimizationRequest) -> OptimizationResult:
             if request.iteration:
                 return optimizer.optimize(request)
-            return optimizer.optimize(
+            result = optimizer.optimize(
                 request, on_iteration=lambda i: progress.ddp_iteration(i.index)
             )
+            initial.append(result.distribution.mean)
+            return result
 
         for iteration in vgps(
             task, settings, seed, lambda requests: [optimize(request) for request in requests]
@@ -56,8 +60,11 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
             save_policy(iteration.policy, task.name, output / "policy.json")
             left = remaining.after(iteration)
             progress.iteration(entries[-1], iteration.initial_ddp_cost, left)
+    policy = iteration.policy
+    learned = task.dynamics.rollout(initial[0].states[0], lambda t, x: policy.mean(x), task.horizon)
     plot_learning_curve(content, output / "learning_curve.png")
-    print(f"Wrote result.json, policy.json and learning_curve.png to {output}.")
+    plot_motion(task, learned.states, output / "motion.png", initial[0].states)
+    print(f"Wrote result.json, policy.json, learning_curve.png and motion.png to {output}.")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -65,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="train",
         description="Learns a policy by variational guided policy search in this process, and "
-        "writes result.json, policy.json and learning_curve.png.",
+        "writes result.json, policy.json, learning_curve.png and motion.png.",
     )
     parser.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")

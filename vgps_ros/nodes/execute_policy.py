@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -32,14 +33,33 @@ def score(task: Task, trajectory: Trajectory) -> dict[str, float]:
     }
 
 
-def _show(console: Console, task: Task, figures: dict[str, float]) -> None:
+def _show(
+    console: Console, task: Task, figures: dict[str, float], training: dict[str, Any] | None
+) -> None:
     table = Table(title=f"The policy drives the {task.name}")
     table.add_column("")
     table.add_column("value", justify="right")
     table.add_column("unit")
     for name, unit in (("duration", "s"), ("distance", "m"), ("mean_speed", "m/s"), ("cost", "")):
         table.add_row(name.replace("_", " "), f"{figures[name]:.3f}", unit)
+    if training:
+        last = training["iterations"][-1]
+        for name, cost in (
+            ("cost of the initial DDP solution", training["initial_ddp_cost"]),
+            ("cost in training, deterministic", last["deterministic_cost"]),
+            ("cost in training, stochastic", last["stochastic_cost_mean"]),
+        ):
+            table.add_row(name, "diverged" if cost is None else f"{cost:.3f}", "")
     console.print(table)
+
+
+def _read_training(path: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(path.read_text())
+        _ = content["iterations"][-1], content["initial_ddp_cost"]
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, IndexError, TypeError) as error:
+        raise VgpsError(f"'{path}' is not a result.json of a training: {error}.") from error
+    return content
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -56,6 +76,9 @@ def _parser() -> argparse.ArgumentParser:
         "--steps", type=int, help="control steps to run (default: the horizon of the task)"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here")
+    parser.add_argument(
+        "--result", type=Path, metavar="FILE", help="result.json whose costs to show beside"
+    )
     parser.add_argument(
         "--simulation", default="simulation", help="name of the simulation node (%(default)s)"
     )
@@ -74,6 +97,7 @@ def _run(arguments: argparse.Namespace) -> None:
     steps = task.horizon if arguments.steps is None else arguments.steps
     if steps < 1:
         raise VgpsError(f"--steps is {steps}, but it must be at least 1.")
+    training = _read_training(arguments.result) if arguments.result else None
     node = PolicyRun(task, arguments.simulation, arguments.timeout)
     try:
         with Progress(console=console) as progress:
@@ -86,7 +110,7 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         content = {"task": task.name, "steps": steps, **figures}
         arguments.json.write_text(json.dumps(content, indent=2) + "\n")
-    _show(console, task, figures)
+    _show(console, task, figures, training)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

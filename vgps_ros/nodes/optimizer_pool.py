@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
@@ -44,6 +46,7 @@ class OptimizerPool:
             node.create_client(CancelOptimization, f"{name}/cancel", callback_group=group)
             for name in names
         ]
+        node.create_timer(1.0, self._ready, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def optimize_all(
         self, requests: Sequence[OptimizationRequest], is_cancelled: Callable[[], bool]
@@ -93,18 +96,22 @@ class OptimizerPool:
         running: dict[Client, tuple[int, Future]],
         wake: threading.Event,
     ) -> None:
-        ready = [client for client in self._clients if client.service_is_ready()]
-        if ready:
-            self._health.arrived(self._awaited)
-        else:
-            self._health.wait_for(self._awaited)
-        for client in ready:
+        for client in self._ready():
             if waiting and client not in running:
                 index = waiting.popleft()
                 stamp = self._node.get_clock().now().to_msg()
                 future = client.call_async(request_to_msg(requests[index], self._task, stamp))
                 future.add_done_callback(lambda _: wake.set())
                 running[client] = (index, future)
+
+    def _ready(self) -> list[Client]:
+        """Clients whose optimizer is there; says so if there is none."""
+        ready = [client for client in self._clients if client.service_is_ready()]
+        if ready:
+            self._health.arrived(self._awaited)
+        else:
+            self._health.wait_for(self._awaited)
+        return ready
 
     def _abandon(self, running: dict[Client, tuple[int, Future]]) -> None:
         """Cancels solves whose results nobody waits for any more."""

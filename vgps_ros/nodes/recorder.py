@@ -33,6 +33,7 @@ INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
 EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave out")
 
 _DISCOVERY_PERIOD = 0.5  # between two looks for new topics [s]
+_FLUSH_PERIOD = 1.0  # what a killed recorder loses at most [s]
 _DEPTH = 1000  # messages of a topic that may wait to be written
 
 
@@ -47,9 +48,9 @@ class Recorder(Node):
         self._health = Health(self)
         self._passed_over: set[str] = set()
         self._writer = BagWriter(Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"))
-        self.create_timer(
-            _DISCOVERY_PERIOD, self._discover, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
+        self.create_timer(_FLUSH_PERIOD, self._writer.flush, clock=steady)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
     def destroy_node(self) -> None:

@@ -1,23 +1,32 @@
 """Node `visualizer`: a headless Rerun recording of the graph, live."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import LearningProgress, TrajectoryDistribution
+from vgps_msgs.msg import (
+    GaussianPolicy,
+    LearningProgress,
+    OptimizerIteration,
+    TrajectoryDistribution,
+)
 
-from vgps_ros.core.checks import one_of
+from vgps_ros.core.checks import finite_array, one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.nodes.conversions import (
     command_from_msg,
     distribution_from_msg,
     nanoseconds,
+    policy_from_msg,
     state_from_msg,
 )
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare
-from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.tasks import make_task
 from vgps_ros.views.robot_scene import RobotScene
@@ -25,6 +34,10 @@ from vgps_ros.views.robot_scene import RobotScene
 OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist")
 
 _STATE = "joint_states from simulation"
+_DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
+# Deeper than the graph's own profiles: what comes while a message is drawn must not be lost.
+_STREAM = QoSProfile(depth=1000)
+_LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Visualizer(Node):
@@ -38,11 +51,18 @@ class Visualizer(Node):
         self._scene = RobotScene(self._task, path)
         self._last_stamp = -1
         self._health.wait_for(_STATE)
-        self.create_subscription(JointState, "joint_states", self._show_state, STREAM)
-        self.create_subscription(JointState, "joint_command", self._show_command, STREAM)
-        self.create_subscription(LearningProgress, "learning_progress", self._show_progress, STREAM)
+        self.create_subscription(JointState, "joint_states", self._show_state, _STREAM)
+        self.create_subscription(JointState, "joint_command", self._show_command, _STREAM)
         self.create_subscription(
-            TrajectoryDistribution, "trajectory_distribution", self._show_solution, LATCHED
+            LearningProgress, "learning_progress", self._show_progress, _STREAM
+        )
+        self.create_subscription(GaussianPolicy, "policy", self._show_policy, _LATCHED)
+        self.create_subscription(
+            TrajectoryDistribution, "trajectory_distribution", self._show_solution, _LATCHED
+        )
+        self._solvers: set[str] = set()
+        self.create_timer(
+            _DISCOVERY_PERIOD, self._find_solvers, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self.get_logger().info(f"Recording what is seen to {path}.")
 
@@ -55,6 +75,8 @@ class Visualizer(Node):
         stamp = nanoseconds(message.header.stamp)
         try:
             state = state_from_msg(message, self._task.joint_names)
+            known = len(message.effort) > 0
+            efforts = command_from_msg(message, self._task.joint_names) if known else None
         except InvalidInputError as error:
             self._health.error(f"Left out a joint_states: {error}", "state")
             return
@@ -65,7 +87,7 @@ class Visualizer(Node):
         if stamp < self._last_stamp:
             self._scene.restart_path()
         self._last_stamp = stamp
-        self._scene.log_state(stamp, state)
+        self._scene.log_state(stamp, state, efforts)
 
     def _show_command(self, message: JointState) -> None:
         try:
@@ -90,16 +112,42 @@ class Visualizer(Node):
         )
 
     def _show_solution(self, message: TrajectoryDistribution) -> None:
-        if message.iteration != 0:
-            return
         try:
             one_of("its task", message.task, [self._task.name])
-            states = distribution_from_msg(message).mean.states
+            q = distribution_from_msg(message)
+            finite_array("mean.states[0]", q.mean.states[0], (self._task.dynamics.state_dim,))
         except InvalidInputError as error:
             self._health.error(f"Left out a trajectory_distribution: {error}", "solution")
             return
         self._health.clear("solution")
-        self._scene.log_initial_solution(message.trajectory_index, states)
+        self._scene.keep_solution(message.trajectory_index, q)
+        if message.iteration == 0:
+            self._scene.log_initial_solution(message.trajectory_index, q.mean.states)
+
+    def _show_policy(self, message: GaussianPolicy) -> None:
+        try:
+            one_of("its task", message.task, [self._task.name])
+            noise_std = policy_from_msg(message).noise_std
+        except InvalidInputError as error:
+            self._health.error(f"Left out a policy: {error}", "policy")
+            return
+        self._health.clear("policy")
+        self._scene.log_noise(message.iteration, noise_std)
+
+    def _find_solvers(self) -> None:
+        """Listens to every optimizer there is, whatever its name."""
+        for topic, kinds in self.get_topic_names_and_types():
+            if "vgps_msgs/msg/OptimizerIteration" in kinds and topic not in self._solvers:
+                self._solvers.add(topic)
+                show = self._show_solve(topic.rpartition("/")[0])
+                self.create_subscription(OptimizerIteration, topic, show, _STREAM)
+
+    def _show_solve(self, solver: str) -> Callable[[OptimizerIteration], None]:
+        def show(message: OptimizerIteration) -> None:
+            stamp = nanoseconds(message.header.stamp)
+            self._scene.log_solver_iteration(stamp, solver, message.cost)
+
+        return show
 
 
 def main() -> None:

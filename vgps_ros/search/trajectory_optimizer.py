@@ -7,7 +7,9 @@ another one, or on another machine of the same kind.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from vgps_ros.core.checks import finite_array, positive
+import numpy as np
+
+from vgps_ros.core.checks import check_array, positive
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import sample_deviations, state_covariances
@@ -128,17 +130,23 @@ class TrajectoryOptimizer:
         n_x, n_u = dynamics.state_dim, dynamics.control_dim
         positive("cost_scale", request.cost_scale)
         positive("max_iterations", request.max_iterations)
-        finite_array("initial_state", request.initial_state, (n_x,))
+        check_array("initial_state", request.initial_state, (n_x,))
         if request.guess is not None:
-            finite_array("guess.controls", request.guess, (self.task.horizon, n_u))
+            check_array("guess.controls", request.guess, (self.task.horizon, n_u))
         if request.previous is not None:
             q, horizon = request.previous, self.task.horizon
-            finite_array("previous.mean.states", q.mean.states, (horizon + 1, n_x))
-            finite_array("previous.mean.controls", q.mean.controls, (horizon, n_u))
-            finite_array("previous.gains", q.gains, (horizon, n_u, n_x))
-            finite_array("previous.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
-            finite_array("previous.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
-            finite_array("previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
+            check_array("previous.mean.states", q.mean.states, (horizon + 1, n_x))
+            check_array("previous.mean.controls", q.mean.controls, (horizon, n_u))
+            check_array("previous.gains", q.gains, (horizon, n_u, n_x))
+            check_array("previous.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
+            check_array("previous.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
+            check_array("previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
+            check_array("previous.control_covariances", q.control_covariances, (horizon, n_u, n_u))
+            if not np.array_equal(q.mean.states[0], request.initial_state):
+                raise InvalidInputError(
+                    f"initial_state is {request.initial_state.tolist()}, but it must be where "
+                    f"previous starts, {q.mean.states[0].tolist()}."
+                )
         if request.policy is not None:
             request.policy.check_fits(n_x, n_u)
             if request.previous is None:

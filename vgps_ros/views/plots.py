@@ -89,9 +89,9 @@ def motion(task: Task, states: Array, initial_states: Array | None = None) -> Fi
 
 def plot_learning_curve(result: dict[str, Any], path: Path) -> None:
     """Writes the learning curve of a result.json to a picture."""
-    learning_curve(result).savefig(path, dpi=150)
+    learning_curve(result).savefig(path, dpi=150, bbox_inches="tight")
 
 
 def plot_motion(task: Task, states: Array, path: Path, initial_states: Array | None = None) -> None:
     """Writes a motion to a picture; see `motion`."""
-    motion(task, states, initial_states).savefig(path, dpi=150)
+    motion(task, states, initial_states).savefig(path, dpi=150, bbox_inches="tight")

@@ -27,7 +27,8 @@ class LocalPolicy:
         feedforward: k_t, shape (T, n_u), [N·m].
         gains: K_t, shape (T, n_u, n_x).
         q_uu: unregularised Quu_t, shape (T, n_u, n_u).
-        slope: Σ kᵀQ_u, by which the model's cost changes per unit of a small step.
+        slope: Σ kᵀQ_u; at μ = 0 the model's cost changes so per unit of a small step, at μ > 0 only
+            the full step's expected reduction is exact.
         curvature: Σ kᵀ Quu k.
         complete: false if a regularised Quu was not positive definite; the rest is then void.
     """

@@ -1,0 +1,49 @@
+"""A refusal is a sentence that names the value and what would be right."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from vgps_ros.core.checks import finite_array, one_of, positive
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+
+
+def test_flat_values_take_the_wanted_shape():
+    """Messages carry arrays row-major and flat."""
+    assert_array_equal(finite_array("gains", range(6), (2, 3)), [[0, 1, 2], [3, 4, 5]])
+
+
+def test_array_is_a_copy():
+    values = np.zeros(2)
+    finite_array("state", values, (2,))[0] = 1.0
+    assert_array_equal(values, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0, 2.0], r"state has 2 values, but shape \(3,\) needs 3\."),
+        ([1.0, np.inf, np.nan], r"state is inf at index 1; every value must be finite\."),
+    ],
+)
+def test_bad_array_is_named_with_its_value(values, message):
+    with pytest.raises(InvalidInputError, match=message):
+        finite_array("state", values, (3,))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_number_that_is_not_positive_is_named_with_its_value(value):
+    with pytest.raises(InvalidInputError, match=rf"alpha is {value}, but it must be .*above 0\."):
+        positive("alpha", value)
+    assert positive("alpha", 2) == 2.0
+
+
+def test_unknown_name_is_refused_with_the_valid_ones():
+    assert one_of("form", "b", ("b", "a")) == "b"
+    with pytest.raises(InvalidInputError, match=r"form is 'c', but it must be one of a, b\."):
+        one_of("form", "c", ("b", "a"))
+
+
+def test_refusals_are_both_ours_and_pythons():
+    assert issubclass(InvalidInputError, VgpsError)
+    assert issubclass(InvalidInputError, ValueError)

@@ -1,0 +1,24 @@
+"""Streams are part of a run's identity."""
+
+from itertools import product
+
+from vgps_ros.core.seeding import Stream, generator
+
+
+def test_every_seed_purpose_and_place_has_its_own_stream():
+    names = list(product(range(4), Stream, range(12), range(3)))
+    draws = {generator(seed, stream, k, i).random() for seed, stream, k, i in names}
+    assert len(draws) == len(names)
+
+
+def test_purposes_keep_their_numbers():
+    """They are part of a run's identity: another number is another run."""
+    assert {s.name: s.value for s in Stream} == {
+        "INITIAL_STATES": 1,
+        "INITIAL_CONTROLS": 2,
+        "POLICY_PARAMETERS": 3,
+        "POLICY_DERIVATIVES": 4,
+        "POLICY_FIT": 5,
+        "EVALUATION": 6,
+        "EXECUTION": 7,
+    }

@@ -1,0 +1,53 @@
+"""Requests of Algorithm 1 small enough for a unit test."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.search.trajectory_optimizer import (
+    OptimizationRequest,
+    OptimizerSettings,
+    TrajectoryOptimizer,
+)
+
+
+@pytest.fixture(scope="session")
+def optimizer(short_swimmer):
+    return TrajectoryOptimizer(short_swimmer, OptimizerSettings(short_swimmer.ddp))
+
+
+@pytest.fixture
+def policy(rng):
+    """Some policy that fits the swimmer."""
+    architecture = Architecture(tuple(range(1, 10)), (5,), 2)
+    parameters = rng.standard_normal(architecture.num_parameters)
+    return GaussianPolicy(architecture, parameters, np.array([3.0, 5.0]))
+
+
+@pytest.fixture
+def first_request(short_swimmer, rng):
+    """Line 1 of Algorithm 1."""
+    return OptimizationRequest(
+        trajectory_index=0,
+        iteration=0,
+        seed=0,
+        cost_scale=1.0,
+        max_iterations=3,
+        initial_state=short_swimmer.initial_state,
+        guess=short_swimmer.guess(rng),
+    )
+
+
+@pytest.fixture
+def next_request(optimizer, first_request, policy):
+    """Line 6 of Algorithm 1."""
+    return dataclasses.replace(
+        first_request,
+        iteration=1,
+        cost_scale=0.9,
+        guess=None,
+        previous=optimizer.optimize(first_request).distribution,
+        policy=policy,
+    )

@@ -1,0 +1,54 @@
+"""What an evaluation draws, and how it sums up; its costs themselves are in test_vgps.py."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.search.evaluation import Evaluation, evaluate
+
+
+def test_noise_costs_what_its_variance_says(short_swimmer):
+    """Without the velocity's term a policy of noise alone costs T w_u Σ σ²."""
+    architecture = Architecture((1,), (), 2)
+    noise_std = np.array([30.0, 50.0])
+    policy = GaussianPolicy(architecture, np.zeros(4), noise_std)
+    cost = dataclasses.replace(
+        short_swimmer.cost,
+        features=lambda x: (np.zeros((*x.shape[:-1], 1)), None),
+        targets=np.zeros(1),
+    )
+    task = dataclasses.replace(short_swimmer, cost=cost)
+    costs = evaluate(task, policy, [task.initial_state], 200, 0, 1).stochastic_costs
+    error = costs.std() / np.sqrt(200)
+    assert costs.mean() == pytest.approx(40 * 1e-5 * noise_std @ noise_std, abs=5 * error)
+
+
+def test_iterations_and_seeds_draw_anew(short_swimmer, policy):
+    def costs(seed, iteration):
+        starts = [short_swimmer.initial_state]
+        return evaluate(short_swimmer, policy, starts, 3, seed, iteration).stochastic_costs
+
+    assert_array_equal(costs(0, 1), costs(0, 1))
+    assert not np.intersect1d(costs(0, 1), costs(0, 2)).size
+    assert not np.intersect1d(costs(0, 1), costs(1, 1)).size
+
+
+@pytest.mark.parametrize(
+    ("costs", "mean", "median", "survival"),
+    [
+        ([1.0, 2.0, 6.0], 3.0, 2.0, 1.0),
+        ([1.0, 2.0, np.inf], 1.5, 2.0, 2 / 3),
+        ([1.0, 3.0, np.inf, np.inf], 2.0, np.inf, 0.5),
+    ],
+)
+def test_diverged_rollouts_count_in_median_and_survival_but_not_in_mean(
+    costs, mean, median, survival
+):
+    found = Evaluation(np.array([1.0, 3.0]), np.array(costs))
+    assert found.deterministic_cost == 2.0
+    assert found.stochastic_mean == pytest.approx(mean)
+    assert found.stochastic_median == median
+    assert found.stochastic_survival == pytest.approx(survival)
