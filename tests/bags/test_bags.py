@@ -1,11 +1,17 @@
 """Bags without a graph: what is written is read back, and what is no bag is refused."""
 
 import json
+import signal
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ament_index_python.packages import get_package_share_directory
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -100,3 +106,25 @@ def test_a_type_that_is_not_installed_is_refused_by_name():
     for kind in ("no_such_msgs/msg/Thing", "vgps_msgs/msg/NoSuchThing"):
         with pytest.raises(InvalidInputError, match=f"{kind} is not installed"):
             MessageDefinitions().find(kind)
+
+
+def test_a_killed_writer_leaves_what_it_had_flushed(tmp_path):
+    program = f"""
+import os, signal
+from pathlib import Path
+from vgps_ros.bags import BagWriter
+writer = BagWriter(Path({str(tmp_path / "bag")!r}))
+writer.add_topic("/joint_states", {STATE!r}, "RIHS01_", [])
+for i in range(10):
+    writer.write("/joint_states", i, bytes(60))
+writer.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    killed = subprocess.run([sys.executable, "-c", program], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    [file] = (tmp_path / "bag").glob("*.mcap")
+    stamps = []
+    with file.open("rb") as stream, suppress(EndOfFile):
+        reader = NonSeekingReader(stream, record_size_limit=None)
+        stamps += (m.log_time for _, _, m in reader.iter_messages(log_time_order=False))
+    assert stamps == list(range(10))

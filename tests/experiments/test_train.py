@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from vgps_ros.core.policy_file import load_policy
 from vgps_ros.experiments.train import main
-from vgps_ros.search.result import load_policy
 
 QUICK = ["--iterations", "2", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
 

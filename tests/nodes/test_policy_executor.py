@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import StepSimulation
 
+from vgps_ros.core.policy_file import save_policy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.nodes.conversions import (
     command_from_msg,
@@ -262,3 +263,27 @@ def test_a_second_signal_does_no_harm(graph, number):
     graph.spin_until_output(process, "Waiting for joint_states")
     process.send(number)
     assert process.end(number) == 0, process.output
+
+
+def test_a_policy_from_a_file_drives_and_is_published(graph, swimmer, random_policy, tmp_path):
+    save_policy(random_policy(3), "swimmer", tmp_path / "policy.json")
+    graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+    published = graph.messages(GaussianPolicyMsg, "policy", LATCHED)
+    controller = Controller(graph, swimmer)
+    graph.spin_until(lambda: published, what="the policy of the file")
+    np.testing.assert_array_equal(controller.answer(ONES), random_policy(3).mean(ONES))
+
+
+def test_a_file_that_is_no_policy_of_the_task_ends_the_start_with_a_sentence(
+    graph, random_policy, tmp_path
+):
+    (tmp_path / "text.json").write_text("{}")
+    save_policy(random_policy(0), "runner", tmp_path / "runner.json")
+    for name, sentence in (
+        ("absent.json", "is not a readable policy file"),
+        ("text.json", "is not a policy of vgps_ros"),
+        ("runner.json", "the policy's task is 'runner', but it must be one of swimmer"),
+    ):
+        executor = graph.start("policy_executor", policy_file=tmp_path / name)
+        assert executor.wait() == 1
+        assert sentence in executor.output

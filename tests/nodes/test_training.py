@@ -10,7 +10,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.search.result import iteration_entry, load_policy
+from vgps_ros.core.policy_file import load_policy
+from vgps_ros.search.result import iteration_entry
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
 from vgps_ros.search.vgps import SearchSettings, initial_states, vgps
 from vgps_ros.tasks import Task

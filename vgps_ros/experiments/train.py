@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.policy_file import save_policy, write_json
 from vgps_ros.core.records import Trajectory
 from vgps_ros.experiments.command_line import add_flags, settings_from
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.result import iteration_entry, result_content, save_policy, write_json
+from vgps_ros.search.result import iteration_entry, result_content
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
     OptimizationResult,

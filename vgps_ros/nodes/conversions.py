@@ -88,18 +88,6 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
     )
 
 
-def trajectory_to_msg(states: Array, controls: Array, state_dim: int) -> TrajectoryMsg:
-    """Returns a trajectory as a message; `states` may be empty."""
-    return TrajectoryMsg(
-        n_x=state_dim, n_u=controls.shape[1], states=pack(states), controls=pack(controls)
-    )
-
-
-def controls_from_msg(message: TrajectoryMsg, horizon: int, control_dim: int) -> Array:
-    """Returns the message's controls, shape (T, n_u)."""
-    return finite_array("guess.controls", message.controls, (horizon, control_dim))
-
-
 def distribution_to_msg(
     q: TrajectoryDistribution,
     *,
@@ -115,7 +103,12 @@ def distribution_to_msg(
         trajectory_index=trajectory_index,
         iteration=iteration,
         time_step=time_step,
-        mean=trajectory_to_msg(q.mean.states, q.mean.controls, q.mean.states.shape[1]),
+        mean=TrajectoryMsg(
+            n_x=q.mean.states.shape[1],
+            n_u=q.mean.controls.shape[1],
+            states=pack(q.mean.states),
+            controls=pack(q.mean.controls),
+        ),
         gains=pack(q.gains),
         control_covariances=pack(q.control_covariances),
         state_jacobians=pack(q.linear_dynamics.f_x),

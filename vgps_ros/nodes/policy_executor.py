@@ -1,5 +1,7 @@
 """Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes."""
 
+from pathlib import Path
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -10,6 +12,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_file import load_policy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import Setting
@@ -18,6 +21,7 @@ from vgps_ros.nodes.conversions import (
     nanoseconds,
     pack,
     policy_from_msg,
+    policy_to_msg,
     state_from_msg,
 )
 from vgps_ros.nodes.health import Health
@@ -28,6 +32,9 @@ from vgps_ros.tasks import make_task
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
 AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")
+POLICY_FILE = Setting(
+    "policy_file", "", "policy.json of a training to start with; empty: wait for the topic policy"
+)
 COMMAND_TYPE = Setting(
     "command_type",
     "joint_state",
@@ -50,6 +57,7 @@ class PolicyExecutor(LifecycleNode):
         self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
         declare(self, SEED)
         declare(self, STOCHASTIC)
+        policy_file = declare(self, POLICY_FILE, read_only=True)
         autostart = declare(self, AUTOSTART, read_only=True)
         self._health = Health(self)
         self._active = False
@@ -62,6 +70,8 @@ class PolicyExecutor(LifecycleNode):
             if self._plain
             else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
         )
+        if policy_file:
+            self._publish_policy(Path(policy_file))
         if autostart:
             self.trigger_configure()
             self.trigger_activate()
@@ -84,9 +94,7 @@ class PolicyExecutor(LifecycleNode):
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
-            one_of("the policy's task", message.task, [self._task.name])
-            policy = policy_from_msg(message)
-            policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+            policy = self._checked(policy_from_msg(message), message.task)
         except InvalidInputError as error:
             kept = "the one before stays" if self._policy else "there is none before it"
             self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
@@ -95,6 +103,18 @@ class PolicyExecutor(LifecycleNode):
         self._health.arrived(_POLICY)
         self._health.clear("policy")
         self._health.set_value("policy of iteration", message.iteration)
+
+    def _publish_policy(self, path: Path) -> None:
+        """Publishes the file's policy, for this node and whoever else follows the topic."""
+        policy, task = load_policy(path)
+        self._checked(policy, task)
+        publisher = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        publisher.publish(policy_to_msg(policy, task, 0, self.get_clock().now().to_msg()))
+
+    def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
+        one_of("the policy's task", task, [self._task.name])
+        policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+        return policy
 
     def _take_state(self, message: JointState) -> None:
         if not self._active:

@@ -17,10 +17,11 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.policy_file import save_policy, write_json
 from vgps_ros.nodes.conversions import policy_from_msg
 from vgps_ros.nodes.progress_messages import entry_from_msg
 from vgps_ros.nodes.qos import STREAM
-from vgps_ros.search.result import result_content, save_policy, write_json
+from vgps_ros.search.result import result_content
 from vgps_ros.search.vgps import SearchSettings
 from vgps_ros.views.plots import plot_learning_curve
 from vgps_ros.views.training_progress import TrainingProgress
