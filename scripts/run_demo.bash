@@ -9,7 +9,7 @@ task=${TASK:-swimmer} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATION
 output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
 parameters=config/$task.yaml
 if [[ ! -f $parameters ]]; then
-  known=$(cd config && printf '%s ' [!f]*.yaml)
+  known=$(cd config && printf '%s ' *.yaml)
   printf "demo: TASK is '%s', but it must be one of: %s\n" "$task" "${known//.yaml/}" >&2
   exit 1
 fi
