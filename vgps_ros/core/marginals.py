@@ -64,7 +64,7 @@ def sample_deviations(
     """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_x).
 
     Samples come in pairs ±δ: for an even count their mean is exactly zero, so that averages over
-    them carry no noise of first order. At a small α that noise would outweigh the cost.
+    them carry no noise of first order.
     """
     horizon = distribution.mean.horizon
     eigenvalues, eigenvectors = np.linalg.eigh(distribution.state_covariances[:horizon])
