@@ -41,7 +41,7 @@ def swimmer() -> Task:
         marginals=MarginalSettings(
             initial_std=np.full(n_x, 0.01),
             dynamics_std=np.zeros(n_x),
-            # Without it the trajectory drifts, as alpha falls, towards what five units can represent
+            # Without it the trajectory drifts, as α falls, towards what five units can represent
             # far from it: in trials 1.05 to 1.10 of the initial DDP's cost at k = 50 (four seeds);
             # with it and three DDP iterations 0.97 to 1.05 (seeds 0 to 4).
             std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
