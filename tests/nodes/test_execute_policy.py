@@ -7,7 +7,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
-from vgps_ros.nodes.conversions import policy_to_msg
+from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.nodes.qos import LATCHED
 
 

@@ -15,7 +15,7 @@ from vgps_msgs.srv import StepSimulation
 
 from vgps_ros.core.policy_file import save_policy
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.nodes.conversions import (
+from vgps_ros.messages.conversions import (
     command_from_msg,
     nanoseconds,
     policy_to_msg,

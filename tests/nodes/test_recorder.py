@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy
 
-from vgps_ros.nodes.conversions import pack
+from vgps_ros.messages.conversions import pack
 from vgps_ros.nodes.qos import LATCHED, STREAM
 
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import Result, SimulationState
 from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
 
-from vgps_ros.nodes.conversions import command_to_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.nodes.qos import STREAM
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]

@@ -10,7 +10,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.nodes.conversions import pack, policy_to_msg
+from vgps_ros.messages.conversions import pack, policy_to_msg
 
 NODE = "trajectory_optimizer"
 

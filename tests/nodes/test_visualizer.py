@@ -20,7 +20,7 @@ from vgps_msgs.msg import (
 
 from vgps_ros.core.records import LinearDynamics, Trajectory
 from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
-from vgps_ros.nodes.conversions import (
+from vgps_ros.messages.conversions import (
     distribution_to_msg,
     pack,
     policy_to_msg,

@@ -13,8 +13,8 @@ from rclpy.task import Future
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.messages.optimization import request_to_msg, result_from_msg
 from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.optimization_messages import request_to_msg, result_from_msg
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
 

@@ -16,7 +16,7 @@ from vgps_ros.core.policy_file import load_policy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.conversions import (
+from vgps_ros.messages.conversions import (
     command_to_msg,
     nanoseconds,
     pack,
@@ -26,7 +26,7 @@ from vgps_ros.nodes.conversions import (
 )
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import SEED, TASK, declare, value
-from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.qos import LATCHED, NEWEST, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.tasks import make_task
 
@@ -64,7 +64,7 @@ class PolicyExecutor(LifecycleNode):
         self._policy: GaussianPolicy | None = None
         # A policy that comes before activation is kept for it.
         self.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
-        self.create_subscription(JointState, "joint_states", self._take_state, STREAM)
+        self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
         self._commands = (
             self.create_lifecycle_publisher(Float64MultiArray, "commands", STREAM)
             if self._plain

@@ -13,11 +13,11 @@ from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.conversions import policy_to_msg
+from vgps_ros.messages.conversions import policy_to_msg
+from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
 from vgps_ros.nodes.parameters import TASK, declare, declare_settings
-from vgps_ros.nodes.progress_messages import progress_to_msg
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.search.remaining_time import RemainingTime

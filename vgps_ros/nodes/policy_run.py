@@ -15,7 +15,7 @@ from vgps_msgs.srv import ResetSimulation, SetSimulationState, StepSimulation
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.nodes.conversions import command_from_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, state_from_msg
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.tasks import Task
 

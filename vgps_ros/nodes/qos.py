@@ -1,16 +1,22 @@
-"""The two quality-of-service profiles of the graph, by name."""
+"""The quality-of-service profiles of the graph, by name."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-# Data that flows: states, commands, progress.
+# Data that flows: states, commands, progress. Deep, so that a listener on a loaded machine may fall
+# behind for a moment and still gets every message.
 STREAM = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
+    history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# The latest value matters, also to nodes that start later: policies and distributions.
+# The other end of a stream, for a controller: it acts on the newest message, never on a backlog.
+NEWEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
+)
+
+# The last values matter, also to nodes that start later: policies, distributions, the robot.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
-    depth=1,
+    depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )

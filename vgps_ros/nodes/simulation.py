@@ -22,10 +22,11 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, value
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.qos import NEWEST, STREAM
+from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.run_control import RunControl, ok, refused
 from vgps_ros.nodes.runner import run
 from vgps_ros.nodes.simulated_robot import SimulatedRobot
@@ -84,7 +85,7 @@ class Simulation(Node):
 
         self._states = self.create_publisher(JointState, "joint_states", STREAM)
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
-        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self.create_subscription(JointState, "joint_command", self._take_command, NEWEST)
         self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
         self.create_service(SetSimulationState, "~/set_simulation_state", self._set_state)
         self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
@@ -101,6 +102,7 @@ class Simulation(Node):
             self.create_timer(time_step / factor, self._step_in_real_time, clock=steady)
         pace = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
         self.get_logger().info(f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {pace}.")
+        publish_robot_description(self, self._task)
         self._publish()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:

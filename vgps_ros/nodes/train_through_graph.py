@@ -18,8 +18,8 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.policy_file import save_policy, write_json
-from vgps_ros.nodes.conversions import policy_from_msg
-from vgps_ros.nodes.progress_messages import entry_from_msg
+from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.nodes.qos import STREAM
 from vgps_ros.search.result import result_content
 from vgps_ros.search.vgps import SearchSettings

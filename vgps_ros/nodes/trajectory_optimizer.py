@@ -10,14 +10,15 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.optimization_messages import (
+from vgps_ros.messages.optimization import (
     iteration_to_msg,
     request_from_msg,
     result_to_msg,
 )
+from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.runner import run
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
 from vgps_ros.tasks import make_task
@@ -51,6 +52,7 @@ class TrajectoryOptimizerNode(Node):
             self._cancel,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        publish_robot_description(self, task)
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
 
     def _optimize(

@@ -18,7 +18,7 @@ from vgps_msgs.msg import (
 from vgps_ros.core.checks import finite_array, one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.conversions import (
+from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_from_msg,
     nanoseconds,

@@ -6,7 +6,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.nodes.conversions import pack
+from vgps_ros.messages.conversions import pack
 from vgps_ros.search.vgps import SearchIteration
 
 

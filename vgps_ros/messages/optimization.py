@@ -7,7 +7,7 @@ from vgps_msgs.srv import OptimizeTrajectory
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.nodes.conversions import (
+from vgps_ros.messages.conversions import (
     distribution_from_msg,
     distribution_to_msg,
     pack,

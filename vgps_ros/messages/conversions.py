@@ -67,7 +67,7 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
     Raises:
         InvalidInputError: its sizes do not fit each other, or a value is not finite.
     """
-    sizes = list(message.layer_sizes)
+    sizes = [int(size) for size in message.layer_sizes]
     if len(sizes) < 2 or sizes[0] != len(message.observed):
         raise InvalidInputError(
             f"The policy's layer_sizes are {sizes}, but they must start with the number of "

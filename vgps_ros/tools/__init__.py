@@ -1,0 +1,1 @@
+"""Programs that read runs and bags back."""
