@@ -1,23 +1,30 @@
 """Bags without a graph: what is written is read back, and what is no bag is refused."""
 
 import json
-import signal
-import subprocess
-import sys
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from ament_index_python.packages import get_package_share_directory
-from mcap.exceptions import EndOfFile
-from mcap.reader import NonSeekingReader
+from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from vgps_ros.bags import BagReader, BagWriter, MessageDefinitions
 from vgps_ros.core.errors import InvalidInputError
 
+QOS = {
+    "history": "keep_last",
+    "depth": 7,
+    "reliability": "reliable",
+    "durability": "transient_local",
+    "deadline": {"sec": 0, "nsec": 5},
+    "lifespan": {"sec": 9223372036, "nsec": 854775807},
+    "liveliness": "automatic",
+    "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
+    "avoid_ros_namespace_conventions": False,
+}
 POLICY, STATE = "vgps_msgs/msg/GaussianPolicy", "sensor_msgs/msg/JointState"
 
 
@@ -87,18 +94,31 @@ def test_an_unknown_topic_is_refused_with_the_known_ones(bag):
         list(reader.messages(["/jiont_states"]))
 
 
-@pytest.mark.parametrize("make", ["nothing", "empty folder", "text", "cut"])
-def test_what_is_no_bag_is_refused_with_a_sentence(bag, tmp_path, make):
-    path = tmp_path / "no_bag"
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        ("nothing", "is not a bag: name the folder"),
+        ("text", "is not a bag: name the folder"),
+        ("empty folder", "must be a folder with .mcap files"),
+        ("cut", "lacks the index of bag_0.mcap"),
+        ("no metadata", "lacks metadata.yaml"),
+        ("bad metadata", "is not a bag that can be read"),
+    ],
+)
+def test_what_is_no_whole_bag_is_refused_with_a_sentence(bag, tmp_path, make, sentence):
+    path = tmp_path / "no_bag" if make in ("nothing", "text", "empty folder") else bag
     if make == "empty folder":
         path.mkdir()
     elif make == "text":
         path.write_text("hello")
     elif make == "cut":
-        path = bag
-        [file] = bag.glob("*.mcap")
-        file.write_bytes(file.read_bytes()[:200])
-    with pytest.raises(InvalidInputError, match="is not a bag that can be read"):
+        file = bag / "bag_0.mcap"
+        file.write_bytes(file.read_bytes()[:-200])
+    elif make == "no metadata":
+        (bag / "metadata.yaml").unlink()
+    elif make == "bad metadata":
+        (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: 3")
+    with pytest.raises(InvalidInputError, match=sentence):
         BagReader(path)
 
 
@@ -108,23 +128,56 @@ def test_a_type_that_is_not_installed_is_refused_by_name():
             MessageDefinitions().find(kind)
 
 
-def test_a_killed_writer_leaves_what_it_had_flushed(tmp_path):
-    program = f"""
-import os, signal
-from pathlib import Path
-from vgps_ros.bags import BagWriter
-writer = BagWriter(Path({str(tmp_path / "bag")!r}))
-writer.add_topic("/joint_states", {STATE!r}, "RIHS01_", [])
-for i in range(10):
-    writer.write("/joint_states", i, bytes(60))
-writer.flush()
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-    killed = subprocess.run([sys.executable, "-c", program], check=False)
-    assert killed.returncode == -signal.SIGKILL
-    [file] = (tmp_path / "bag").glob("*.mcap")
-    stamps = []
-    with file.open("rb") as stream, suppress(EndOfFile):
-        reader = NonSeekingReader(stream, record_size_limit=None)
-        stamps += (m.log_time for _, _, m in reader.iter_messages(log_time_order=False))
-    assert stamps == list(range(10))
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_a_bag_in_several_files_reads_as_one(tmp_path, store, compression):
+    writer = BagWriter(tmp_path / "bag", compression=compression, max_file_duration=10)
+    writer.attach("parameters.yaml", "old", 1)
+    writer.attach("parameters.yaml", "new", 2)
+    writer.add_topic("/a", STATE, store.hash_rihs01(STATE), [QOS])
+    for i in range(1, 26):
+        writer.write("/a", i, bytes([i] * 60))
+    writer.close()
+    names = [f"bag_{i}.mcap" for i in range(3)]
+    assert sorted(file.name for file in writer.path.glob("*.mcap")) == names
+    information = yaml.safe_load((writer.path / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
+    assert information["relative_file_paths"] == names
+    assert [file["message_count"] for file in information["files"]] == [10, 10, 5]
+    with BagReader(writer.path) as reader:
+        assert [(m.stamp, m.data) for m in reader.messages()] == [
+            (i, bytes([i] * 60)) for i in range(1, 26)
+        ]
+        assert reader.counts == {"/a": 25}
+        assert (reader.start, reader.duration) == (1, 24)
+        assert reader.qos == {"/a": [QOS]}
+        assert reader.attachments() == {"parameters.yaml": "new"}
+    for file in writer.path.glob("*.mcap"):  # each is self-contained
+        with file.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+            assert [index.name for index in summary.attachment_indexes][-1] == "parameters.yaml"
+            kinds = {index.compression for index in summary.chunk_indexes}
+            assert kinds == {"" if compression == "none" else compression}
+
+
+def test_files_split_by_size(tmp_path, store):
+    writer = BagWriter(tmp_path / "bag", max_file_size=1_000_000)
+    writer.add_topic("/a", STATE, store.hash_rihs01(STATE), [])
+    for i in range(3000):
+        writer.write("/a", i, bytes(1000))
+    writer.close()
+    sizes = sorted(file.stat().st_size for file in writer.path.glob("*.mcap"))
+    assert len(sizes) == 3
+    assert 1_000_000 <= sizes[-1] < 1_500_000
+
+
+def test_an_existing_folder_is_refused_and_left_alone(bag):
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    with pytest.raises(InvalidInputError, match="exists already"):
+        BagWriter(bag)
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_an_unknown_compression_names_the_known_ones(tmp_path):
+    with pytest.raises(InvalidInputError, match="lz4, none, zstd"):
+        BagWriter(tmp_path / "bag", compression="zip")

@@ -1,20 +1,27 @@
 """The recorder: what it writes is what was published, and other tools read it."""
 
 import os
+import re
 import signal
 from contextlib import suppress
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Attachment
+from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from vgps_msgs.msg import GaussianPolicy
 
+from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
 from vgps_ros.nodes.qos import LATCHED, STREAM
 
@@ -163,3 +170,74 @@ def test_a_topic_whose_type_is_not_installed_is_named_once_and_the_rest_recorded
     recorded = rows(tmp_path / "bag")
     assert len(recorded["/joint_states"]) == 1
     assert "/policy" not in recorded
+
+
+def test_files_split_and_are_compressed_as_parameters_say(graph, tmp_path):
+    recorder = graph.start(
+        "recorder", output=tmp_path / "bag", max_file_duration=0.5, compression="zstd"
+    )
+    graph.spin_until_output(recorder, "Recording to")
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    for i in range(150):
+        stream.publish(joint_state(i))
+        graph.spin_for(0.01)
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    files = list((tmp_path / "bag").glob("bag_*.mcap"))
+    assert len(files) >= 3
+    for file in files:
+        with file.open("rb") as stream_in:
+            chunks = make_reader(stream_in).get_summary().chunk_indexes
+        assert {chunk.compression for chunk in chunks} <= {"zstd"}
+    recorded = rows(tmp_path / "bag")["/joint_states"]
+    stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
+    assert stamps == list(range(150))
+
+
+def test_recording_pauses_and_goes_on_by_service(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag", include="[joint_states]")
+    graph.spin_until_output(recorder, "Recording to")
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    answers = []
+    for i, service in enumerate(["resume", "pause", "pause", "resume"]):
+        stream.publish(joint_state(i))
+        graph.spin_for(0.3)
+        answers.append(graph.call(Trigger, f"recorder/{service}"))
+    stream.publish(joint_state(9))
+    graph.spin_for(0.3)
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    assert [answer.success for answer in answers] == [False, True, False, True]
+    assert "was not paused" in answers[0].message
+    recorded = rows(tmp_path / "bag")["/joint_states"]
+    stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
+    assert stamps == [0, 1, 9]
+
+
+def test_the_bag_says_with_which_parameters_and_versions_its_nodes_ran(graph, tmp_path):
+    graph.start("policy_executor", seed=17, autostart=False)
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    assert graph.set_parameter("policy_executor", "stochastic", True).successful
+
+    def parameters() -> dict:
+        graph.spin_for(0.2)
+        with suppress(EndOfFile), (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
+            found = {}
+            for record in StreamReader(stream).records:
+                if isinstance(record, Attachment):
+                    found[record.name] = yaml.safe_load(record.data)
+        return (
+            found.get("parameters.yaml", {}).get("/policy_executor", {}).get("ros__parameters", {})
+        )
+
+    graph.spin_until(lambda: parameters().get("stochastic"), what="the parameter in the bag")
+    assert graph.set_parameter("policy_executor", "seed", 18).successful
+    graph.spin_until(lambda: parameters()["seed"] == 18, what="the change in the bag")
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    with BagReader(tmp_path / "bag") as bag:
+        texts = bag.attachments()
+    nodes = yaml.safe_load(texts["parameters.yaml"])
+    assert nodes["/policy_executor"]["ros__parameters"]["seed"] == 18
+    assert nodes["/recorder"]["ros__parameters"]["include"] == [".*"]
+    environment = yaml.safe_load(texts["environment.yaml"])
+    assert environment["packages"]["mujoco"] == mujoco.__version__
+    assert re.match("[0-9a-f]{40}(-dirty)?$|unknown: not run from", environment["commit"])

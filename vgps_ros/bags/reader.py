@@ -6,9 +6,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
+from rosbags.rosbag2.metadata import dump_qos_v9
 
+from vgps_ros.bags.metadata import FILE_NAME
+from vgps_ros.bags.reindex import missing_parts, storage_files
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 
@@ -37,17 +41,19 @@ class BagReader:
         path: folder of the bag.
 
     Raises:
-        InvalidInputError: there is no complete bag.
+        InvalidInputError: there is no bag, or it was not closed properly.
     """
 
     def __init__(self, path: Path):
+        self.path = path
+        if not path.is_dir():
+            raise InvalidInputError(f"'{path}' is not a bag: name the folder with {FILE_NAME}.")
         try:
             self._reader = AnyReader([path])
             self._reader.open()
-        except (AnyReaderError, OSError) as error:
+        except (AnyReaderError, OSError, AssertionError) as error:
             raise InvalidInputError(
-                f"'{path}' is not a bag that can be read; name the folder that has metadata.yaml: "
-                f"{error}"
+                missing_parts(path) or f"'{path}' is not a bag that can be read: {error}"
             ) from error
 
     def __enter__(self) -> "BagReader":
@@ -72,6 +78,38 @@ class BagReader:
     def type_hashes(self) -> dict[str, str]:
         """The RIHS01 hash of each topic's type."""
         return {c.topic: c.digest for c in self._reader.connections}
+
+    @property
+    def qos(self) -> dict[str, list[dict[str, Any]]]:
+        """The profiles that each topic's publishers offered, as `metadata.yaml` has them."""
+        return {
+            c.topic: [dict(profile) for profile in dump_qos_v9(c.ext.offered_qos_profiles)]  # type: ignore[union-attr]
+            for c in self._reader.connections
+        }
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic."""
+        return {c.topic: c.msgcount for c in self._reader.connections}
+
+    @property
+    def start(self) -> int:
+        """Time at which the first message was received [ns]."""
+        return self._reader.start_time
+
+    @property
+    def duration(self) -> int:
+        """Time from the first message to the last one [ns]."""
+        return max(0, self._reader.duration - 1)  # rosbags counts to just after the last one
+
+    def attachments(self) -> dict[str, str]:
+        """Returns the texts that the recorder put beside the messages, by name."""
+        found = {}
+        for file in storage_files(self.path):
+            with file.open("rb") as stream:
+                for attachment in make_reader(stream).iter_attachments():
+                    found[attachment.name] = attachment.data.decode()
+        return found
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order in which they were received.

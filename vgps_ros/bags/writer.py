@@ -1,13 +1,12 @@
-"""Writes a genuine rosbag2 bag with MCAP storage: one `.mcap` file and `metadata.yaml`."""
+"""Writes a genuine rosbag2 bag with MCAP storage: `.mcap` files and `metadata.yaml`."""
 
 from collections.abc import Sequence
 from pathlib import Path
-
-from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-from rosbags.rosbag2.storage_mcap import McapWriter
+from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
+from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, metadata_file
+from vgps_ros.bags.storage import StorageWriter, Topic
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -16,19 +15,34 @@ class BagWriter:
 
     Args:
         path: folder of the bag; it must not exist.
+        compression: of the files' chunks: none, lz4 or zstd.
+        max_file_size: begin a new file beyond this size [bytes]; 0: never.
+        max_file_duration: begin a new file after this time [ns]; 0: never.
 
     Raises:
         InvalidInputError: the folder exists, or cannot be made.
     """
 
-    def __init__(self, path: Path):
+    def __init__(
+        self,
+        path: Path,
+        *,
+        compression: str = "none",
+        max_file_size: int = 0,
+        max_file_duration: int = 0,
+    ):
         self.path = path
+        self._compression = compression
+        self._max_file_size = max_file_size
+        self._max_file_duration = max_file_duration
         self._definitions = MessageDefinitions()
-        self._connections: dict[str, Connection] = {}
+        self._topics: dict[str, Topic] = {}
+        self._attachments: dict[str, tuple[bytes, int]] = {}
+        self._finished: list[FileSummary] = []
         try:
-            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-            self._writer.open()
-        except WriterError as error:
+            path.mkdir(parents=True)
+            self._file = self._new_file()
+        except FileExistsError as error:
             raise InvalidInputError(
                 f"The bag folder '{path}' exists already; name one that does not."
             ) from error
@@ -38,32 +52,24 @@ class BagWriter:
     @property
     def topics(self) -> list[str]:
         """Topics that messages can be written to."""
-        return list(self._connections)
+        return list(self._topics)
 
     @property
     def message_count(self) -> int:
         """Messages written so far."""
-        return sum(self._writer.counts.values())
+        return sum(s.message_count for s in self._finished) + sum(self._file.counts.values())
 
-    def add_topic(self, topic: str, kind: str, type_hash: str, qos: Sequence[Qos]) -> None:
-        """Adds a topic.
-
-        Args:
-            topic: its full name.
-            kind: its type, such as `sensor_msgs/msg/JointState`.
-            type_hash: RIHS01 hash of the type, as the graph has it.
-            qos: profiles that its publishers offer.
+    def add_topic(
+        self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
+    ) -> None:
+        """Adds a topic; see `Topic`.
 
         Raises:
             InvalidInputError: the type's definition is not installed.
         """
-        self._connections[topic] = self._writer.add_connection(
-            topic,
-            kind,
-            msgdef=self._definitions.find(kind),
-            rihs01=type_hash,
-            offered_qos_profiles=qos,
-        )
+        topic = Topic(name, kind, type_hash, qos, self._definitions.find(kind))
+        self._topics[name] = topic
+        self._file.add_topic(topic)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes one message.
@@ -73,18 +79,47 @@ class BagWriter:
             stamp: time at which it was received [ns].
             data: the message as CDR.
         """
-        self._writer.write(self._connections[topic], stamp, data)
+        if self._is_full(stamp):
+            self._split()
+        self._file.write(topic, stamp, data)
+
+    def attach(self, name: str, text: str, stamp: int) -> None:
+        """Adds a named text to this file and to those that follow; a later one replaces it."""
+        self._attachments[name] = (text.encode(), stamp)
+        self._file.attach(name, *self._attachments[name])
 
     def flush(self) -> None:
         """Hands all messages so far to the operating system: a killed process loses none of them.
 
         The file lacks its index until it is closed, but can be read from its start.
         """
-        storage = self._writer.storage
-        if isinstance(storage, McapWriter) and storage.chunk.msgs:
-            storage.close_chunk()
-            storage.bio.flush()
+        self._file.flush()
 
     def close(self) -> None:
-        """Completes the bag: its index and `metadata.yaml`."""
-        self._writer.close()
+        """Completes the bag: the last file's index and `metadata.yaml`."""
+        self._finish_file()
+        information = bag_information(self._topics.values(), self._finished)
+        (self.path / FILE_NAME).write_text(metadata_file(information))
+
+    def _is_full(self, stamp: int) -> bool:
+        by_size = 0 < self._max_file_size <= self._file.size
+        since = stamp - self._file.start if self._file.start else 0
+        return by_size or 0 < self._max_file_duration <= since
+
+    def _split(self) -> None:
+        self._finish_file()
+        self._file = self._new_file()
+        for topic in self._topics.values():
+            self._file.add_topic(topic)
+        for name, attachment in self._attachments.items():
+            self._file.attach(name, *attachment)
+
+    def _new_file(self) -> StorageWriter:
+        name = f"{self.path.name}_{len(self._finished)}.mcap"  # as rosbag2 counts them
+        return StorageWriter(self.path / name, self._compression)
+
+    def _finish_file(self) -> None:
+        file = self._file
+        summary = FileSummary(file.path.name, file.start, file.end, dict(file.counts))
+        self._finished.append(summary)
+        file.close(bag_information(self._topics.values(), self._finished))

@@ -10,31 +10,36 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
+from vgps_ros.bags.environment import environment
+from vgps_ros.bags.storage import COMPRESSIONS
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.bag_qos import strongest, to_bag
 from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.parameter_collector import ParameterCollector
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.runner import run
 
 OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
 EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave out")
+COMPRESSION = Setting(
+    "compression", "none", "of the bag's chunks; zstd is smallest", choices=tuple(COMPRESSIONS)
+)
+MAX_FILE_SIZE = Setting(
+    "max_file_size", 0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
+)
+MAX_FILE_DURATION = Setting(
+    "max_file_duration", 0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
+)
+START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume before recording")
 
-_DISCOVERY_PERIOD = 0.5  # between two looks for new topics [s]
-_FLUSH_PERIOD = 1.0  # what a killed recorder loses at most [s]
-_DEPTH = 1000  # messages of a topic that may wait to be written
+_DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
+_FLUSH_PERIOD = 0.5  # what a killed recorder loses at most, beside what is on its way [s]
 
 
 class Recorder(Node):
@@ -45,16 +50,31 @@ class Recorder(Node):
         output = declare(self, OUTPUT, read_only=True)
         self._include = _patterns(declare(self, INCLUDE, read_only=True))
         self._exclude = _patterns(declare(self, EXCLUDE, read_only=True))
+        compression = declare(self, COMPRESSION, read_only=True)
+        megabytes = declare(self, MAX_FILE_SIZE, read_only=True)
+        seconds = declare(self, MAX_FILE_DURATION, read_only=True)
+        self._paused = declare(self, START_PAUSED, read_only=True)
         self._health = Health(self)
         self._passed_over: set[str] = set()
-        self._writer = BagWriter(Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"))
+        self._writer = BagWriter(
+            Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"),
+            compression=compression,
+            max_file_size=round(megabytes * 1e6),
+            max_file_duration=round(seconds * 1e9),
+        )
+        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
+        self._collector = ParameterCollector(self)
+        self.create_service(Trigger, "~/pause", self._pause)
+        self.create_service(Trigger, "~/resume", self._resume)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
-        self.create_timer(_FLUSH_PERIOD, self._writer.flush, clock=steady)
+        self.create_timer(_FLUSH_PERIOD, self._save, clock=steady)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
     def destroy_node(self) -> None:
         """Completes the bag."""
+        self._save()
         self._writer.close()
         count, topics = self._writer.message_count, len(self._writer.topics)
         print(f"Recorded {count} messages of {topics} topics to {self._writer.path}.", flush=True)
@@ -66,8 +86,10 @@ class Recorder(Node):
                 publishers = self.get_publishers_info_by_topic(topic)
                 if publishers and self._is_wanted(topic):
                     self._record(topic, kinds[0], publishers)
+        self._collector.look()
         self._health.set_value("messages", self._writer.message_count)
         self._health.set_value("topics", len(self._writer.topics))
+        self._health.set_value("paused", self._paused)
 
     def _is_wanted(self, topic: str) -> bool:
         if any(part.startswith("_") for part in topic.split("/")):
@@ -76,29 +98,42 @@ class Recorder(Node):
         return included and not any(pattern.search(topic) for pattern in self._exclude)
 
     def _record(self, topic: str, kind: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        offered = [to_bag(info.qos_profile) for info in publishers]
         try:
             message_type = _import(kind)
-            self._writer.add_topic(
-                topic,
-                kind,
-                str(publishers[0].topic_type_hash),
-                [_bag_qos(info.qos_profile) for info in publishers],
-            )
+            self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
         except (InvalidInputError, ImportError, AttributeError) as error:
             self._passed_over.add(topic)
             self.get_logger().warning(f"Does not record {topic}: {error}")
             return
         self.create_subscription(
-            message_type, topic, self._write_to(topic), _matching_qos(publishers), raw=True
+            message_type, topic, self._write_to(topic), strongest(offered), raw=True
         )
 
     def _write_to(self, topic: str) -> Callable[[bytes], None]:
-        clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-
         def write(data: bytes) -> None:
-            self._writer.write(topic, clock.now().nanoseconds, data)
+            if not self._paused:
+                self._writer.write(topic, self._wall_clock.now().nanoseconds, data)
 
         return write
+
+    def _save(self) -> None:
+        if self._collector.is_changed:
+            stamp = self._wall_clock.now().nanoseconds
+            self._writer.attach("parameters.yaml", self._collector.text(), stamp)
+        self._writer.flush()
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = not self._paused
+        response.message = "Recording pauses." if response.success else "It was paused already."
+        self._paused = True
+        return response
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused
+        response.message = "Recording goes on." if response.success else "It was not paused."
+        self._paused = False
+        return response
 
 
 def _patterns(expressions: Sequence[str]) -> list[re.Pattern[str]]:
@@ -114,38 +149,6 @@ def _patterns(expressions: Sequence[str]) -> list[re.Pattern[str]]:
 def _import(kind: str) -> Any:
     package, _, name = kind.partition("/msg/")
     return getattr(import_module(f"{package}.msg"), name)
-
-
-def _matching_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """The strongest profile that every publisher of the topic offers."""
-    offered = [info.qos_profile for info in publishers]
-    latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
-    reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
-    return QoSProfile(
-        depth=_DEPTH,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-    )
-
-
-def _bag_qos(qos: QoSProfile) -> Qos:
-    """The profile as a bag's metadata has it; both count the policies alike."""
-
-    def time(duration: Any) -> QosTime:
-        seconds, nanoseconds = divmod(duration.nanoseconds, 10**9)
-        return QosTime(seconds, nanoseconds)
-
-    return Qos(
-        QosHistory(int(qos.history)),
-        qos.depth,
-        QosReliability(int(qos.reliability)),
-        QosDurability(int(qos.durability)),
-        time(qos.deadline),
-        time(qos.lifespan),
-        QosLiveliness(int(qos.liveliness)),
-        time(qos.liveliness_lease_duration),
-        qos.avoid_ros_namespace_conventions,
-    )
 
 
 def main() -> None:

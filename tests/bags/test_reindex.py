@@ -1,0 +1,86 @@
+"""Bags whose writer was killed: what was flushed is kept, and the bag is made whole again."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.bags.reindex import missing_parts, reindex
+from vgps_ros.core.errors import InvalidInputError
+
+KIND = "sensor_msgs/msg/JointState"
+HASH = get_typestore(Stores.ROS2_JAZZY).hash_rihs01(KIND)
+KILLED = """
+import os, signal
+from pathlib import Path
+from vgps_ros.bags import BagWriter
+writer = BagWriter(Path({path!r}), max_file_duration=10, compression="lz4")
+writer.attach("parameters.yaml", "seed: 3", 1)
+writer.add_topic("/a", {kind!r}, {hash!r}, [])
+for i in range(1, 26):
+    writer.write("/a", i, bytes([i] * 60))
+writer.flush()
+writer.write("/a", 26, bytes(60))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.fixture
+def killed(tmp_path):
+    """A bag of three files, of which the last lacks its index, and all lack metadata.yaml."""
+    path = tmp_path / "bag"
+    program = KILLED.format(path=str(path), kind=KIND, hash=HASH)
+    run = subprocess.run([sys.executable, "-c", program], check=False)
+    assert run.returncode == -signal.SIGKILL
+    return path
+
+
+def test_what_is_missing_is_said_with_what_can_be_read(killed):
+    sentence = missing_parts(killed)
+    assert "lacks metadata.yaml and the index of bag_2.mcap" in sentence
+    assert "25 messages" in sentence
+    assert f"bag reindex {killed}" in sentence
+    with pytest.raises(InvalidInputError, match="was not closed"):
+        BagReader(killed)
+
+
+@pytest.mark.parametrize("cut", [0, 1, 30])
+def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed, cut):
+    last = killed / "bag_2.mcap"
+    if cut:  # as a killed process or a full disk leaves it: half a chunk at the end
+        last.write_bytes(last.read_bytes() + b"\x06" + (400).to_bytes(8, "little") + bytes(cut))
+    before = last.read_bytes()
+    assert reindex(killed) == [last]
+    assert missing_parts(killed) == ""
+    assert (killed / "bag_2.mcap.unfinished").read_bytes() == before
+    expected = [(i, bytes([i] * 60)) for i in range(1, 26)]
+    with AnyReader([killed]) as reader:
+        assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == expected
+    with BagReader(killed) as reader:
+        assert reader.attachments() == {"parameters.yaml": "seed: 3"}
+        assert reader.type_hashes == {"/a": HASH}
+    files = {file: file.read_bytes() for file in killed.iterdir()}
+    assert reindex(killed) == []  # nothing left to do
+    assert {file: file.read_bytes() for file in killed.iterdir()} == files
+
+
+def test_a_bag_without_one_readable_message_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\nbroken")
+    with pytest.raises(InvalidInputError, match="not one of its messages can be read"):
+        reindex(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["bag.mcap"]
+
+
+def test_a_bag_that_is_still_recorded_is_refused(tmp_path):
+    writer = BagWriter(tmp_path / "bag")
+    with pytest.raises(InvalidInputError, match="is still being recorded"):
+        reindex(writer.path)
+    with pytest.raises(InvalidInputError, match="is still being recorded"):
+        BagReader(writer.path)
+    writer.close()
+    with BagReader(writer.path) as reader:
+        assert list(reader.messages()) == []

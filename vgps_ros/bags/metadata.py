@@ -1,0 +1,85 @@
+"""The `metadata.yaml` of a rosbag2 bag, version 9."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from vgps_ros.bags.storage import Topic
+
+FILE_NAME = "metadata.yaml"
+
+
+@dataclass(frozen=True)
+class FileSummary:
+    """One file of the bag.
+
+    Attributes:
+        name: of the file, in the folder of the bag.
+        start: when its first message was received [ns].
+        end: when its last one was.
+        counts: messages of each topic.
+    """
+
+    name: str
+    start: int
+    end: int
+    counts: dict[str, int]
+
+    @property
+    def message_count(self) -> int:
+        """Messages in the file."""
+        return sum(self.counts.values())
+
+
+def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
+    """Returns the description of a bag as YAML, as each of its files holds it, too."""
+    written = [file for file in files if file.message_count]
+    start = min((file.start for file in written), default=0)
+    end = max((file.end for file in written), default=0)
+    information = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(file.message_count for file in files),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": list(topic.qos),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": sum(file.counts.get(topic.name, 0) for file in files),
+            }
+            for topic in topics
+        ],
+        # Chunks are compressed inside the files, which rosbag2 leaves to MCAP.
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [_file_entry(file) for file in files],
+        "custom_data": None,
+        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+    }
+    return yaml.safe_dump(information, sort_keys=False)
+
+
+def metadata_file(information: str) -> str:
+    """Returns the content of `metadata.yaml`."""
+    return yaml.safe_dump(
+        {"rosbag2_bagfile_information": yaml.safe_load(information)}, sort_keys=False
+    )
+
+
+def _file_entry(file: FileSummary) -> dict[str, Any]:
+    return {
+        "path": file.name,
+        "starting_time": {"nanoseconds_since_epoch": file.start},
+        "duration": {"nanoseconds": file.end - file.start},
+        "message_count": file.message_count,
+    }

@@ -1,0 +1,110 @@
+"""Bags whose recorder was killed: what is there, what is missing, and how to make them whole.
+
+Such a bag has no `metadata.yaml`, and its last file no index and perhaps half a record at its end.
+"""
+
+import os
+from pathlib import Path
+
+from mcap.records import Attachment
+
+from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, metadata_file
+from vgps_ros.bags.storage import StorageContent, StorageScan, StorageWriter, is_being_written
+from vgps_ros.core.errors import InvalidInputError
+
+
+def storage_files(path: Path) -> list[Path]:
+    """Returns the `.mcap` files of a bag's folder in the order in which they were written.
+
+    Raises:
+        InvalidInputError: there is none.
+    """
+    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if not files:
+        raise InvalidInputError(
+            f"'{path}' is not a bag: it must be a folder with .mcap files, and there is none."
+        )
+    return files
+
+
+def missing_parts(path: Path) -> str:
+    """Returns a sentence on what an unfinished bag lacks and still has; empty if it is whole.
+
+    Raises:
+        InvalidInputError: the folder has no `.mcap` file.
+    """
+    contents = {file: StorageScan(file).content() for file in storage_files(path)}
+    lacks = [f"the index of {file.name}" for file, c in contents.items() if not c.is_complete]
+    if not (path / FILE_NAME).is_file():
+        lacks.insert(0, FILE_NAME)
+    if not lacks:
+        return ""
+    if any(is_being_written(file) for file in contents):
+        return f"The bag '{path}' is still being recorded; end its recorder first."
+    count = sum(sum(content.counts.values()) for content in contents.values())
+    last = max(content.end for content in contents.values())
+    first = min((content.start for content in contents.values() if content.start), default=last)
+    return (
+        f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
+        f"{(last - first) * 1e-9:.3f} s can be read, and what came after them is lost; "
+        f"`ros2 run vgps_ros bag reindex {path}` makes it whole."
+    )
+
+
+def reindex(path: Path) -> list[Path]:
+    """Rebuilds `metadata.yaml` and the index of each file that has none.
+
+    A file that ends too early is kept beside the rebuilt one, with `.unfinished` at its end.
+
+    Args:
+        path: folder of the bag.
+
+    Returns:
+        The files that were rebuilt.
+
+    Raises:
+        InvalidInputError: the folder has no `.mcap` file, nothing can be read of one, or one is
+            still being written.
+    """
+    files = storage_files(path)
+    for file in files:
+        if is_being_written(file):
+            raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
+    contents = [StorageScan(file).content() for file in files]
+    for file, content in zip(files, contents, strict=True):
+        if not content.topics:
+            raise InvalidInputError(
+                f"'{file}' cannot be rebuilt: not one of its messages can be read."
+            )
+    summaries = [
+        FileSummary(file.name, content.start, content.end, content.counts)
+        for file, content in zip(files, contents, strict=True)
+    ]
+    topics = {name: topic for content in contents for name, topic in content.topics.items()}
+    information = bag_information(topics.values(), summaries)
+    rebuilt = []
+    for file, content in zip(files, contents, strict=True):
+        if not content.is_complete:
+            _rebuild(file, content, information)
+            rebuilt.append(file)
+    partial = path / f"{FILE_NAME}.partial"
+    partial.write_text(metadata_file(information))
+    os.replace(partial, path / FILE_NAME)
+    return rebuilt
+
+
+def _rebuild(file: Path, content: StorageContent, information: str) -> None:
+    partial = file.with_name(f"{file.name}.partial")
+    partial.unlink(missing_ok=True)
+    writer = StorageWriter(partial, content.compression)
+    for topic in content.topics.values():
+        writer.add_topic(topic)
+    for record in StorageScan(file).records():
+        if isinstance(record, Attachment):
+            writer.attach(record.name, record.data, record.log_time)
+        else:
+            topic, message = record
+            writer.write(topic.name, message.log_time, message.data)
+    writer.close(information)
+    os.replace(file, file.with_name(f"{file.name}.unfinished"))
+    os.replace(partial, file)

@@ -1,0 +1,221 @@
+"""One `.mcap` file of a rosbag2 bag: written with its index, read as far as it goes.
+
+A file whose writer was killed has no index and may end within a record; all before that is read.
+"""
+
+import fcntl
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+
+from vgps_ros.core.checks import one_of
+
+COMPRESSIONS = {
+    "none": CompressionType.NONE,
+    "lz4": CompressionType.LZ4,
+    "zstd": CompressionType.ZSTD,
+}
+
+_CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes:
+        name: its full name.
+        kind: its type, such as `sensor_msgs/msg/JointState`.
+        type_hash: RIHS01 hash of the type, as the graph has it.
+        qos: profiles that its publishers offer, as `metadata.yaml` has them.
+        definition: the type's definition, with those of its fields.
+    """
+
+    name: str
+    kind: str
+    type_hash: str
+    qos: Sequence[dict[str, Any]]
+    definition: str
+
+
+class StorageWriter:
+    """A file that is being written.
+
+    Attributes:
+        path: the file.
+        counts: messages of each topic so far.
+        start: when the first message was received [ns].
+        end: when the last one was.
+    """
+
+    def __init__(self, path: Path, compression: str):
+        self.path = path
+        self.counts: dict[str, int] = {}
+        self.start = self.end = 0
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._file = path.open("xb")
+        fcntl.flock(self._file, fcntl.LOCK_EX)  # see is_being_written
+        self._mcap = Writer(
+            self._file,
+            chunk_size=_CHUNK_SIZE,
+            compression=COMPRESSIONS[one_of("compression", compression, COMPRESSIONS)],
+        )
+        self._mcap.start(profile="ros2", library="vgps_ros")
+
+    @property
+    def size(self) -> int:
+        """Bytes written, without those of the chunk that is still open."""
+        return self._file.tell()
+
+    def add_topic(self, topic: Topic) -> None:
+        """Makes a topic known, before its first message."""
+        if topic.kind not in self._schemas:
+            self._schemas[topic.kind] = self._mcap.register_schema(
+                topic.kind, "ros2msg", topic.definition.encode()
+            )
+        self._channels[topic.name] = self._mcap.register_channel(
+            topic.name,
+            "cdr",
+            self._schemas[topic.kind],
+            {
+                "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
+                "topic_type_hash": topic.type_hash,
+            },
+        )
+        self.counts[topic.name] = 0
+
+    def write(self, topic: str, stamp: int, data: bytes) -> None:
+        """Writes a message that was received at a time [ns]."""
+        count = self.counts[topic]
+        self._mcap.add_message(self._channels[topic], stamp, data, stamp, count)
+        self.counts[topic] = count + 1
+        self.start = self.start or stamp
+        self.end = stamp
+
+    def attach(self, name: str, data: bytes, stamp: int) -> None:
+        """Adds a named text; of several with one name the last one counts."""
+        self._mcap.add_attachment(stamp, stamp, name, "text/plain", data)
+
+    def flush(self) -> None:
+        """Hands all messages so far to the operating system: a killed process loses none."""
+        # The library closes a chunk only once it is full, and has no public call to do so.
+        self._mcap._Writer__finalize_chunk()  # type: ignore[attr-defined]
+        self._file.flush()
+
+    def close(self, metadata: str) -> None:
+        """Completes the file: metadata as rosbag2 puts it there, and the index."""
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata})
+        self._mcap.finish()
+        self._file.close()
+
+
+def is_being_written(path: Path) -> bool:
+    """Returns whether some process still writes the file."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class StorageContent:
+    """What can be read of a file.
+
+    Attributes:
+        topics: by their names.
+        counts: messages of each topic.
+        start: when the first message was received [ns].
+        end: when the last one was.
+        compression: of its chunks.
+        is_complete: whether it has its index and ends where it should.
+    """
+
+    topics: dict[str, Topic]
+    counts: dict[str, int]
+    start: int
+    end: int
+    compression: str
+    is_complete: bool
+
+
+class StorageScan:
+    """Reads a file from its start, record by record, as far as it is whole.
+
+    Attributes:
+        topics: those seen so far, by the ids of their channels.
+        compression: of the chunks.
+        is_complete: after `records` has ended, whether the file did so properly.
+    """
+
+    def __init__(self, path: Path):
+        self.topics: dict[int, Topic] = {}
+        self.compression = "none"
+        self.is_complete = False
+        self._path = path
+        self._schemas: dict[int, Schema] = {}
+
+    def records(self) -> Iterator[tuple[Topic, Message] | Attachment]:
+        """Yields messages with their topics, and attachments, in the order of the file."""
+        for record in self._whole_records():
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self.topics.setdefault(record.id, self._topic(record))
+            elif isinstance(record, Message):
+                yield self.topics[record.channel_id], record
+            elif isinstance(record, Attachment):
+                yield record
+
+    def content(self) -> StorageContent:
+        """Reads the whole file and returns what is in it."""
+        counts: dict[str, int] = {}
+        start = end = 0
+        for record in self.records():
+            if not isinstance(record, Attachment):
+                topic, message = record
+                counts[topic.name] = counts.get(topic.name, 0) + 1
+                start = start or message.log_time
+                end = message.log_time
+        topics = {topic.name: topic for topic in self.topics.values()}
+        return StorageContent(
+            topics,
+            {name: counts.get(name, 0) for name in topics},
+            start,
+            end,
+            self.compression,
+            self.is_complete,
+        )
+
+    def _whole_records(self) -> Iterator[McapRecord]:
+        with self._path.open("rb") as file:
+            try:
+                for record in StreamReader(file, emit_chunks=True).records:
+                    if isinstance(record, Chunk):
+                        self.compression = record.compression or "none"
+                        yield from breakup_chunk(record, validate_crc=True)
+                    else:
+                        self.is_complete = isinstance(record, Footer)
+                        yield record
+            except OSError:
+                raise
+            except Exception:
+                self.is_complete = False
+
+    def _topic(self, channel: Channel) -> Topic:
+        schema = self._schemas[channel.schema_id]
+        return Topic(
+            channel.topic,
+            schema.name,
+            channel.metadata.get("topic_type_hash", ""),
+            yaml.safe_load(channel.metadata.get("offered_qos_profiles", "[]")) or [],
+            schema.data.decode(),
+        )
