@@ -28,6 +28,8 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.robot_description import publish_robot_description
+from vgps_ros.tasks import make_task
 
 
 def rows(path, entity: str) -> int:
@@ -36,8 +38,9 @@ def rows(path, entity: str) -> int:
 
 
 def start(graph, path):
-    visualizer = graph.start("visualizer", output=path, task="swimmer")
+    visualizer = graph.start("visualizer", output=path)
     graph.spin_until_output(visualizer, "Recording what is seen")
+    publish_robot_description(graph.node, make_task("swimmer"))
     return visualizer
 
 
@@ -116,8 +119,8 @@ def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_
     path = tmp_path / "run.rrd"
     assert rows(path, "/solves/first") == rows(path, "/solves/second") == 3
     assert rows(path, "/policy/noise_std") == 1
-    assert rows(path, "/trajectory_distribution/0/front_joint") == 5
-    assert rows(path, "/trajectory_distribution/0/root_x") == 0  # metres beside radians
+    assert rows(path, "/trajectory_distribution/front_joint/0") == 5
+    assert rows(path, "/trajectory_distribution/root_x/0") == 0  # metres beside radians
 
 
 def test_a_burst_of_states_is_recorded_whole(graph, swimmer, tmp_path):

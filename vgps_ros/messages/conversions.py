@@ -150,10 +150,14 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
     )
 
 
-def state_to_msg(state: Array, joint_names: Sequence[str], stamp: Time) -> JointState:
-    """Returns x = (positions, velocities) as joint states."""
+def state_to_msg(
+    state: Array, joint_names: Sequence[str], stamp: Time, efforts: Array | None = None
+) -> JointState:
+    """Returns x = (positions, velocities) as joint states, with efforts [N·m] where known."""
     n = len(joint_names)
     message = JointState(name=list(joint_names), position=pack(state[:n]), velocity=pack(state[n:]))
+    if efforts is not None:
+        message.effort = pack(efforts)
     message.header.stamp = stamp
     return message
 

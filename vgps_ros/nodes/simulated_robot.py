@@ -14,6 +14,7 @@ class SimulatedRobot:
 
     Attributes:
         state: x, shape (n_x,).
+        efforts: torques that led to this state, one a joint [N·m].
         previous_stamp: time of the state before this one [ns].
     """
 
@@ -21,7 +22,9 @@ class SimulatedRobot:
         self._task = task
         self._steps = 0
         self.state = state
+        self.efforts = np.zeros(len(task.joint_names))
         self.previous_stamp = -1
+        self._actuated = [task.joint_names.index(name) for name in task.actuated_joint_names]
 
     @property
     def stamp(self) -> int:
@@ -60,6 +63,7 @@ class SimulatedRobot:
             )
         self.previous_stamp = self.stamp
         self.state = state
+        self.efforts[self._actuated] = command
         self._steps += 1
 
     def reset(self, state: Array | None, *, time: bool) -> None:
@@ -67,5 +71,6 @@ class SimulatedRobot:
         self.previous_stamp = self.stamp
         if state is not None:
             self.state = state
+            self.efforts[:] = 0.0
         if time:
             self._steps = 0

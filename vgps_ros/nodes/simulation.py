@@ -111,7 +111,8 @@ class Simulation(Node):
     def _publish(self) -> None:
         stamp = stamp_of(self._robot.stamp)
         self._clocks.publish(ClockMsg(clock=stamp))
-        self._states.publish(state_to_msg(self._robot.state, self._task.joint_names, stamp))
+        names, robot = self._task.joint_names, self._robot
+        self._states.publish(state_to_msg(robot.state, names, stamp, robot.efforts))
 
     def _advance(self, command: Array) -> None:
         try:

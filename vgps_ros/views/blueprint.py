@@ -1,0 +1,48 @@
+"""What a viewer shows where, when it opens a recording of a run."""
+
+from collections.abc import Sequence
+
+import rerun.blueprint as rrb
+
+from vgps_ros.views.recording import TIME
+
+_COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
+
+
+def blueprint(hinge_names: Sequence[str]) -> rrb.Blueprint:
+    """Lays everything out for a robot with these turning joints."""
+    whole_run = rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            TIME,
+            start=rrb.TimeRangeBoundary.infinite(),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+    )
+    tubes = [
+        rrb.TimeSeriesView(origin=f"trajectory_distribution/{name}", name=f"{name} [rad]")
+        for name in hinge_names
+    ]
+    left = rrb.Vertical(
+        rrb.Spatial3DView(
+            origin="world",
+            name="robot; centre of mass: learned (blue), initial DDP (black)",
+            overrides={"world/centre_of_mass": [whole_run]},
+        ),
+        rrb.TimeSeriesView(contents=[f"learning/{c}" for c in _COSTS], name="cost by iteration"),
+        rrb.Tabs(
+            rrb.TimeSeriesView(contents=["learning/alpha"], name="alpha by iteration"),
+            rrb.TimeSeriesView(contents=["learning/policy_kl"], name="KL(q, policy) [nat]"),
+            rrb.TimeSeriesView(origin="policy/noise_std", name="policy noise [N·m]"),
+            rrb.TimeSeriesView(origin="solves", name="modified cost of the DDP solves"),
+        ),
+        row_shares=[4, 2, 1],
+    )
+    right = rrb.Vertical(
+        rrb.Tabs(*tubes, name="executed within q ± 2 sd") if tubes else rrb.TextDocumentView(),
+        rrb.TimeSeriesView(origin="joint_states/position", name="position [m, rad]"),
+        rrb.TimeSeriesView(origin="joint_states/velocity", name="velocity [m/s, rad/s]"),
+        rrb.TimeSeriesView(origin="joint_command/effort", name="torque [N·m]"),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right), rrb.TimePanel(timeline=TIME), collapse_panels=True
+    )

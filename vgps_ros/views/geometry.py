@@ -1,0 +1,55 @@
+"""A model's geometries as Rerun draws them."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+
+_FLOOR = 50.0  # half the side of a plane without bounds [m]
+_SLAB = 0.005  # half the thickness at which a plane is drawn [m]
+
+
+def geometries(model: mujoco.MjModel) -> dict[str, tuple[int, Any]]:
+    """Returns index and picture of each geometry that can be drawn, by name."""
+    pictures = {}
+    for i in range(model.ngeom):
+        picture = _picture(model, i)
+        if picture is not None and model.geom_rgba[i, 3] > 0:
+            pictures[model.geom(i).name or f"geom_{i}"] = (i, picture)
+    return pictures
+
+
+def _picture(model: mujoco.MjModel, i: int) -> Any:
+    a, b, c = model.geom_size[i].tolist()
+    colours = [[round(255 * part) for part in model.geom_rgba[i]]]
+    solid: dict[str, Any] = {"colors": colours, "fill_mode": "solid"}
+    match mujoco.mjtGeom(model.geom_type[i]):
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            sides = [[a or _FLOOR, b or _FLOOR, _SLAB]]
+            return rr.Boxes3D(half_sizes=sides, centers=[[0.0, 0.0, -_SLAB]], **solid)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return rr.Ellipsoids3D(half_sizes=[[a, a, a]], **solid)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
+            start = [[0.0, 0.0, -b]]
+            return rr.Capsules3D(lengths=[2 * b], radii=[a], translations=start, **solid)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return rr.Ellipsoids3D(half_sizes=[[a, b, c]], **solid)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return rr.Cylinders3D(lengths=[2 * b], radii=[a], **solid)
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return rr.Boxes3D(half_sizes=[[a, b, c]], **solid)
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return _mesh(model, int(model.geom_dataid[i]), model.geom_rgba[i])
+    return None  # height fields and signed distance functions
+
+
+def _mesh(model: mujoco.MjModel, i: int, rgba: np.ndarray) -> rr.Mesh3D:
+    vertices = model.mesh_vertadr[i] + np.arange(model.mesh_vertnum[i])
+    faces = model.mesh_faceadr[i] + np.arange(model.mesh_facenum[i])
+    return rr.Mesh3D(
+        vertex_positions=model.mesh_vert[vertices],
+        triangle_indices=model.mesh_face[faces],
+        albedo_factor=rgba,
+    )

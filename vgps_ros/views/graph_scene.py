@@ -1,0 +1,147 @@
+"""What passes between the nodes, drawn into a Rerun recording: live, or read back from a bag.
+
+Both give the same recording, since this is the only place that knows what a message looks like. The
+topic `robot_description` tells which robot there is; what comes before it waits for it.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from vgps_ros.core.checks import finite_array, positive
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    distribution_from_msg,
+    nanoseconds,
+    policy_from_msg,
+    state_from_msg,
+)
+from vgps_ros.views.blueprint import blueprint
+from vgps_ros.views.recording import Recording
+from vgps_ros.views.robot_scene import RobotScene
+
+_PATIENCE = 100_000  # messages that wait for the robot's description at most; the oldest go first
+_FIGURES = {  # of learning_progress, by their names in the recording
+    "alpha": "alpha",
+    "stochastic_cost": "stochastic_cost_mean",
+    "deterministic_cost": "deterministic_cost",
+    "ddp_cost": "ddp_cost",
+    "initial_ddp_cost": "initial_ddp_cost",
+    "policy_kl": "policy_kl",
+}
+
+
+DRAWN = {  # topics that are drawn, and their types
+    "robot_description": "std_msgs/msg/String",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "joint_command": "sensor_msgs/msg/JointState",
+    "learning_progress": "vgps_msgs/msg/LearningProgress",
+    "policy": "vgps_msgs/msg/GaussianPolicy",
+    "trajectory_distribution": "vgps_msgs/msg/TrajectoryDistribution",
+    "iterations": "vgps_msgs/msg/OptimizerIteration",  # one topic for each optimizer
+}
+
+
+def is_drawn(topic: str, kind: str) -> bool:
+    """Returns whether a topic of a type is one that is drawn, in whatever namespace."""
+    return DRAWN.get(topic.rpartition("/")[2]) == kind
+
+
+class GraphScene:
+    """Draws messages; one that does not fit is left out and reported.
+
+    Args:
+        path: file of the recording; it must not exist.
+        report: takes a topic and a sentence on why its message was left out, or None once one fits.
+
+    Raises:
+        InvalidInputError: the file exists, or cannot be written.
+    """
+
+    def __init__(self, path: Path, report: Callable[[str, str | None], None]):
+        self._recording = Recording(path)
+        self._report = report
+        self._robot: RobotScene | None = None
+        self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
+        self._last_stamp = -1
+
+    def show(self, topic: str, message: Any) -> None:
+        """Draws a message, of rclpy or read from a bag, of a topic that is drawn."""
+        name = topic.rpartition("/")[2]
+        if self._robot is None and name != "robot_description":
+            self._waiting.append((topic, message))
+            return
+        try:
+            if name == "iterations":
+                self._show_solve(topic.strip("/").rpartition("/")[0], message)
+            else:
+                getattr(self, f"_show_{name}")(message)
+        except InvalidInputError as error:
+            self._report(name, f"Left out a {name}: {error}")
+        else:
+            self._report(name, None)
+
+    def close(self) -> None:
+        """Completes the file; only now are the last solutions' tubes known."""
+        if self._robot:
+            self._robot.log_tubes()
+        self._recording.close()
+
+    @property
+    def robot(self) -> RobotScene:
+        """The robot, which is known once messages are drawn."""
+        assert self._robot is not None
+        return self._robot
+
+    def _show_robot_description(self, message: Any) -> None:
+        if self._robot is not None:
+            return  # each node that knows the robot says the same
+        self._robot = RobotScene(self._recording, message.data)
+        self._recording.lay_out(blueprint(self._robot.hinge_names))
+        while self._waiting:
+            self.show(*self._waiting.popleft())
+
+    def _show_joint_states(self, message: Any) -> None:
+        stamp = nanoseconds(message.header.stamp)
+        state = state_from_msg(message, self.robot.joint_names)
+        known = len(message.effort) > 0
+        efforts = command_from_msg(message, self.robot.joint_names) if known else None
+        if stamp == self._last_stamp:
+            return  # the simulation repeats a state that waits for its command
+        if stamp < self._last_stamp:
+            self.robot.restart_path()
+        self._last_stamp = stamp
+        self.robot.log_state(stamp, state, efforts)
+
+    def _show_joint_command(self, message: Any) -> None:
+        torques = command_from_msg(message, self.robot.actuated_joint_names)
+        self.robot.log_command(nanoseconds(message.header.stamp), torques)
+
+    def _show_learning_progress(self, message: Any) -> None:
+        self._recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
+        for name, field in _FIGURES.items():
+            if np.isfinite(figure := getattr(message, field)):
+                self._recording.log(f"learning/{name}", rr.Scalars(figure))
+
+    def _show_policy(self, message: Any) -> None:
+        noise_std = policy_from_msg(message).noise_std
+        finite_array("policy.noise_std", noise_std, (len(self.robot.actuated_joint_names),))
+        self._recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
+        self._recording.log("policy/noise_std", rr.Scalars(noise_std))
+
+    def _show_trajectory_distribution(self, message: Any) -> None:
+        q = distribution_from_msg(message)
+        finite_array("mean.states[0]", q.mean.states[0], (2 * len(self.robot.joint_names),))
+        time_step = positive("time_step", message.time_step)
+        self.robot.keep_solution(int(message.trajectory_index), q, time_step)
+        if message.iteration == 0:
+            self.robot.log_initial_solution(int(message.trajectory_index), q.mean.states)
+
+    def _show_solve(self, solver: str, message: Any) -> None:
+        self._recording.set_iteration(message.search_iteration, nanoseconds(message.header.stamp))
+        self._recording.log(f"solves/{solver}", rr.Scalars(message.cost))
