@@ -8,7 +8,7 @@ STREAM = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# The other end of a stream, for a controller: it acts on the newest message, never on a backlog.
+# The other end of a stream of states, for a controller: it acts on the newest, never on a backlog.
 NEWEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )

@@ -25,7 +25,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, value
-from vgps_ros.nodes.qos import NEWEST, STREAM
+from vgps_ros.nodes.qos import STREAM
 from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.run_control import RunControl, ok, refused
 from vgps_ros.nodes.runner import run
@@ -85,7 +85,7 @@ class Simulation(Node):
 
         self._states = self.create_publisher(JointState, "joint_states", STREAM)
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
-        self.create_subscription(JointState, "joint_command", self._take_command, NEWEST)
+        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
         self.create_service(SetSimulationState, "~/set_simulation_state", self._set_state)
         self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
