@@ -11,6 +11,7 @@ NODES = [
     "visualizer",
 ]
 PROGRAMS = {
+    "bag": "vgps_ros.tools.bag",
     "train": "vgps_ros.experiments.train",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",
