@@ -93,11 +93,12 @@ class StorageWriter:
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes a message that was received at a time [ns]."""
-        count = self.counts[topic]
-        self._mcap.add_message(self._channels[topic], stamp, data, stamp, count)
-        self.counts[topic] = count + 1
-        self.start = self.start or stamp
-        self.end = stamp
+        self._mcap.add_message(self._channels[topic], stamp, data, stamp)
+        self.counts[topic] += 1
+        if stamp > self.end:
+            self.end = stamp
+        if stamp < self.start or not self.start:
+            self.start = stamp
 
     def attach(self, name: str, data: bytes, stamp: int) -> None:
         """Adds a named text; of several with one name the last one counts."""
@@ -183,8 +184,8 @@ class StorageScan:
             if not isinstance(record, Attachment):
                 topic, message = record
                 counts[topic.name] = counts.get(topic.name, 0) + 1
-                start = start or message.log_time
-                end = message.log_time
+                start = min(start or message.log_time, message.log_time)
+                end = max(end, message.log_time)
         topics = {topic.name: topic for topic in self.topics.values()}
         return StorageContent(
             topics,

@@ -6,7 +6,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-_DEPTH = 1000  # messages of a topic that may wait to be written, or to be taken
+_DEPTH = 10_000  # messages of a topic that may wait to be written, or to be taken
 
 
 def to_bag(profile: QoSProfile) -> dict[str, Any]:

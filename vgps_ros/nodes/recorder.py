@@ -106,14 +106,14 @@ class Recorder(Node):
             self._passed_over.add(topic)
             self.get_logger().warning(f"Does not record {topic}: {error}")
             return
-        self.create_subscription(
-            message_type, topic, self._write_to(topic), strongest(offered), raw=True
-        )
+        # rclpy's types do not know that a callback may take the message's times too.
+        write: Any = self._write_to(topic)
+        self.create_subscription(message_type, topic, write, strongest(offered), raw=True)
 
-    def _write_to(self, topic: str) -> Callable[[bytes], None]:
-        def write(data: bytes) -> None:
+    def _write_to(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
+        def write(data: bytes, info: dict[str, int]) -> None:
             if not self._paused:
-                self._writer.write(topic, self._wall_clock.now().nanoseconds, data)
+                self._writer.write(topic, info["received_timestamp"], data)
 
         return write
 
