@@ -12,6 +12,7 @@ NODES = [
 ]
 PROGRAMS = {
     "bag": "vgps_ros.tools.bag",
+    "plot": "vgps_ros.tools.plot",
     "train": "vgps_ros.experiments.train",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",
