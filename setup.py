@@ -8,6 +8,7 @@ NODES = [
     "policy_learner",
     "policy_executor",
     "recorder",
+    "player",
     "visualizer",
 ]
 PROGRAMS = {

@@ -102,6 +102,16 @@ def test_what_is_no_run_is_refused_with_a_sentence(trained, tmp_path):
     fails([tmp_path], "has costs but no motion")
     shutil.copy(trained / "trajectories.npz", tmp_path)
     fails([tmp_path], "does not hold what `train` writes")
-    (tmp_path / "trajectories.npz").write_bytes(b"PK")
-    fails([tmp_path], "does not hold what `train` writes")
+    shutil.copy(trained / "result.json", tmp_path)
+    whole = (trained / "trajectories.npz").read_bytes()
+    for broken in (b"PK", whole[: len(whole) // 2]):
+        (tmp_path / "trajectories.npz").write_bytes(broken)
+        fails([tmp_path], "does not hold what `train` writes")
+    wrong = np.zeros((3, 4))
+    np.savez(
+        tmp_path / "trajectories.npz",
+        initial_states=wrong, mean_states=wrong, executed_states=wrong,
+        state_covariances=np.zeros((3, 10, 10)),
+    )  # fmt: skip
+    fails([tmp_path], "initial_states has 12 values")
     assert not (tmp_path / "plots").exists()

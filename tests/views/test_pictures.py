@@ -140,7 +140,7 @@ def test_a_filmstrip_shows_the_robot_as_it_moves(run):
 
 
 @needs_egl
-def test_a_moving_picture_has_a_frame_for_each_twentieth_of_a_second(run, tmp_path):
+def test_a_moving_picture_has_a_frame_for_each_25th_of_a_second(run, tmp_path):
     assert write_moving_picture(run, tmp_path / "motion.gif")
     with Image.open(tmp_path / "motion.gif") as picture:
         assert picture.n_frames == 10  # 19 steps of 0.02 s, every second one

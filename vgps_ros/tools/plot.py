@@ -84,13 +84,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="plot",
         description="Draws a run as PNG and SVG: the learning curve, the trajectory within the "
         "tubes of q, the motion with the paths of the centre of mass, a filmstrip; and a GIF.",
+        epilog="example: plot recordings/sample --output plots",
     )
     parser.add_argument("run", type=Path, help="folder of a run, or of a bag")
-    parser.add_argument("--output", type=Path, help="folder for the pictures; default RUN/plots")
+    parser.add_argument(
+        "--output", type=Path, help="folder for the pictures; default RUN/plots, or BAG-plots"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace pictures that are there")
     parsed = parser.parse_args(arguments)
     try:
-        plot(parsed.run, parsed.output or parsed.run / "plots", overwrite=parsed.overwrite)
+        run = parsed.run.resolve()
+        beside = run.with_name(f"{run.name}-plots")  # nothing but a bag's own files in its folder
+        default = run / "plots" if (run / "result.json").is_file() else beside
+        plot(parsed.run, parsed.output or default, overwrite=parsed.overwrite)
     except (VgpsError, OSError) as error:
         sys.exit(f"plot: {error}")
     except KeyboardInterrupt:

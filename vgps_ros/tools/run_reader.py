@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -38,13 +39,21 @@ def read_run(path: Path) -> RunRecord:
 def _read_results(folder: Path) -> RunRecord:
     try:
         result = json.loads((folder / "result.json").read_text())
-        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
         task = make_task(result["task"])
+        n_x = task.dynamics.state_dim
+        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
+            covariances = file["state_covariances"]
+            arrays = {
+                "state_covariances": finite_array(
+                    "state_covariances", covariances, (len(covariances), n_x, n_x)
+                )
+            }
+            for name in ("initial_states", "mean_states", "executed_states"):
+                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
         return RunRecord(
             task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
         )
-    except (OSError, ValueError, KeyError, TypeError, InvalidInputError) as error:
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(
             f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
             f"{error}"

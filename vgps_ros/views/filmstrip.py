@@ -22,7 +22,7 @@ from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 
 _FRAMES = 5  # of a filmstrip
-_RATE = 20  # frames of a moving picture per second
+_RATE = 25  # frames of a moving picture per second
 _SIZE = (360, 480)  # height and width of a frame of a filmstrip [pixels]
 _GIF_SIZE = (200, 360)
 _COLOURS = 48  # of a moving picture

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from vgps_ros.core.joints import compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array
@@ -51,6 +52,7 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     alphas.plot(k, series("alpha"), color="grey")
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
+    alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
     alphas.set_xlabel("iteration of Algorithm 1")
     return figure
 
@@ -119,9 +121,10 @@ def motion(run: RunRecord) -> Figure | None:
                 ends[:, 0], ends[:, 1], color="0.55", alpha=0.3 + 0.5 * t / len(states),
                 linewidth=5, solid_capstyle="round", zorder=1,
             )  # fmt: skip
-        x, y = shape.centre_of_mass(states[t])[plane]
+        limbs = shape.axes(states[t])[:, :, plane].reshape(-1, 2)
+        top = limbs[:, 0].mean(), limbs[:, 1].max()
         time = f"{t * run.time_step:.1f} s"
-        axes.annotate(time, (x, y), (0, 34), textcoords="offset points", ha="center", fontsize=8)
+        axes.annotate(time, top, (0, 5), textcoords="offset points", ha="center", fontsize=8)
     if run.initial_states is not None:
         path = shape.path(run.initial_states)[:, plane]
         axes.plot(path[:, 0], path[:, 1], color=_DDP, linewidth=1.2, label="initial DDP solution")
@@ -137,4 +140,4 @@ def motion(run: RunRecord) -> Figure | None:
 
 def save(figure: Figure, path: Path) -> None:
     """Writes a figure to a file; its ending says in which format."""
-    figure.savefig(path, dpi=150, bbox_inches="tight")
+    figure.savefig(path, dpi=130, bbox_inches="tight")
