@@ -126,7 +126,8 @@ def writing_rates(folder: Path, count: int, rounds: int) -> None:
 
     rates: dict[str, list[float]] = {"ours": [], "rosbags": []}
     for i in range(rounds):
-        for name, write in (("ours", ours), ("rosbags", rosbags)):
+        writers = [("ours", ours), ("rosbags", rosbags)]
+        for name, write in writers[:: (-1) ** i]:  # neither always first
             path = folder / f"{name}_{i}"
             start = time.process_time()
             write(path)

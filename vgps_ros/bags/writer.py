@@ -126,6 +126,6 @@ class BagWriter:
 
     def _finish_file(self) -> None:
         file = self._file
-        summary = FileSummary(file.path.name, file.start, file.end, dict(file.counts))
+        summary = FileSummary(file.path.name, file.start, file.end, file.counts)
         self._finished.append(summary)
         file.close(bag_information(self._topics.values(), self._finished))
