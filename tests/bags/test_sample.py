@@ -16,7 +16,8 @@ SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 def same(ours, theirs) -> bool:
     """Whether a message of rosbags and one of mcap-ros2-support agree in every field."""
     if is_dataclass(ours):
-        names = [field.name for field in fields(ours) if not field.name.startswith("__")]
+        # Constants and the type's name are fields of rosbags' classes, too.
+        names = [f.name for f in fields(ours) if f.name.islower() and f.name[0] != "_"]
         return all(same(getattr(ours, name), getattr(theirs, name)) for name in names)
     if isinstance(ours, list):
         return len(ours) == len(theirs) and all(map(same, ours, theirs))
