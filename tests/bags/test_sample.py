@@ -22,7 +22,7 @@ def same(ours, theirs) -> bool:
     if isinstance(ours, list):
         return len(ours) == len(theirs) and all(map(same, ours, theirs))
     if isinstance(ours, np.ndarray):
-        return np.array_equal(ours, np.array(theirs, dtype=ours.dtype), equal_nan=True)
+        return np.array_equal(ours, np.array(list(theirs), dtype=ours.dtype), equal_nan=True)
     return bool(ours == theirs) or (ours != ours and theirs != theirs)
 
 
