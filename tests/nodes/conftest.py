@@ -11,6 +11,7 @@ Processes that a test leaves running are ended with INT, and must then exit with
 """
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -78,14 +79,13 @@ class Process:
         return self.wait(timeout)
 
     def kill(self) -> None:
-        """Kills it with SIGKILL, and removes the shared memory that it then leaves behind."""
-        left = _shared_memory(self._process.pid)
+        """Kills it with SIGKILL, and removes the shared memory that it leaves behind."""
+        segments = _owned_segments(self._process.pid)
         self._process.kill()
         self._process.wait()
-        others = {file for pid in _own_processes() for file in _shared_memory(pid)}
-        for file in left - others:
-            for name in (file.name, f"{file.name}_el", f"sem.{file.name}_mutex"):
-                file.with_name(name).unlink(missing_ok=True)
+        for segment in segments:
+            for name in (segment.name, f"{segment.name}_el", f"sem.{segment.name}_mutex"):
+                segment.with_name(name).unlink(missing_ok=True)
 
 
 class Graph:
@@ -263,21 +263,11 @@ def _free_domain() -> Iterator[int]:
     raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
 
 
-def _own_processes() -> list[int]:
-    return [
-        int(folder.name)
-        for folder in Path("/proc").iterdir()
-        if folder.name.isdecimal() and folder.stat().st_uid == os.getuid()
-    ]
-
-
-def _shared_memory(pid: int) -> set[Path]:
-    """Files of Fast DDS in /dev/shm that a process uses."""
-    try:
-        maps = Path(f"/proc/{pid}/maps").read_text()
-    except OSError:  # it has ended meanwhile
-        return set()
-    return {Path(line.split()[-1]) for line in maps.splitlines() if "/dev/shm/fast" in line}
+def _owned_segments(pid: int) -> list[Path]:
+    """Shared memory of Fast DDS that a process made: it holds a lock file open for each."""
+    open_files = [os.readlink(file) for file in Path(f"/proc/{pid}/fd").iterdir()]
+    locks = [file for file in open_files if re.fullmatch("/dev/shm/fastrtps_.*_el", file)]
+    return [Path(lock.removesuffix("_el")) for lock in locks]
 
 
 def _yaml(value: Any) -> str:
