@@ -17,7 +17,7 @@ from vgps_ros.search.trajectory_optimizer import (
     OptimizerSettings,
     TrajectoryOptimizer,
 )
-from vgps_ros.search.vgps import SearchSettings, vgps
+from vgps_ros.search.vgps import SearchSettings, search_settings, vgps
 from vgps_ros.tasks import TASKS, Task, make_task
 from vgps_ros.views.plots import plot_learning_curve, plot_motion
 from vgps_ros.views.training_progress import TrainingProgress
@@ -70,19 +70,23 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    which = argparse.ArgumentParser(prog="train", add_help=False)
+    which.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
+    # The task names the defaults of the other flags.
+    task = make_task(which.parse_known_args(arguments)[0].task)
     parser = argparse.ArgumentParser(
         prog="train",
+        parents=[which],
         description="Learns a policy by variational guided policy search in this process, and "
         "writes result.json, policy.json, learning_curve.png and motion.png.",
     )
-    parser.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
-    add_flags(parser, SearchSettings(), frozenset())
+    add_flags(parser, search_settings(task), frozenset())
     parsed = parser.parse_args(arguments)
     try:
-        settings = settings_from(parsed, SearchSettings())
-        train(make_task(parsed.task), settings, parsed.seed, parsed.output)
+        settings = settings_from(parsed, search_settings(task))
+        train(task, settings, parsed.seed, parsed.output)
     except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
     except KeyboardInterrupt:

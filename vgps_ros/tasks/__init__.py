@@ -5,8 +5,9 @@ from collections.abc import Callable
 from vgps_ros.core.checks import one_of
 from vgps_ros.tasks.swimmer import swimmer
 from vgps_ros.tasks.task import Task
+from vgps_ros.tasks.walker import walker
 
-TASKS: dict[str, Callable[[], Task]] = {"swimmer": swimmer}
+TASKS: dict[str, Callable[[], Task]] = {"swimmer": swimmer, "walker": walker}
 
 
 def make_task(name: str) -> Task:
