@@ -12,6 +12,8 @@ NODES = [
 ]
 PROGRAMS = {
     "train": "vgps_ros.experiments.train",
+    "evaluate": "vgps_ros.experiments.evaluate",
+    "find_gait": "vgps_ros.experiments.find_gait",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",
 }

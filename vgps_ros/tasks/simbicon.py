@@ -10,7 +10,7 @@ the swing thigh's target with the distance d from stance ankle to hips and the h
 State 0 lasts a fixed time. State 1 ends when the swing foot bears a load, or after a time limit.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import mujoco
 import numpy as np
@@ -67,6 +67,17 @@ class Gait:
     torso: float
     torso_stiffness: float
     poses: tuple[Pose, Pose]
+
+    def to_vector(self) -> Array:
+        """Returns all parameters in the order of their declaration, shape (17,)."""
+        poses = [value for pose in self.poses for value in astuple(pose)]
+        return np.array([self.duration, self.torso, self.torso_stiffness, *poses])
+
+    @classmethod
+    def from_vector(cls, values: Array) -> "Gait":
+        """Returns the gait with these parameters; the inverse of `to_vector`."""
+        duration, torso, torso_stiffness, *poses = map(float, values)
+        return cls(duration, torso, torso_stiffness, (Pose(*poses[:7]), Pose(*poses[7:])))
 
 
 GAIT = Gait(
@@ -140,7 +151,7 @@ class Simbicon:
 
 
 class FootLoads:
-    """The forces that bear up each foot, from the model's own contact forces."""
+    """The forces that bear up each foot in the model, were its motors at rest."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model, self._data = model, mujoco.MjData(model)

@@ -73,6 +73,12 @@ class Task:
         return [model.joint(i).name for i in range(model.njnt)]
 
     @property
+    def hinges(self) -> NDArray[np.bool_]:
+        """Which positions are angles, shape (n_x / 2,)."""
+        types = self.dynamics.model.jnt_type
+        return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
+
+    @property
     def actuated_joint_names(self) -> list[str]:
         """Names of the joints that the controls drive, in the order of the controls."""
         model = self.dynamics.model
