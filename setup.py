@@ -7,6 +7,7 @@ NODES = [
     "trajectory_optimizer",
     "policy_learner",
     "policy_executor",
+    "demonstration",
     "recorder",
     "visualizer",
 ]

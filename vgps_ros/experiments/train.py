@@ -72,8 +72,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
     which = argparse.ArgumentParser(prog="train", add_help=False)
     which.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
+    which.add_argument(
+        "--demonstration", default="", help="table of a recorded motion to start from"
+    )
+    chosen, _ = which.parse_known_args(arguments)
+    try:
+        task = make_task(chosen.task, chosen.demonstration)
+    except VgpsError as error:
+        sys.exit(f"train: {error}")
     # The task names the defaults of the other flags.
-    task = make_task(which.parse_known_args(arguments)[0].task)
     parser = argparse.ArgumentParser(
         prog="train",
         parents=[which],

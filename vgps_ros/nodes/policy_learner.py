@@ -17,7 +17,7 @@ from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
-from vgps_ros.nodes.parameters import TASK, declare, declare_settings
+from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.search.remaining_time import RemainingTime
@@ -36,7 +36,9 @@ class PolicyLearner(Node):
 
     def __init__(self) -> None:
         super().__init__("policy_learner")
-        self._task = make_task(declare(self, TASK, read_only=True))
+        self._task = make_task(
+            declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
+        )
         self._settings = declare_settings(self, search_settings(self._task))
         names = declare(self, OPTIMIZERS, read_only=True)
         self._health = Health(self)

@@ -79,7 +79,7 @@ class OptimizationResult:
 
     Attributes:
         distribution: q(ζ).
-        cost: Σ c of its mean, unscaled and without the policy term.
+        cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
         modified_cost: what was minimised.
         status: why the solve ended.
         iterations: its log.
@@ -126,7 +126,7 @@ class TrajectoryOptimizer:
         )
         return OptimizationResult(
             distribution=self._distribution(solution, request.cost_scale),
-            cost=self.task.trajectory_cost(solution.trajectory),
+            cost=self.task.trajectory_cost(solution.trajectory.first(self.task.horizon)),
             modified_cost=solution.cost,
             status=solution.status,
             iterations=solution.iterations,

@@ -100,8 +100,8 @@ class Task:
         return np.isfinite(states).all(axis=(1, 2)) & ~self.fallen(states).any(axis=1)
 
     def trajectory_cost(self, trajectory: Trajectory) -> float:
-        """Returns Σ_t c of one trajectory over the scored horizon."""
-        return float(self.cost.values(trajectory)[: self.horizon].sum())
+        """Returns Σ_t c of one trajectory."""
+        return float(self.cost.values(trajectory).sum())
 
 
 def load_model(path: Path) -> mujoco.MjModel:
