@@ -22,6 +22,7 @@ class Demonstration(Node):
         self._task = make_task("walker")
         self._loads = FootLoads(self._task.dynamics.model)
         self._health = Health(self)
+        self._answer = JointState()
         self._restart()
         self._commands = self.create_publisher(JointState, "joint_command", STREAM)
         self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
@@ -36,7 +37,7 @@ class Demonstration(Node):
         stamp = nanoseconds(message.header.stamp)
         if stamp < self._stamp:
             self._restart()
-        if stamp == self._stamp:  # a state that was answered: the gait must not go on twice
+        if stamp == self._stamp:  # the gait must not go on twice
             self._commands.publish(self._answer)
             return
         try:

@@ -97,7 +97,8 @@ class Task:
 
     def survived(self, states: Array) -> NDArray[np.bool_]:
         """Returns which rollouts (N, T+1, n_x) neither diverged nor fell, shape (N,)."""
-        return np.isfinite(states).all(axis=(1, 2)) & ~self.fallen(states).any(axis=1)
+        sound = np.isfinite(states).all(axis=2) & ~self.fallen(states)
+        return np.logical_and.reduce(sound, axis=1)
 
     def trajectory_cost(self, trajectory: Trajectory) -> float:
         """Returns Σ_t c of one trajectory."""
