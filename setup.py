@@ -9,9 +9,12 @@ NODES = [
     "policy_executor",
     "demonstration",
     "recorder",
+    "player",
     "visualizer",
 ]
 PROGRAMS = {
+    "bag": "vgps_ros.tools.bag",
+    "plot": "vgps_ros.tools.plot",
     "train": "vgps_ros.experiments.train",
     "evaluate": "vgps_ros.experiments.evaluate",
     "find_gait": "vgps_ros.experiments.find_gait",

@@ -64,7 +64,8 @@ printf 'Swimming: the learned policy drives the simulation in lock-step.\n'
   --result "$output/result.json"
 
 stop policy_learner policy_executor trajectory_optimizer simulation recorder visualizer
-printf '\nBag:            %s\n' "$output"/bag/*.mcap
+printf '\nBag:            %s\n' "$output/bag"
 printf 'Recording:      %s\n' "$output/run.rrd"
 printf 'Learning curve: %s\n' "$output/learning_curve.png"
+printf 'More pictures:  ros2 run vgps_ros plot %s\n' "$output"
 exit "$failed"

@@ -76,6 +76,7 @@ def bag(tmp_path, store, messages) -> Path:
         writer.flush()  # nothing new: no empty chunk
     assert writer.message_count == 3
     writer.close()
+    assert writer.message_count == 3
     return tmp_path / "bag"
 
 

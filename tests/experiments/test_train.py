@@ -35,8 +35,15 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     policy, task = load_policy(tmp_path / "run" / "policy.json")
     assert task == "swimmer"
     assert policy.mean(np.zeros(10)).shape == (2,)
-    for name in ("learning_curve.png", "motion.png"):
-        assert (tmp_path / "run" / name).read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "run" / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+    with np.load(tmp_path / "run" / "trajectories.npz", allow_pickle=False) as arrays:
+        shapes = {name: arrays[name].shape for name in arrays}
+    assert shapes == {
+        "initial_states": (501, 10),
+        "mean_states": (501, 10),
+        "state_covariances": (501, 10, 10),
+        "executed_states": (501, 10),
+    }
     # A table with one line an iteration, for a person to follow.
     header, *lines = capsys.readouterr().out.splitlines()[:3]
     assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]

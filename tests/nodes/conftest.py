@@ -78,8 +78,14 @@ class Process:
         return self.wait(timeout)
 
     def kill(self) -> None:
+        """Kills it with SIGKILL, and removes the shared memory that it then leaves behind."""
+        left = _shared_memory(self._process.pid)
         self._process.kill()
         self._process.wait()
+        others = {file for pid in _own_processes() for file in _shared_memory(pid)}
+        for file in left - others:
+            for name in (file.name, f"{file.name}_el", f"sem.{file.name}_mutex"):
+                file.with_name(name).unlink(missing_ok=True)
 
 
 class Graph:
@@ -255,6 +261,23 @@ def _free_domain() -> Iterator[int]:
             yield domain_id
             return
     raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
+
+
+def _own_processes() -> list[int]:
+    return [
+        int(folder.name)
+        for folder in Path("/proc").iterdir()
+        if folder.name.isdecimal() and folder.stat().st_uid == os.getuid()
+    ]
+
+
+def _shared_memory(pid: int) -> set[Path]:
+    """Files of Fast DDS in /dev/shm that a process uses."""
+    try:
+        maps = Path(f"/proc/{pid}/maps").read_text()
+    except OSError:  # it has ended meanwhile
+        return set()
+    return {Path(line.split()[-1]) for line in maps.splitlines() if "/dev/shm/fast" in line}
 
 
 def _yaml(value: Any) -> str:

@@ -139,7 +139,7 @@ def test_noise_depends_on_the_seed_and_the_time_only(controller, random_policy):
     assert graph.set_parameter("policy_executor", "stochastic", True).successful
     assert graph.set_parameter("policy_executor", "seed", 3).successful
     for step in (5, 0, 5):
-        noise = generator(3, Stream.EXECUTION, step).standard_normal(2)
+        noise = generator(3, Stream.EXECUTION, step * PERIOD).standard_normal(2)
         np.testing.assert_array_equal(
             controller.answer(ONES, step * PERIOD), policy.mean(ONES) + policy.noise_std * noise
         )
@@ -235,7 +235,7 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(
         graph.spin_until(lambda step=step: step + 5 in states())
 
     def law(t, x):
-        noise = generator(2, Stream.EXECUTION, t).standard_normal(2)
+        noise = generator(2, Stream.EXECUTION, t * PERIOD).standard_normal(2)
         return policy.mean(x) + stochastic * policy.noise_std * noise
 
     in_process = swimmer.dynamics.rollout(start, law, horizon)

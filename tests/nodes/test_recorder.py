@@ -24,6 +24,7 @@ from vgps_msgs.msg import GaussianPolicy
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
 from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.tools import bag as bag_program
 
 
 def joint_state(i: int) -> JointState:
@@ -241,3 +242,24 @@ def test_the_bag_says_with_which_parameters_and_versions_its_nodes_ran(graph, tm
     environment = yaml.safe_load(texts["environment.yaml"])
     assert environment["packages"]["mujoco"] == mujoco.__version__
     assert re.match("[0-9a-f]{40}(-dirty)?$|unknown: not run from", environment["commit"])
+
+
+def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whole(graph, tmp_path):
+    bag = tmp_path / "bag"
+    recorder = graph.start("recorder", output=bag)
+    graph.spin_until_output(recorder, "Recording to")
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    for i in range(300):
+        stream.publish(joint_state(i))
+        graph.spin_for(0.005)
+        if i == 149:
+            graph.spin_for(1.0)
+    recorder.kill()
+    with pytest.raises(SystemExit) as stop:
+        bag_program.main(["check", str(bag)])
+    assert "was not closed: it lacks metadata.yaml and the index of bag_0.mcap" in stop.value.code
+    bag_program.main(["reindex", str(bag)])
+    recorded = rows(bag)["/joint_states"]
+    stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
+    assert stamps == list(range(len(stamps)))
+    assert len(stamps) >= 150

@@ -2,6 +2,7 @@
 
 import math
 import signal
+import subprocess
 import time
 
 import numpy as np
@@ -17,11 +18,14 @@ from vgps_msgs.msg import (
     OptimizerIteration,
     TrajectoryDistribution,
 )
+from vgps_msgs.srv import ResetSimulation, StepSimulation
 
+from vgps_ros.core.policy_file import save_policy
 from vgps_ros.core.records import LinearDynamics, Trajectory
 from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
 from vgps_ros.messages.conversions import (
     distribution_to_msg,
+    nanoseconds,
     pack,
     policy_to_msg,
     stamp_of,
@@ -30,6 +34,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.tasks import make_task
+from vgps_ros.tools.bag import to_rerun
 
 
 def rows(path, entity: str) -> int:
@@ -137,3 +142,40 @@ def test_a_burst_of_states_is_recorded_whole(graph, swimmer, tmp_path):
     assert visualizer.end(signal.SIGTERM) == 0, visualizer.output
     for entity in ("/joint_states/position", "/joint_states/effort", "/world/robot/front"):
         assert rows(tmp_path / "run.rrd", entity) == 500
+
+
+def all_rows(path) -> dict[tuple[str, bool], int]:
+    found: dict[tuple[str, bool], int] = {}
+    for chunk in RrdReader(path).stream():
+        key = str(chunk.entity_path), chunk.is_static
+        found[key] = found.get(key, 0) + chunk.num_rows
+    return found
+
+
+def test_live_and_from_the_bag_the_recording_is_the_same(graph, random_policy, tmp_path):
+    save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
+    visualizer = graph.start("visualizer", output=tmp_path / "live.rrd")
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(visualizer, "Recording what is seen")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.start("trajectory_optimizer")
+    graph.start("simulation", start_paused=True)
+    graph.spin_until(lambda: "/joint_states" in dict(graph.node.get_topic_names_and_types()))
+    graph.spin_for(1.0)  # until the recorder has found what there is
+    graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+    states = graph.messages(JointState, "joint_states")
+    request = StepSimulation.Request(steps=100)
+    graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.spin_until(lambda: nanoseconds(states[-1].header.stamp) == 100 * 20_000_000)
+    graph.call(ResetSimulation, "simulation/reset_simulation")
+    graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.spin_for(0.5)
+    assert visualizer.end(signal.SIGINT) == recorder.end(signal.SIGINT) == 0
+    to_rerun(tmp_path / "bag", tmp_path / "offline.rrd")
+    live, offline = all_rows(tmp_path / "live.rrd"), all_rows(tmp_path / "offline.rrd")
+    assert live == offline
+    assert live["/joint_states/effort", False] >= 201
+    verified = subprocess.run(
+        ["rerun", "rrd", "verify", tmp_path / "live.rrd", tmp_path / "offline.rrd"], check=False
+    )
+    assert verified.returncode == 0

@@ -1,20 +1,21 @@
-"""Plots and the Rerun scene show the figures that they are given."""
+"""Plots and rendered pictures show the figures that they are given."""
 
+import itertools
+import os
 import subprocess
 import sys
-from collections import Counter
-from pathlib import Path
+from ctypes.util import find_library
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from rerun.chunk import RrdReader
+from PIL import Image
 
-from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.views.plots import learning_curve, motion, plot_learning_curve
-from vgps_ros.views.robot_scene import RobotScene
+from vgps_ros.views.filmstrip import filmstrip, write_moving_picture
+from vgps_ros.views.plots import learning_curve, motion, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.run_record import RunRecord
 
 
 @pytest.fixture
@@ -60,16 +61,106 @@ def test_learning_curve_has_solid_stochastic_dashed_deterministic_and_the_ddp_li
 
 
 def test_learning_curve_is_written_as_a_picture(result, tmp_path):
-    plot_learning_curve(result, tmp_path / "curve.png")
+    save(learning_curve(result), tmp_path / "curve.png")
     assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_motion_shows_the_path_of_the_centre_of_mass_beside_the_initial_one(swimmer, states):
-    axes = motion(swimmer, states, states + 0.1).axes[0]
+@pytest.fixture
+def run(swimmer, states):
+    """A run with a motion, and a q whose deviation grows with time."""
+    deviations = np.linspace(0.0, 0.5, len(states))
+    return RunRecord(
+        mjcf=swimmer.model_path.read_text(),
+        time_step=0.02,
+        initial_states=states + 0.1,
+        mean_states=states,
+        state_covariances=deviations[:, None, None] ** 2 * np.eye(10),
+        executed_states=states + 0.2,
+    )
+
+
+def test_motion_shows_the_path_of_the_centre_of_mass_beside_the_initial_one(swimmer, run):
+    axes = motion(run).axes[0]
     lines = {line.get_label(): line for line in axes.lines}
     shape = RobotShape(swimmer.dynamics.model)
-    assert_allclose(lines["learned policy"].get_xydata(), shape.path(states)[:, :2])
-    assert_allclose(lines["initial DDP solution"].get_xydata(), shape.path(states + 0.1)[:, :2])
+    for label, states in (
+        ("learned policy", run.executed_states),
+        ("initial DDP solution", run.initial_states),
+    ):
+        assert_allclose(lines[label].get_xydata(), shape.path(states)[:, :2])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_a_robot_that_moves_upright_is_seen_from_the_side():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body>
+        <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+        <geom type="capsule" size=".1 .2"/></body></worldbody></mujoco>"""
+    )
+    assert RobotShape(model).plane == (0, 2)
+
+
+def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_angle(run):
+    figure = trajectory(run)
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "root_yaw\n[rad]", "front_joint\n[rad]", "back_joint\n[rad]",
+    ]  # fmt: skip
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    time = 0.02 * np.arange(len(run.mean_states))
+    deviation = np.linspace(0.0, 0.5, len(time))
+    for axes, i in zip(figure.axes, (2, 3, 4), strict=True):
+        [band] = axes.collections
+        edges = band.get_paths()[0].vertices
+        for x, mean, sd in zip(time, run.mean_states[:, i], deviation, strict=True):
+            found = edges[np.isclose(edges[:, 0], x), 1]
+            assert_allclose([found.min(), found.max()], [mean - 2 * sd, mean + 2 * sd])
+        lines = {line.get_label(): line for line in axes.lines}
+        assert_allclose(lines["executed policy"].get_ydata(), run.executed_states[:, i])
+
+
+def test_what_is_not_known_is_not_drawn(run):
+    nothing = RunRecord(run.mjcf, 0.02)
+    assert trajectory(nothing) is motion(nothing) is filmstrip(nothing) is None
+
+
+needs_egl = pytest.mark.skipif(
+    find_library("EGL") is None, reason="libEGL is not installed: nothing can be rendered"
+)
+
+
+@needs_egl
+def test_a_filmstrip_shows_the_robot_as_it_moves(run):
+    figure = filmstrip(run)
+    frames = [axes.images[0].get_array() for axes in figure.axes]
+    assert len(frames) == 5
+    assert [axes.get_title() for axes in figure.axes][-1] == "0.4 s"
+    for frame, after in itertools.pairwise(frames):
+        assert frame.std() > 5.0  # something is there
+        assert np.any(frame != after)
+
+
+@needs_egl
+def test_a_moving_picture_has_a_frame_for_each_25th_of_a_second(run, tmp_path):
+    assert write_moving_picture(run, tmp_path / "motion.gif")
+    with Image.open(tmp_path / "motion.gif") as picture:
+        assert picture.n_frames == 10  # 19 steps of 0.02 s, every second one
+        assert picture.info["duration"] == 40
+
+
+def test_without_a_way_to_draw_a_sentence_says_what_to_install(run):
+    program = (
+        "import sys; sys.modules['mujoco.egl'] = None\n"
+        "from vgps_ros.views.filmstrip import open_renderer\n"
+        "with open_renderer(sys.stdin.read(), 10, 10): pass"
+    )
+    environment = {name: text for name, text in os.environ.items() if name != "MUJOCO_GL"}
+    failed = subprocess.run(
+        [sys.executable, "-c", program],
+        input=run.mjcf, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "RenderingError: MuJoCo cannot draw here with MUJOCO_GL=egl; install libegl1" in (
+        failed.stderr
+    )
 
 
 def test_shape_agrees_with_the_link_geometry_worked_out_by_hand(swimmer, states):
@@ -84,54 +175,8 @@ def test_shape_agrees_with_the_link_geometry_worked_out_by_hand(swimmer, states)
             "back": (tail, tail - unit(yaw + back)),
         }
         state = np.array([x, y, yaw, front, back, 0, 0, 0, 0, 0])
-        for capsule, ends in zip(shape.capsules, shape.axes(state), strict=True):
+        for name, ends in zip(shape.names, shape.axes(state), strict=True):
             found = sorted(map(tuple, ends[:, :2].round(9)))
-            assert_allclose(found, sorted(map(tuple, np.round(expected[capsule.name], 9))))
+            assert_allclose(found, sorted(map(tuple, np.round(expected[name], 9))))
         centres = [np.mean(pair, axis=0) for pair in expected.values()]
         assert_allclose(shape.centre_of_mass(state)[:2], np.mean(centres, axis=0), atol=1e-12)
-
-
-def test_scene_holds_a_row_for_each_message_and_passes_rerun_s_own_check(swimmer, states, tmp_path):
-    path = tmp_path / "run.rrd"
-    scene = RobotScene(swimmer, path)
-    for t, state in enumerate(states):
-        scene.log_state(t * 20_000_000, state)
-        scene.log_command(t * 20_000_000, np.array([1.0, -1.0]))
-    scene.restart_path()
-    scene.log_state(0, states[0])
-    scene.log_progress(1, {"alpha": 0.9, "stochastic_cost": float("inf")})
-    scene.log_initial_solution(0, states)
-    scene.close()
-    rows: Counter[str] = Counter()
-    for chunk in RrdReader(path).stream():
-        if not chunk.is_static:
-            rows[str(chunk.entity_path)] += chunk.num_rows
-    assert rows["/joint_states/position"] == rows["/joint_states/velocity"] == 21
-    assert rows["/joint_command/effort"] == 20
-    assert rows["/world/robot/front"] == 21
-    assert rows["/world/centre_of_mass"] == 19  # no jump back at the reset
-    assert rows["/learning/alpha"] == 1
-    assert "/learning/stochastic_cost" not in rows  # it diverged
-    rerun = Path(sys.executable).with_name("rerun")
-    subprocess.run([rerun, "rrd", "verify", path], check=True, capture_output=True)
-
-
-def test_scene_refuses_a_file_that_exists(swimmer, tmp_path):
-    (tmp_path / "run.rrd").write_text("mine")
-    with pytest.raises(InvalidInputError, match="exists already; name another file"):
-        RobotScene(swimmer, tmp_path / "run.rrd")
-    assert (tmp_path / "run.rrd").read_text() == "mine"
-
-
-def test_a_capsule_of_rerun_lies_where_mujoco_has_it(swimmer):
-    """Rerun's capsule runs from its origin along +z; the scene shifts it by half its length."""
-    shape = RobotShape(swimmer.dynamics.model)
-    model, data = swimmer.dynamics.model, mujoco.MjData(swimmer.dynamics.model)
-    state = np.array([1.0, 2.0, 0.5, 0.3, -0.2, 0, 0, 0, 0, 0])
-    data.qpos[:] = state[:5]
-    mujoco.mj_kinematics(model, data)
-    centres, rotations = shape.poses(state)
-    for i, capsule in enumerate(shape.capsules):
-        shifted = centres[i] + rotations[i] @ [0, 0, -capsule.half_length]
-        end = shifted + rotations[i] @ [0, 0, 2 * capsule.half_length]
-        assert_allclose((shifted + end) / 2, data.geom(capsule.name).xpos, atol=1e-12)

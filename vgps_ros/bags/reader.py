@@ -124,8 +124,17 @@ class BagReader:
             yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
 
     def decode(self, message: BagMessage) -> Any:
-        """Returns the message's fields as attributes, by the definition that the bag holds."""
-        return self._reader.deserialize(message.data, message.kind)
+        """Returns the message's fields as attributes, by the definition that the bag holds.
+
+        Raises:
+            InvalidInputError: the message does not fit the definition.
+        """
+        try:
+            return self._reader.deserialize(message.data, message.kind)
+        except AnyReaderError as error:
+            raise InvalidInputError(
+                f"A message on {message.topic} at {message.stamp} ns is no {message.kind}: {error}"
+            ) from error
 
     def _connections(self, topics: Sequence[str] | None) -> list[Connection]:
         if topics is None:

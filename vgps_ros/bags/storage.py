@@ -49,15 +49,10 @@ class StorageWriter:
 
     Attributes:
         path: the file.
-        counts: messages of each topic so far.
-        start: when the first message was received [ns].
-        end: when the last one was.
     """
 
     def __init__(self, path: Path, compression: str):
         self.path = path
-        self.counts: dict[str, int] = {}
-        self.start = self.end = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._file = path.open("xb")
@@ -68,6 +63,28 @@ class StorageWriter:
             compression=COMPRESSIONS[one_of("compression", compression, COMPRESSIONS)],
         )
         self._mcap.start(profile="ros2", library="vgps_ros")
+        # The library counts, and closes a chunk once it is full, but has no public call for either;
+        # to count again here would take time for every message.
+        self._statistics = self._mcap._Writer__statistics  # type: ignore[attr-defined]
+        self._close_chunk = self._mcap._Writer__finalize_chunk  # type: ignore[attr-defined]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic so far."""
+        counts = self._statistics.channel_message_counts
+        return {topic: counts.get(channel, 0) for topic, channel in self._channels.items()}
+
+    @property
+    def start(self) -> int:
+        """When the first message was received [ns]; 0 if there is none."""
+        start: int = self._statistics.message_start_time
+        return start
+
+    @property
+    def end(self) -> int:
+        """When the last message was received [ns]; 0 if there is none."""
+        end: int = self._statistics.message_end_time
+        return end
 
     @property
     def size(self) -> int:
@@ -89,15 +106,10 @@ class StorageWriter:
                 "topic_type_hash": topic.type_hash,
             },
         )
-        self.counts[topic.name] = 0
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes a message that was received at a time [ns]."""
-        count = self.counts[topic]
-        self._mcap.add_message(self._channels[topic], stamp, data, stamp, count)
-        self.counts[topic] = count + 1
-        self.start = self.start or stamp
-        self.end = stamp
+        self._mcap.add_message(self._channels[topic], stamp, data, stamp)
 
     def attach(self, name: str, data: bytes, stamp: int) -> None:
         """Adds a named text; of several with one name the last one counts."""
@@ -105,8 +117,7 @@ class StorageWriter:
 
     def flush(self) -> None:
         """Hands all messages so far to the operating system: a killed process loses none."""
-        # The library closes a chunk only once it is full, and has no public call to do so.
-        self._mcap._Writer__finalize_chunk()  # type: ignore[attr-defined]
+        self._close_chunk()
         self._file.flush()
 
     def close(self, metadata: str) -> None:
@@ -183,8 +194,8 @@ class StorageScan:
             if not isinstance(record, Attachment):
                 topic, message = record
                 counts[topic.name] = counts.get(topic.name, 0) + 1
-                start = start or message.log_time
-                end = message.log_time
+                start = min(start or message.log_time, message.log_time)
+                end = max(end, message.log_time)
         topics = {topic.name: topic for topic in self.topics.values()}
         return StorageContent(
             topics,

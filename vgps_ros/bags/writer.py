@@ -35,10 +35,12 @@ class BagWriter:
         self._compression = compression
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
+        self._splits = bool(max_file_size or max_file_duration)
         self._definitions = MessageDefinitions()
         self._topics: dict[str, Topic] = {}
         self._attachments: dict[str, tuple[bytes, int]] = {}
         self._finished: list[FileSummary] = []
+        self._is_closed = False
         try:
             path.mkdir(parents=True)
             self._file = self._new_file()
@@ -57,7 +59,8 @@ class BagWriter:
     @property
     def message_count(self) -> int:
         """Messages written so far."""
-        return sum(s.message_count for s in self._finished) + sum(self._file.counts.values())
+        unfinished = 0 if self._is_closed else sum(self._file.counts.values())
+        return sum(summary.message_count for summary in self._finished) + unfinished
 
     def add_topic(
         self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
@@ -79,7 +82,7 @@ class BagWriter:
             stamp: time at which it was received [ns].
             data: the message as CDR.
         """
-        if self._is_full(stamp):
+        if self._splits and self._is_full(stamp):
             self._split()
         self._file.write(topic, stamp, data)
 
@@ -98,13 +101,16 @@ class BagWriter:
     def close(self) -> None:
         """Completes the bag: the last file's index and `metadata.yaml`."""
         self._finish_file()
+        self._is_closed = True
         information = bag_information(self._topics.values(), self._finished)
         (self.path / FILE_NAME).write_text(metadata_file(information))
 
     def _is_full(self, stamp: int) -> bool:
-        by_size = 0 < self._max_file_size <= self._file.size
-        since = stamp - self._file.start if self._file.start else 0
-        return by_size or 0 < self._max_file_duration <= since
+        if self._max_file_size and self._file.size >= self._max_file_size:
+            return True
+        if self._max_file_duration and self._file.start:
+            return stamp - self._file.start >= self._max_file_duration
+        return False
 
     def _split(self) -> None:
         self._finish_file()
@@ -120,6 +126,6 @@ class BagWriter:
 
     def _finish_file(self) -> None:
         file = self._file
-        summary = FileSummary(file.path.name, file.start, file.end, dict(file.counts))
+        summary = FileSummary(file.path.name, file.start, file.end, file.counts)
         self._finished.append(summary)
         file.close(bag_information(self._topics.values(), self._finished))

@@ -5,9 +5,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from vgps_ros.core.ddp import Iteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.policy_file import save_policy, write_json
-from vgps_ros.core.records import Trajectory
+from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.experiments.command_line import add_flags, settings_from
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.result import iteration_entry, result_content
@@ -19,7 +20,8 @@ from vgps_ros.search.trajectory_optimizer import (
 )
 from vgps_ros.search.vgps import SearchSettings, search_settings, vgps
 from vgps_ros.tasks import TASKS, Task, make_task
-from vgps_ros.views.plots import plot_learning_curve, plot_motion
+from vgps_ros.views.plots import learning_curve, save
+from vgps_ros.views.run_record import TRAJECTORIES, RunRecord
 from vgps_ros.views.training_progress import TrainingProgress
 
 
@@ -32,17 +34,19 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
     output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     entries = []
-    initial: list[Trajectory] = []  # DDP's solutions of line 1
+    solutions: dict[str, TrajectoryDistribution] = {}  # of the first initial state
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
 
         def optimize(request: OptimizationRequest) -> OptimizationResult:
-            if request.iteration:
-                return optimizer.optimize(request)
-            result = optimizer.optimize(
-                request, on_iteration=lambda i: progress.ddp_iteration(i.index)
-            )
-            initial.append(result.distribution.mean)
+            def show(iteration: Iteration) -> None:
+                if request.iteration == 0:
+                    progress.ddp_iteration(iteration.index)
+
+            result = optimizer.optimize(request, on_iteration=show)
+            if request.trajectory_index == 0:
+                which = "last" if request.iteration else "initial"
+                solutions[which] = result.distribution.first(task.horizon)
             return result
 
         for iteration in vgps(
@@ -62,10 +66,23 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
             left = remaining.after(iteration)
             progress.iteration(entries[-1], iteration.initial_ddp_cost, left)
     policy = iteration.policy
-    learned = task.dynamics.rollout(initial[0].states[0], lambda t, x: policy.mean(x), task.horizon)
-    plot_learning_curve(content, output / "learning_curve.png")
-    plot_motion(task, learned.states, output / "motion.png", initial[0].states)
-    print(f"Wrote result.json, policy.json, learning_curve.png and motion.png to {output}.")
+    initial, last = solutions["initial"].mean, solutions["last"]
+    executed = task.dynamics.rollout(initial.states[0], lambda t, x: policy.mean(x), task.horizon)
+    run = RunRecord(
+        task.model_path.read_text(),
+        task.dynamics.time_step,
+        content,
+        initial.states,
+        last.mean.states,
+        last.state_covariances,
+        executed.states,
+    )
+    run.save_trajectories(output)
+    save(learning_curve(content), output / "learning_curve.png")
+    print(
+        f"Wrote result.json, policy.json, {TRAJECTORIES} and learning_curve.png to {output}; "
+        f"`ros2 run vgps_ros plot {output}` draws the rest."
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -85,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="train",
         parents=[which],
         description="Learns a policy by variational guided policy search in this process, and "
-        "writes result.json, policy.json, learning_curve.png and motion.png.",
+        f"writes result.json, policy.json, {TRAJECTORIES} and learning_curve.png.",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")

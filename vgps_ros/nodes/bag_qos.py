@@ -6,7 +6,9 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-_DEPTH = 1000  # messages of a topic that may wait to be written, or to be taken
+_TAKEN_DEPTH = 10_000  # messages of a topic that may wait to be written
+_SENT_DEPTH = 1000  # messages of a topic that may wait to be acknowledged
+_LATCHED_DEPTH = 10  # messages of a latched topic that those who come later get
 
 
 def to_bag(profile: QoSProfile) -> dict[str, Any]:
@@ -24,14 +26,25 @@ def to_bag(profile: QoSProfile) -> dict[str, Any]:
     }
 
 
-def strongest(offered: Sequence[dict[str, Any]]) -> QoSProfile:
-    """Returns the strongest profile that all publishers of a topic offer, and a deep queue."""
+def recording(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+    """Returns the strongest profile that all publishers of a topic offer, for a subscription."""
     latched = all(profile["durability"] == "transient_local" for profile in offered)
     reliable = all(profile["reliability"] == "reliable" for profile in offered)
     return QoSProfile(
-        depth=_DEPTH,
+        depth=_TAKEN_DEPTH,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def replaying(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+    """Returns a profile that matches whom any of the recorded publishers matched."""
+    reliable = not offered or any(p["reliability"] != "best_effort" for p in offered)
+    latched = any(p["durability"] == "transient_local" for p in offered)
+    return QoSProfile(
+        depth=_LATCHED_DEPTH if latched else _SENT_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 

@@ -11,10 +11,10 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.execution import executed_control
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
 from vgps_ros.core.records import Array
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
     command_to_msg,
@@ -132,19 +132,15 @@ class PolicyExecutor(LifecycleNode):
         self._publish(torques, message.header.stamp)
 
     def _torques(self, policy: GaussianPolicy, state: Array, stamp: int) -> Array:
-        """Returns μ_θ(x), plus noise that depends on the seed and the state's time only."""
-        mean = policy.mean(state)
-        if not np.isfinite(mean).all():
-            raise InvalidInputError(f"the policy's output is {mean} in this state.")
-        if not value(self, STOCHASTIC):
-            return mean
-        step = round(stamp * 1e-9 / self._task.dynamics.time_step)
-        if step < 0:
+        if stamp < 0:
             raise InvalidInputError(
                 f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
             )
-        rng = generator(value(self, SEED), Stream.EXECUTION, step)
-        return mean + policy.noise_std * rng.standard_normal(len(mean))
+        seed = value(self, SEED) if value(self, STOCHASTIC) else None
+        torques = executed_control(policy, state, stamp, seed)
+        if not np.isfinite(torques).all():
+            raise InvalidInputError(f"the policy's output is {torques} in this state.")
+        return torques
 
     def _publish(self, torques: Array, stamp: Time) -> None:
         self._commands.publish(

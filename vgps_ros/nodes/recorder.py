@@ -1,9 +1,7 @@
 """Node `recorder`: every topic of the graph, also those that appear later, into an MCAP bag."""
 
-import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +14,11 @@ from std_srvs.srv import Trigger
 from vgps_ros.bags import BagWriter
 from vgps_ros.bags.environment import environment
 from vgps_ros.bags.storage import COMPRESSIONS
+from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.bag_qos import strongest, to_bag
+from vgps_ros.messages.types import message_type
+from vgps_ros.nodes.bag_qos import recording, to_bag
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameter_collector import ParameterCollector
 from vgps_ros.nodes.parameters import declare
@@ -48,8 +48,8 @@ class Recorder(Node):
     def __init__(self) -> None:
         super().__init__("recorder")
         output = declare(self, OUTPUT, read_only=True)
-        self._include = _patterns(declare(self, INCLUDE, read_only=True))
-        self._exclude = _patterns(declare(self, EXCLUDE, read_only=True))
+        include, exclude = (declare(self, s, read_only=True) for s in (INCLUDE, EXCLUDE))
+        self._filter = TopicFilter(include, exclude)
         compression = declare(self, COMPRESSION, read_only=True)
         megabytes = declare(self, MAX_FILE_SIZE, read_only=True)
         seconds = declare(self, MAX_FILE_DURATION, read_only=True)
@@ -92,28 +92,26 @@ class Recorder(Node):
         self._health.set_value("paused", self._paused)
 
     def _is_wanted(self, topic: str) -> bool:
-        if any(part.startswith("_") for part in topic.split("/")):
-            return False  # hidden: the insides of actions
-        included = any(pattern.search(topic) for pattern in self._include)
-        return included and not any(pattern.search(topic) for pattern in self._exclude)
+        hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions
+        return not hidden and self._filter.wants(topic)
 
     def _record(self, topic: str, kind: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         offered = [to_bag(info.qos_profile) for info in publishers]
         try:
-            message_type = _import(kind)
+            kind_class = message_type(kind)
             self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
-        except (InvalidInputError, ImportError, AttributeError) as error:
+        except InvalidInputError as error:
             self._passed_over.add(topic)
             self.get_logger().warning(f"Does not record {topic}: {error}")
             return
-        self.create_subscription(
-            message_type, topic, self._write_to(topic), strongest(offered), raw=True
-        )
+        # rclpy's types do not know that a callback may take the message's times too.
+        write: Any = self._write_to(topic)
+        self.create_subscription(kind_class, topic, write, recording(offered), raw=True)
 
-    def _write_to(self, topic: str) -> Callable[[bytes], None]:
-        def write(data: bytes) -> None:
+    def _write_to(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
+        def write(data: bytes, info: dict[str, int]) -> None:
             if not self._paused:
-                self._writer.write(topic, self._wall_clock.now().nanoseconds, data)
+                self._writer.write(topic, info["received_timestamp"], data)
 
         return write
 
@@ -134,21 +132,6 @@ class Recorder(Node):
         response.message = "Recording goes on." if response.success else "It was not paused."
         self._paused = False
         return response
-
-
-def _patterns(expressions: Sequence[str]) -> list[re.Pattern[str]]:
-    try:
-        return [re.compile(expression) for expression in expressions]
-    except re.error as error:
-        raise InvalidInputError(
-            f"include and exclude are {list(expressions)}, but each must be a regular expression: "
-            f"{error}."
-        ) from error
-
-
-def _import(kind: str) -> Any:
-    package, _, name = kind.partition("/msg/")
-    return getattr(import_module(f"{package}.msg"), name)
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.nodes.qos import STREAM
 from vgps_ros.search.result import result_content
 from vgps_ros.search.vgps import SearchSettings
-from vgps_ros.views.plots import plot_learning_curve
+from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
 
@@ -97,7 +97,7 @@ def write_result(result: TrainPolicy.Result, output: Path) -> None:
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "result.json", content)
     save_policy(policy, last.task, output / "policy.json")
-    plot_learning_curve(content, output / "learning_curve.png")
+    save(learning_curve(content), output / "learning_curve.png")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

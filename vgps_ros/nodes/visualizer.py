@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.types import message_type
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.runner import run
@@ -54,9 +54,7 @@ class Visualizer(Node):
         latched = topic in _LATCHED
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=_DEPTH, durability=durability)
-        package, _, name = kind.partition("/msg/")
-        message_type = getattr(import_module(f"{package}.msg"), name)
-        self.create_subscription(message_type, topic, self._show(topic), qos)
+        self.create_subscription(message_type(kind), topic, self._show(topic), qos)
 
     def _show(self, topic: str) -> Callable[[Any], None]:
         return lambda message: self._scene.show(topic, message)

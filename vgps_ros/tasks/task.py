@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.joints import actuated_joint_names, joint_names
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.records import Array, Trajectory
 
@@ -69,8 +70,7 @@ class Task:
     @property
     def joint_names(self) -> list[str]:
         """Names of all joints, in the order of positions and velocities in the state."""
-        model = self.dynamics.model
-        return [model.joint(i).name for i in range(model.njnt)]
+        return joint_names(self.dynamics.model)
 
     @property
     def hinges(self) -> NDArray[np.bool_]:
@@ -81,8 +81,7 @@ class Task:
     @property
     def actuated_joint_names(self) -> list[str]:
         """Names of the joints that the controls drive, in the order of the controls."""
-        model = self.dynamics.model
-        return [model.joint(model.actuator(i).trnid[0]).name for i in range(model.nu)]
+        return actuated_joint_names(self.dynamics.model)
 
     def rollout_costs(self, states: Array, controls: Array) -> Array:
         """Returns Σ_t c of rollouts, shape (N,); inf for one that diverged.

@@ -4,12 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from vgps_ros.core.joints import compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array
-from vgps_ros.tasks import Task
 from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.run_record import RunRecord
 
 _LEARNED, _DDP = "#1f5fbf", "black"
 _POSES = 3  # drawn along a motion; more would overlap
@@ -49,49 +52,92 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     alphas.plot(k, series("alpha"), color="grey")
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
+    alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
     alphas.set_xlabel("iteration of Algorithm 1")
     return figure
 
 
-def motion(task: Task, states: Array, initial_states: Array | None = None) -> Figure:
-    """Draws a robot at several times of a motion, and the path of its centre of mass.
+def trajectory(run: RunRecord) -> Figure | None:
+    """Draws each angle: q's mean and two standard deviations, and the executed one within.
 
-    Args:
-        task: whose robot.
-        states: the learned policy's motion, shape (T+1, n_x).
-        initial_states: the initial DDP solution's, for comparison.
+    Returns:
+        The figure; None if neither is known.
     """
-    shape = RobotShape(task.dynamics.model)
+    if run.mean_states is None and run.executed_states is None:
+        return None
+    model = compile_model(run.mjcf)
+    names, hinges = joint_names(model), hinge_names(model)
+    figure = Figure(figsize=(7, 1.2 + 1.3 * len(hinges)), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, name in zip(rows, hinges, strict=True):
+        _draw_angle(axes, run, names.index(name))
+        axes.set_ylabel(f"{name}\n[rad]")
+        axes.margins(x=0)
+    rows[-1].set_xlabel("time [s]")
+    handles, labels = rows[0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, ncols=3, loc="outside upper center")
+    return figure
+
+
+def _draw_angle(axes: Axes, run: RunRecord, i: int) -> None:
+    if run.mean_states is not None and run.state_covariances is not None:
+        mean = run.mean_states[:, i]
+        deviation = np.sqrt(run.state_covariances[:, i, i].clip(0.0))
+        time = run.time_step * np.arange(len(mean))
+        axes.fill_between(
+            time,
+            mean - 2.0 * deviation,
+            mean + 2.0 * deviation,
+            color="tab:orange",
+            alpha=0.35,
+            linewidth=0,
+            label="q: mean ± 2 sd",
+        )
+        axes.plot(time, mean, color="tab:orange", linewidth=1, label="q: mean")
+    if run.executed_states is not None:
+        executed = run.executed_states[:, i]
+        time = run.time_step * np.arange(len(executed))
+        axes.plot(time, executed, color=_LEARNED, linewidth=1, label="executed policy")
+
+
+def motion(run: RunRecord) -> Figure | None:
+    """Draws the robot at several times of its motion, and the paths of its centre of mass.
+
+    Returns:
+        The figure; None if no motion under the policy is known.
+    """
+    if run.executed_states is None:
+        return None
+    states = run.executed_states
+    shape = RobotShape(compile_model(run.mjcf))
+    plane = list(shape.plane)
     figure = Figure(figsize=(9, 2.3), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for t in np.linspace(0, len(states) - 1, _POSES).astype(int):
-        for ends in shape.axes(states[t]):
+        for ends in shape.axes(states[t])[:, :, plane]:
             axes.plot(
                 ends[:, 0], ends[:, 1], color="0.55", alpha=0.3 + 0.5 * t / len(states),
                 linewidth=5, solid_capstyle="round", zorder=1,
             )  # fmt: skip
-        x, y, _ = shape.centre_of_mass(states[t])
-        time = f"{t * task.dynamics.time_step:.1f} s"
-        axes.annotate(time, (x, y), (0, 34), textcoords="offset points", ha="center", fontsize=8)
-    if initial_states is not None:
-        path = shape.path(initial_states)
+        limbs = shape.axes(states[t])[:, :, plane].reshape(-1, 2)
+        top = limbs[:, 0].mean(), limbs[:, 1].max()
+        time = f"{t * run.time_step:.1f} s"
+        axes.annotate(time, top, (0, 5), textcoords="offset points", ha="center", fontsize=8)
+    if run.initial_states is not None:
+        path = shape.path(run.initial_states)[:, plane]
         axes.plot(path[:, 0], path[:, 1], color=_DDP, linewidth=1.2, label="initial DDP solution")
-    path = shape.path(states)
+    path = shape.path(states)[:, plane]
     axes.plot(path[:, 0], path[:, 1], color=_LEARNED, linewidth=2, label="learned policy")
     axes.set_aspect("equal")
     axes.margins(0.02, 0.35)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    axes.set_xlabel(f"{'xyz'[plane[0]]} [m]")
+    axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
     figure.legend(frameon=False, ncols=2, loc="outside upper center")
     return figure
 
 
-def plot_learning_curve(result: dict[str, Any], path: Path) -> None:
-    """Writes the learning curve of a result.json to a picture."""
-    learning_curve(result).savefig(path, dpi=150, bbox_inches="tight")
-
-
-def plot_motion(task: Task, states: Array, path: Path, initial_states: Array | None = None) -> None:
-    """Writes a motion to a picture; see `motion`."""
-    motion(task, states, initial_states).savefig(path, dpi=150, bbox_inches="tight")
+def save(figure: Figure, path: Path) -> None:
+    """Writes a figure to a file; its ending says in which format."""
+    figure.savefig(path, dpi=130, bbox_inches="tight")

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.joints import actuated_joint_names, compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import Recording
@@ -36,26 +36,15 @@ class RobotScene:
 
     def __init__(self, recording: Recording, mjcf: str):
         self._recording = recording
-        try:
-            model = mujoco.MjModel.from_xml_string(mjcf)
-        except ValueError as error:
-            raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
-        if not model.njnt == model.nq == model.nv:
-            raise InvalidInputError(
-                f"The robot has {model.nq} positions and {model.nv} velocities of {model.njnt} "
-                "joints, but each joint must be a hinge or a slide."
-            )
+        model = compile_model(mjcf)
         self._model = model
         self._data = mujoco.MjData(model)
         self._geometries = geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
-        joints = [model.joint(i) for i in range(model.njnt)]
-        self.joint_names = [joint.name for joint in joints]
-        self.hinge_names = [j.name for j in joints if j.type[0] == mujoco.mjtJoint.mjJNT_HINGE]
-        self.actuated_joint_names = [
-            model.joint(model.actuator(i).trnid[0]).name for i in range(model.nu)
-        ]
+        self.joint_names = joint_names(model)
+        self.hinge_names = hinge_names(model)
+        self.actuated_joint_names = actuated_joint_names(model)
         disabled = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.has_contacts = not disabled and bool(np.any(model.geom_contype))
         self._log_static()

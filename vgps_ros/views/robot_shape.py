@@ -1,6 +1,4 @@
-"""Where a robot's geometry is, for whoever draws it."""
-
-from dataclasses import dataclass
+"""Where a robot's limbs are, for whoever draws it in a plane."""
 
 import mujoco
 import numpy as np
@@ -8,49 +6,29 @@ import numpy as np
 from vgps_ros.core.records import Array
 
 
-@dataclass(frozen=True)
-class Capsule:
-    """A capsule of the robot.
+class RobotShape:
+    """The capsules of a model, and its centre of mass, in a state.
 
     Attributes:
-        name: of the geometry in the MJCF.
-        radius: [m].
-        half_length: of the cylinder between the two half spheres [m].
-        colour: red, green, blue, alpha in [0, 1].
+        names: of the capsules in the MJCF.
+        plane: the two coordinates in which the robot moves: the axes of its first two slides.
     """
-
-    name: str
-    radius: float
-    half_length: float
-    colour: tuple[float, ...]
-
-
-class RobotShape:
-    """The capsules of a model, and their poses in a state."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model = model
         self._data = mujoco.MjData(model)
         self._ids = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
-        self.capsules = [
-            Capsule(
-                name=model.geom(i).name or f"capsule_{i}",
-                radius=float(model.geom_size[i, 0]),
-                half_length=float(model.geom_size[i, 1]),
-                colour=tuple(model.geom_rgba[i].tolist()),
-            )
-            for i in self._ids
-        ]
-
-    def poses(self, state: Array) -> tuple[Array, Array]:
-        """Returns centres (G, 3) [m] and rotation matrices (G, 3, 3) of the capsules."""
-        self._place(state)
-        return self._data.geom_xpos[self._ids], self._data.geom_xmat[self._ids].reshape(-1, 3, 3)
+        self.names = [model.geom(i).name for i in self._ids]
+        slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
+        axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
+        self.plane: tuple[int, int] = (axes[0], axes[1]) if len(set(axes)) == 2 else (0, 2)
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each capsule's axis, shape (G, 2, 3) [m]."""
-        centres, rotations = self.poses(state)
-        half = rotations[:, :, 2] * np.array([[c.half_length] for c in self.capsules])
+        self._place(state)
+        centres = self._data.geom_xpos[self._ids]
+        directions = self._data.geom_xmat[self._ids].reshape(-1, 3, 3)[:, :, 2]
+        half = directions * self._model.geom_size[self._ids, 1, None]
         return np.stack([centres - half, centres + half], axis=1)
 
     def centre_of_mass(self, state: Array) -> Array:

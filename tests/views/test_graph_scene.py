@@ -1,0 +1,142 @@
+"""The scene: geometry and contacts of any robot, and messages in whatever order they come."""
+
+import mujoco
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rerun.chunk import RrdReader
+from std_msgs.msg import String
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.conversions import command_to_msg, stamp_of, state_to_msg
+from vgps_ros.tasks import make_task
+from vgps_ros.views.graph_scene import GraphScene
+
+BOX = """
+<mujoco>
+  <option timestep="0.001"/>
+  <asset><mesh name="tetra" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1"/></asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <body pos="0 0 0.1">
+      <joint name="height" type="slide" axis="0 0 1"/>
+      <geom name="box" type="box" size=".1 .1 .1" mass="2"/>
+      <geom name="ball" type="sphere" size=".02" pos="0 0 .1" mass="0"/>
+      <geom name="rod" type="cylinder" size=".02 .05" pos="0 0 .1" mass="0"/>
+      <geom name="egg" type="ellipsoid" size=".02 .03 .05" pos="0 0 .1" mass="0"/>
+      <geom name="limb" type="capsule" size=".02 .05" pos="0 0 .1" mass="0"/>
+      <geom name="rock" type="mesh" mesh="tetra" pos="0 0 .1" mass="0"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="height" joint="height"/></actuator>
+</mujoco>
+"""
+
+
+class Recorded:
+    """A scene, what it reported, and what it wrote."""
+
+    def __init__(self, path):
+        self.path = path
+        self.reports: list[tuple[str, str | None]] = []
+        self.scene = GraphScene(path, lambda topic, text: self.reports.append((topic, text)))
+
+    def close(self) -> dict[str, list]:
+        """Returns the chunks of each entity."""
+        self.scene.close()
+        chunks: dict[str, list] = {}
+        for chunk in RrdReader(self.path).stream():
+            chunks.setdefault(str(chunk.entity_path), []).append(chunk)
+        return chunks
+
+
+@pytest.fixture
+def recorded(tmp_path) -> Recorded:
+    return Recorded(tmp_path / "scene.rrd")
+
+
+def column(chunks, component: str):
+    """All rows of a component, as Python values."""
+    rows = []
+    for chunk in chunks:
+        table = chunk.to_record_batch()
+        names = [name for name in table.schema.names if name.endswith(component)]
+        for name in names:
+            rows += table.column(name).to_pylist()
+    return [row for row in rows if row is not None]
+
+
+def test_every_kind_of_geometry_is_drawn_and_moves(recorded):
+    recorded.scene.show("/robot_description", String(data=BOX))
+    for i in range(3):
+        state = np.array([0.1 * i, 0.0])
+        recorded.scene.show("/joint_states", state_to_msg(state, ["height"], stamp_of(i)))
+    chunks = recorded.close()
+    for name in ("floor", "box", "ball", "rod", "egg", "limb", "rock"):
+        shown = chunks[f"/world/robot/{name}"]
+        assert sum(c.num_rows for c in shown if not c.is_static) == 3
+        assert any(c.is_static for c in shown)
+    moved = [row[0][2] for row in column(chunks["/world/robot/box"], "translation")]
+    np.testing.assert_allclose(moved, [0.1, 0.2, 0.3], rtol=1e-6)
+
+
+def test_contact_forces_carry_the_weight_of_what_rests_on_the_floor(recorded):
+    model = mujoco.MjModel.from_xml_string(BOX)
+    data = mujoco.MjData(model)
+    for _ in range(3000):
+        mujoco.mj_step(model, data)
+    recorded.scene.show("robot_description", String(data=BOX))
+    state = np.concatenate([data.qpos, data.qvel])
+    resting = state_to_msg(state, ["height"], Time(sec=1), np.zeros(1))
+    recorded.scene.show("joint_states", resting)
+    in_the_air = state_to_msg(state + np.array([0.5, 0.0]), ["height"], Time(sec=2), np.zeros(1))
+    recorded.scene.show("joint_states", in_the_air)
+    pressed = state_to_msg(state, ["height"], Time(sec=3), np.array([-5.0]))
+    recorded.scene.show("joint_states", pressed)
+    forces = [
+        1000.0 * np.sum(np.reshape(row, (-1, 3)), axis=0)
+        for row in column(recorded.close()["/world/contact_forces"], "vectors")
+    ]
+    # In the resting state the solver's force depends on the state alone, so the push changes it
+    # only through the acceleration that it would cause.
+    np.testing.assert_allclose(forces[0], [0.0, 0.0, 2.0 * 9.81], rtol=0.02, atol=0.05)
+    np.testing.assert_array_equal(forces[1], np.zeros(3))
+    assert forces[2][2] > forces[0][2]
+
+
+def test_what_comes_before_the_robots_description_waits_for_it(recorded):
+    swimmer = make_task("swimmer")
+    state = state_to_msg(np.zeros(10), swimmer.joint_names, Time())
+    recorded.scene.show("/joint_states", state)
+    recorded.scene.show("/joint_command", command_to_msg(np.ones(2), ["wrong", "names"], Time()))
+    assert recorded.reports == []
+    recorded.scene.show("/robot_description", String(data=swimmer.model_path.read_text()))
+    assert [topic for topic, text in recorded.reports if text] == ["joint_command"]
+    chunks = recorded.close()
+    assert sum(c.num_rows for c in chunks["/joint_states/position"] if not c.is_static) == 1
+    assert "/world/contact_forces" not in chunks  # the swimmer touches nothing
+
+
+@pytest.mark.parametrize(
+    ("mjcf", "sentence"),
+    [
+        ("<mujoco>", "does not compile"),
+        (
+            "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
+            "7 positions and 6 velocities",
+        ),
+    ],
+)
+def test_a_robot_that_cannot_be_drawn_is_reported(recorded, mjcf, sentence):
+    recorded.scene.show("robot_description", String(data=mjcf))
+    [(topic, text)] = recorded.reports
+    assert topic == "robot_description"
+    assert sentence in text
+    recorded.close()
+
+
+def test_an_existing_file_is_refused(tmp_path):
+    (tmp_path / "scene.rrd").write_text("mine")
+    with pytest.raises(InvalidInputError, match="exists already"):
+        Recorded(tmp_path / "scene.rrd")
+    assert (tmp_path / "scene.rrd").read_text() == "mine"

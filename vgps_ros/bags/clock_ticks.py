@@ -1,0 +1,27 @@
+"""A clock among the messages of a bag, from the times at which they were received."""
+
+import struct
+from collections.abc import Iterable, Iterator
+
+from vgps_ros.bags.reader import BagMessage
+
+CLOCK_TOPIC, CLOCK_KIND = "/clock", "rosgraph_msgs/msg/Clock"
+
+_CDR_HEADER = bytes((0, 1, 0, 0))  # little endian
+
+
+def with_clock(messages: Iterable[BagMessage], period: int) -> Iterator[BagMessage]:
+    """Yields the messages, and before each one the ticks of /clock that are due by then.
+
+    Args:
+        messages: in the order in which they were received; the first one starts the clock.
+        period: between two ticks [ns].
+    """
+    tick: int | None = None
+    for message in messages:
+        tick = message.stamp if tick is None else tick
+        while tick <= message.stamp:
+            time = _CDR_HEADER + struct.pack("<iI", *divmod(tick, 10**9))
+            yield BagMessage(CLOCK_TOPIC, CLOCK_KIND, tick, time)
+            tick += period
+        yield message

@@ -1,0 +1,202 @@
+"""Node `player`: publishes a bag's messages again, byte for byte and at their times."""
+
+import sys
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from vgps_ros.bags.clock_ticks import CLOCK_KIND, CLOCK_TOPIC, with_clock
+from vgps_ros.bags.playback import Playback, PlaybackSettings
+from vgps_ros.bags.reader import BagMessage, BagReader
+from vgps_ros.bags.topic_filter import TopicFilter
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.settings import Setting
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.parameters import declare, declare_settings
+from vgps_ros.nodes.replay_publishers import ReplayPublishers
+from vgps_ros.nodes.runner import run
+
+BAG = Setting("bag", "", "folder of the bag; must be given")
+INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")
+EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave out")
+CLOCK_RATE = Setting(
+    "clock_rate",
+    0.0,
+    "/clock from the times of receipt, so often per second of the wall clock [Hz]; 0: as recorded",
+    minimum=0.0,
+    maximum=10000.0,
+)
+
+_LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
+_LOG_LOOKS = 5  # values for one line in the log
+_ACKNOWLEDGEMENT_TIMEOUT = 5.0  # at the end [s]
+_SWITCH_INTERVAL = 0.0005  # after which a thread that decodes lets one run that publishes [s]
+
+
+class Player(Node):
+    """Plays in a thread of its own; the node's services and diagnostics run beside it."""
+
+    def __init__(self) -> None:
+        super().__init__("player")
+        path = declare(self, BAG, read_only=True)
+        self._settings = declare_settings(self, PlaybackSettings())
+        include, exclude = (declare(self, s, read_only=True) for s in (INCLUDE, EXCLUDE))
+        self._clock_rate = declare(self, CLOCK_RATE, read_only=True)
+        self._health = Health(self)
+        if not path:
+            raise InvalidInputError("bag is '', but it must name the folder of a bag.")
+        self._bag = BagReader(Path(path))
+        self._duration = self._bag.duration * 1e-9  # [s]
+        self._replayed = ReplayPublishers(self)
+        self._topics = self._add_topics(TopicFilter(include, exclude))
+        self._playback = Playback(
+            self._read, self._replayed.publish, self._bag.start, self._settings
+        )
+        self._error: VgpsError | None = None
+        self._looks = 0
+        self.create_service(Trigger, "~/pause", self._pause)
+        self.create_service(Trigger, "~/resume", self._resume)
+        self.create_service(Trigger, "~/step", self._step)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        self._end = self.create_guard_condition(self._on_end)
+        self.get_logger().info(
+            f"Plays {len(self._topics)} topics of {path}, {self._duration:.1f} s long, "
+            f"at rate {self._settings.rate:g}{', paused' * self._settings.start_paused}."
+        )
+        self._thread = threading.Thread(target=self._play, name="playback")
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """Ends the playback."""
+        self._playback.stop()
+        self._thread.join()
+        counts = self._replayed.counts
+        print(
+            f"Played {counts.total()} messages of {len(counts)} topics of {self._bag.path}, up to "
+            f"{self._playback.position:.2f} s.",
+            flush=True,
+        )
+        super().destroy_node()
+
+    def _add_topics(self, topic_filter: TopicFilter) -> list[str]:
+        """Makes the publishers; returns the topics to read."""
+        counts, hashes, qos = self._bag.counts, self._bag.type_hashes, self._bag.qos
+        filled = {topic: kind for topic, kind in self._bag.topics.items() if counts[topic]}
+        if not filled:
+            raise InvalidInputError(f"'{self._bag.path}' has no messages to play.")
+        left_out = [topic for topic in filled if not topic_filter.wants(topic)]
+        if left_out:
+            self.get_logger().warning(f"Leaves out {', '.join(sorted(left_out))}, by the patterns.")
+        for topic, kind in filled.items():
+            if topic in left_out or (topic == CLOCK_TOPIC and self._clock_rate):
+                continue
+            try:
+                self._replayed.add(topic, kind, hashes[topic], qos[topic])
+            except InvalidInputError as error:
+                self.get_logger().warning(f"Does not play {topic}: {error}")
+        topics = self._replayed.topics
+        if not topics:
+            raise InvalidInputError(
+                f"No topic of '{self._bag.path}' is left to play; it has "
+                f"{', '.join(sorted(filled))}."
+            )
+        if self._clock_rate:
+            self._replayed.add(CLOCK_TOPIC, CLOCK_KIND)
+        return topics
+
+    def _read(self) -> Iterable[BagMessage]:
+        messages = self._bag.messages(self._topics)
+        if not self._clock_rate:
+            return messages
+        return with_clock(messages, max(1, round(1e9 * self._settings.rate / self._clock_rate)))
+
+    # The playback's thread
+
+    def _play(self) -> None:
+        try:
+            with self._bag:
+                self._playback.run()
+            self._settle()
+        except VgpsError as error:
+            self._error = error
+        except Exception as error:
+            # A damaged bag fails in many ways, deep inside what reads it.
+            self._error = InvalidInputError(
+                f"Playing '{self._bag.path}' failed after {self._replayed.counts.total()} "
+                f"messages: {type(error).__name__}: {error}"
+            )
+        if self.context.ok():
+            self._end.trigger()
+
+    def _settle(self) -> None:
+        """Waits until the messages have arrived."""
+        if not self.context.ok():
+            return
+        if not self._replayed.counts:
+            raise InvalidInputError(
+                f"start_offset is {self._settings.start_offset:g} s, but the bag is only "
+                f"{self._duration:.2f} s long."
+            )
+        if not self._replayed.wait_for_acknowledgements(_ACKNOWLEDGEMENT_TIMEOUT):
+            self.get_logger().warning("Some subscriber has not acknowledged all messages.")
+
+    # The node's thread
+
+    def _on_end(self) -> None:
+        if self._error:
+            raise self._error
+        self.context.try_shutdown()
+
+    def _look(self) -> None:
+        self._show()
+        self._looks += 1
+        if self._looks % _LOG_LOOKS == 0 and not self._playback.paused:
+            at, count = self._playback.position, self._replayed.counts.total()
+            self.get_logger().info(f"At {at:.1f} s of {self._duration:.1f} s, {count} messages.")
+
+    def _show(self) -> None:
+        self._health.set_value("position", f"{self._playback.position:.2f} s")
+        self._health.set_value("rate", f"{self._settings.rate:g}")
+        self._health.set_value("messages", self._replayed.counts.total())
+        self._health.set_value("paused", self._playback.paused)
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = not self._playback.paused
+        self._playback.pause()
+        self._show()
+        at = f"at {self._playback.position:.2f} s"
+        response.message = f"Paused {at}." if response.success else f"It was paused already, {at}."
+        return response
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._playback.paused
+        at = f"at {self._playback.position:.2f} s"
+        response.message = f"Goes on {at}." if response.success else "It was not paused."
+        self._playback.resume()
+        self._show()
+        return response
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._playback.paused:
+            response.message = "It is not paused; call ~/pause first."
+            return response
+        message = self._playback.step()
+        response.success = message is not None
+        response.message = (
+            f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
+            if message
+            else "No message is left."
+        )
+        return response
+
+
+def main() -> None:
+    """Runs the node."""
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    run(Player)

@@ -1,0 +1,128 @@
+"""Reads a run back: from its bag, or from the files that `train` leaves."""
+
+import json
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from vgps_ros.bags import BagReader
+from vgps_ros.core.checks import finite_array
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.joints import compile_model, joint_names
+from vgps_ros.core.records import Array
+from vgps_ros.messages.conversions import distribution_from_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.progress import entry_from_msg
+from vgps_ros.search.result import result_content
+from vgps_ros.tasks import TASKS, make_task
+from vgps_ros.views.run_record import TRAJECTORIES, RunRecord
+
+
+def read_run(path: Path) -> RunRecord:
+    """Returns the run of a bag's folder, or of a folder with a run's results.
+
+    Raises:
+        InvalidInputError: it is neither, or cannot be read.
+    """
+    if (path / TRAJECTORIES).is_file():
+        return _read_results(path)
+    if (path / "bag").is_dir():
+        return _read_bag(path / "bag")
+    if (path / "result.json").is_file():
+        raise InvalidInputError(
+            f"'{path}' has costs but no motion: it needs bag/ or {TRAJECTORIES} beside result.json."
+        )
+    return _read_bag(path)
+
+
+def _read_results(folder: Path) -> RunRecord:
+    try:
+        result = json.loads((folder / "result.json").read_text())
+        task = make_task(result["task"])
+        n_x = task.dynamics.state_dim
+        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
+            covariances = file["state_covariances"]
+            arrays = {
+                "state_covariances": finite_array(
+                    "state_covariances", covariances, (len(covariances), n_x, n_x)
+                )
+            }
+            for name in ("initial_states", "mean_states", "executed_states"):
+                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
+        return RunRecord(
+            task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
+        )
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
+        raise InvalidInputError(
+            f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
+            f"{error}"
+        ) from error
+
+
+def _read_bag(path: Path) -> RunRecord:
+    with BagReader(path) as bag:
+        topics = {topic.rpartition("/")[2]: topic for topic in bag.topics if bag.counts[topic]}
+        if "robot_description" not in topics:
+            raise InvalidInputError(
+                f"'{path}' has no messages on robot_description, so there is no robot to draw; "
+                f"`ros2 run vgps_ros bag info {path}` shows what it has."
+            )
+
+        def decoded(name: str) -> list[Any]:
+            if name not in topics:
+                return []
+            return [bag.decode(message) for message in bag.messages([topics[name]])]
+
+        mjcf = decoded("robot_description")[0].data
+        distributions = [
+            message
+            for message in decoded("trajectory_distribution")
+            if message.trajectory_index == 0
+        ]
+        executed, time_step = _last_episode(decoded("joint_states"), mjcf)
+        if distributions:
+            time_step = float(distributions[-1].time_step)
+        initial = next((message for message in distributions if message.iteration == 0), None)
+        last = distribution_from_msg(distributions[-1]) if distributions else None
+        return RunRecord(
+            mjcf,
+            time_step,
+            result=_result(decoded("learning_progress"), decoded("policy")),
+            initial_states=distribution_from_msg(initial).mean.states if initial else None,
+            mean_states=last.mean.states if last else None,
+            state_covariances=last.state_covariances if last else None,
+            executed_states=executed,
+        )
+
+
+def _last_episode(messages: list[Any], mjcf: str) -> tuple[Array | None, float]:
+    """The states since time last went back, one a step, and the time between them [s]."""
+    names = joint_names(compile_model(mjcf))
+    states: dict[int, Array] = {}
+    for message in messages:
+        stamp = nanoseconds(message.header.stamp)
+        if states and stamp < max(states):
+            states = {}
+        states[stamp] = state_from_msg(message, names)
+    if len(states) < 2:
+        return None, 0.0
+    array = finite_array("states", list(states.values()), (len(states), 2 * len(names)))
+    return array, float(np.median(np.diff(list(states)))) * 1e-9
+
+
+def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
+    """The costs of the last training in the bag, as result.json has them."""
+    if not progress:
+        return None
+    begin = max(i for i, message in enumerate(progress) if i == 0 or message.iteration == 1)
+    last = progress[-1]
+    sizes = [int(size) for size in policies[-1].layer_sizes] if policies else []
+    return result_content(
+        task=last.task,
+        seed=int(last.seed),
+        hidden_units=sizes[1:-1],
+        num_parameters=len(policies[-1].parameters) if policies else 0,
+        initial_ddp_cost=last.initial_ddp_cost,
+        iterations=[entry_from_msg(message) for message in progress[begin:]],
+    )

@@ -1,0 +1,172 @@
+"""The robot's motion as MuJoCo renders it, without a screen: a filmstrip and a moving picture.
+
+The robot's own MJCF is drawn, with a sky and a chequered ground added for those that have none.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from mujoco.rendering.classic import gl_context
+from numpy.typing import NDArray
+from PIL import Image
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.run_record import RunRecord
+
+_FRAMES = 5  # of a filmstrip
+_RATE = 25  # frames of a moving picture per second
+_SIZE = (360, 480)  # height and width of a frame of a filmstrip [pixels]
+_GIF_SIZE = (200, 360)
+_COLOURS = 48  # of a moving picture
+_DEPTH = 0.3  # of the ground below a robot that moves in a horizontal plane [m]
+
+
+class RenderingError(VgpsError):
+    """MuJoCo cannot draw on this machine."""
+
+
+class Renderer:
+    """Renders states of a robot; use `open_renderer`."""
+
+    def __init__(self, mjcf: str, height: int, width: int):
+        model = _with_surroundings(mjcf)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._shape = RobotShape(model)
+        self._renderer = mujoco.Renderer(model, height, width)
+        self._camera = mujoco.MjvCamera()
+        seen_from_above = self._shape.plane == (0, 1)
+        self._camera.azimuth, self._camera.elevation = 90, -89 if seen_from_above else -8
+
+    def frame(self, state: NDArray, distance: float) -> NDArray[np.uint8]:
+        """Returns a picture, shape (height, width, 3), centred on the centre of mass."""
+        self._data.qpos[:] = state[: self._model.nq]
+        mujoco.mj_forward(self._model, self._data)
+        self._camera.lookat[:] = self._shape.centre_of_mass(state)
+        self._camera.distance = distance
+        self._renderer.update_scene(self._data, self._camera)
+        # Costly without a graphics card.
+        self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        picture: NDArray[np.uint8] = self._renderer.render().copy()
+        return picture
+
+    def distance(self, states: NDArray) -> float:
+        """Returns a distance from which the whole robot is seen in all states [m]."""
+        reach = max(
+            float(np.linalg.norm(self._shape.axes(x) - self._shape.centre_of_mass(x), axis=2).max())
+            for x in states[:: max(1, len(states) // 50)]
+        )
+        return 2.2 * reach
+
+    def close(self) -> None:
+        """Gives the drawing context back."""
+        self._renderer.close()
+
+
+@contextmanager
+def open_renderer(mjcf: str, height: int, width: int) -> Iterator[Renderer]:
+    """Opens a renderer.
+
+    Raises:
+        RenderingError: there is no way to draw without a screen.
+    """
+    chosen = os.environ.get("MUJOCO_GL")
+    try:
+        if not chosen:  # MuJoCo's own default needs a screen
+            gl_context.GLContext = import_module("mujoco.egl").GLContext
+        renderer = Renderer(mjcf, height, width)
+    except (AttributeError, ImportError, RuntimeError, ValueError, mujoco.FatalError) as error:
+        raise RenderingError(
+            f"MuJoCo cannot draw here with MUJOCO_GL={chosen or 'egl'}; install libegl1, "
+            f"or libosmesa6 and set MUJOCO_GL=osmesa: {error}"
+        ) from error
+    try:
+        yield renderer
+    finally:
+        renderer.close()
+
+
+def filmstrip(run: RunRecord) -> Figure | None:
+    """Draws the robot at evenly spaced times, side by side; None if no motion is known.
+
+    Raises:
+        RenderingError: there is no way to draw without a screen.
+    """
+    if run.executed_states is None:
+        return None
+    steps = np.linspace(0, len(run.executed_states) - 1, _FRAMES).astype(int)
+    states = run.executed_states[steps]
+    with open_renderer(run.mjcf, *_SIZE) as renderer:
+        distance = renderer.distance(states)
+        frames = [renderer.frame(state, distance) for state in states]
+    figure = Figure(figsize=(2.4 * _FRAMES, 2.1), layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, frame, step in zip(figure.subplots(1, _FRAMES), frames, steps, strict=True):
+        axes.imshow(frame)
+        axes.set_title(f"{step * run.time_step:.1f} s", fontsize=10)
+        axes.set_axis_off()
+    return figure
+
+
+def write_moving_picture(run: RunRecord, path: Path) -> bool:
+    """Writes the motion as a GIF in real time; returns whether any is known.
+
+    Raises:
+        RenderingError: there is no way to draw without a screen.
+    """
+    if run.executed_states is None:
+        return False
+    stride = max(1, round(1.0 / (_RATE * run.time_step)))
+    states = run.executed_states[::stride]
+    with open_renderer(run.mjcf, *_GIF_SIZE) as renderer:
+        distance = renderer.distance(states)
+        frames = [Image.fromarray(renderer.frame(state, distance)) for state in states]
+    # One palette for all frames: colours that change from frame to frame would flicker.
+    palette = frames[len(frames) // 2].quantize(_COLOURS)
+    first, *rest = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    duration = round(1000 * stride * run.time_step)
+    first.save(path, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
+    return True
+
+
+def _with_surroundings(mjcf: str) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(mjcf)
+    spec.visual.headlight.ambient = [0.3, 0.3, 0.3]
+    spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        spec.add_texture(
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            rgb1=[0.93, 0.95, 0.97],
+            width=64,
+            height=384,
+        )
+    planes = [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not planes:
+        planes = [
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, -_DEPTH]
+            )
+        ]
+    spec.add_texture(
+        name="chequers",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.62, 0.66, 0.69],
+        rgb2=[0.50, 0.54, 0.58],
+        width=256,
+        height=256,
+    )
+    material = spec.add_material(name="chequers", texrepeat=[1, 1], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "chequers"
+    for plane in planes:
+        plane.material, plane.rgba = "chequers", [1, 1, 1, 1]
+    return spec.compile()
