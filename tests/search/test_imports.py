@@ -1,8 +1,11 @@
 """core, tasks and search need no ROS, and import in one direction."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import vgps_ros
 
 SCRIPT = """
 import importlib, pkgutil, sys
@@ -28,3 +31,32 @@ def test_every_module_imports_without_ros_and_only_what_is_below_it():
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout.splitlines() == ["core", "core tasks", "core search tasks"]
+
+
+ALLOWED = {  # packages of ours that each may import, beside itself
+    "core": set(),
+    "tasks": {"core"},
+    "search": {"core", "tasks"},
+    "messages": {"core", "search", "tasks"},
+    "bags": {"core"},
+    "views": {"core", "search", "tasks", "messages"},
+    "experiments": {"core", "search", "tasks", "views"},
+    "tools": {"core", "search", "tasks", "messages", "bags", "views"},
+    "nodes": {"core", "search", "tasks", "messages", "bags", "views"},
+}
+
+
+def test_each_package_imports_only_what_it_may():
+    source = Path(vgps_ros.__file__).parent
+    for package, allowed in ALLOWED.items():
+        for file in (source / package).rglob("*.py"):
+            found = set(re.findall(r"^\s*(?:from|import) vgps_ros\.(\w+)", file.read_text(), re.M))
+            assert found <= allowed | {package}, file
+
+
+def test_training_without_a_graph_needs_no_ros():
+    script = SCRIPT.split("for package in")[0] + "import vgps_ros.experiments.train"
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
