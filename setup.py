@@ -7,6 +7,7 @@ NODES = [
     "trajectory_optimizer",
     "policy_learner",
     "policy_executor",
+    "demonstration",
     "recorder",
     "player",
     "visualizer",
@@ -15,6 +16,8 @@ PROGRAMS = {
     "bag": "vgps_ros.tools.bag",
     "plot": "vgps_ros.tools.plot",
     "train": "vgps_ros.experiments.train",
+    "evaluate": "vgps_ros.experiments.evaluate",
+    "find_gait": "vgps_ros.experiments.find_gait",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",
 }

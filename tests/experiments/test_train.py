@@ -25,6 +25,7 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         "alpha",
         "ddp_cost",
         "deterministic_cost",
+        "deterministic_survival",
         "stochastic_cost_mean",
         "stochastic_cost_median",
         "stochastic_survival",

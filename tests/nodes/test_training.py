@@ -13,8 +13,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
 from vgps_ros.search.result import iteration_entry
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.vgps import SearchSettings, initial_states, vgps
-from vgps_ros.tasks import Task
+from vgps_ros.search.vgps import SearchSettings, initial_states, search_settings, vgps
+from vgps_ros.tasks import Task, make_task
 
 SHORT = SearchSettings(
     iterations=2, hidden_units=(4,), initial_ddp_iterations=3, evaluation_rollouts=2
@@ -136,3 +136,27 @@ def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
     assert "hidden_units is 0, but it must be from 1 to 10000" in program.output
     assert learner.running
     assert not (tmp_path / "out").exists()
+
+
+def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path):
+    """Each node makes its own demonstration: no request carries one."""
+    walker = make_task("walker")
+    settings = replace(
+        search_settings(walker),
+        iterations=2,
+        hidden_units=(4,),
+        initial_ddp_iterations=2,
+        evaluation_rollouts=2,
+    )
+    graph.start("trajectory_optimizer", task="walker")
+    graph.start("policy_learner", task="walker", **parameters(settings))
+    program = start_training(graph, settings, 7, tmp_path / "out")
+    assert program.wait() == 0, program.output
+
+    iterations = train_in_process(walker, settings, 7)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    entries = [iteration_entry(iteration) for iteration in iterations]
+    assert without_times(result["iterations"]) == without_times(entries)
+    policy, task = load_policy(tmp_path / "out" / "policy.json")
+    assert task == "walker"
+    assert same_bits(policy, iterations[-1].policy)

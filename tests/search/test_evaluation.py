@@ -47,8 +47,11 @@ def test_iterations_and_seeds_draw_anew(short_swimmer, policy):
 def test_diverged_rollouts_count_in_median_and_survival_but_not_in_mean(
     costs, mean, median, survival
 ):
-    found = Evaluation(np.array([1.0, 3.0]), np.array(costs))
+    found = Evaluation(
+        np.array([1.0, 3.0]), np.array(costs), np.array([True, False]), np.isfinite(costs)
+    )
     assert found.deterministic_cost == 2.0
     assert found.stochastic_mean == pytest.approx(mean)
     assert found.stochastic_median == median
     assert found.stochastic_survival == pytest.approx(survival)
+    assert found.deterministic_survival == 0.5

@@ -29,6 +29,10 @@ class Trajectory:
         """T, the number of controls."""
         return len(self.controls)
 
+    def first(self, steps: int) -> "Trajectory":
+        """Returns the first steps."""
+        return Trajectory(self.states[: steps + 1], self.controls[:steps])
+
 
 @dataclass(frozen=True)
 class LinearDynamics:
@@ -81,3 +85,13 @@ class TrajectoryDistribution:
     control_covariances: Array
     linear_dynamics: LinearDynamics
     state_covariances: Array
+
+    def first(self, steps: int) -> "TrajectoryDistribution":
+        """Returns the distribution over the first steps."""
+        return TrajectoryDistribution(
+            self.mean.first(steps),
+            self.gains[:steps],
+            self.control_covariances[:steps],
+            LinearDynamics(self.linear_dynamics.f_x[:steps], self.linear_dynamics.f_u[:steps]),
+            self.state_covariances[: steps + 1],
+        )

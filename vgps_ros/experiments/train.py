@@ -18,7 +18,7 @@ from vgps_ros.search.trajectory_optimizer import (
     OptimizerSettings,
     TrajectoryOptimizer,
 )
-from vgps_ros.search.vgps import SearchSettings, vgps
+from vgps_ros.search.vgps import SearchSettings, search_settings, vgps
 from vgps_ros.tasks import TASKS, Task, make_task
 from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.run_record import TRAJECTORIES, RunRecord
@@ -45,7 +45,8 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
 
             result = optimizer.optimize(request, on_iteration=show)
             if request.trajectory_index == 0:
-                solutions["last" if request.iteration else "initial"] = result.distribution
+                which = "last" if request.iteration else "initial"
+                solutions[which] = result.distribution.first(task.horizon)
             return result
 
         for iteration in vgps(
@@ -86,19 +87,30 @@ def train(task: Task, settings: SearchSettings, seed: int, output: Path) -> None
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    which = argparse.ArgumentParser(prog="train", add_help=False)
+    which.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
+    which.add_argument(
+        "--demonstration", default="", help="table of a recorded motion to start from"
+    )
+    chosen, _ = which.parse_known_args(arguments)
+    try:
+        task = make_task(chosen.task, chosen.demonstration)
+    except VgpsError as error:
+        sys.exit(f"train: {error}")
+    # The task names the defaults of the other flags.
     parser = argparse.ArgumentParser(
         prog="train",
+        parents=[which],
         description="Learns a policy by variational guided policy search in this process, and "
         f"writes result.json, policy.json, {TRAJECTORIES} and learning_curve.png.",
     )
-    parser.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
-    add_flags(parser, SearchSettings(), frozenset())
+    add_flags(parser, search_settings(task), frozenset())
     parsed = parser.parse_args(arguments)
     try:
-        settings = settings_from(parsed, SearchSettings())
-        train(make_task(parsed.task), settings, parsed.seed, parsed.output)
+        settings = settings_from(parsed, search_settings(task))
+        train(task, settings, parsed.seed, parsed.output)
     except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
     except KeyboardInterrupt:

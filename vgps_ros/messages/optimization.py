@@ -53,7 +53,7 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
             f"The request is for the task '{message.task}', but this optimizer solves "
             f"'{task.name}'."
         )
-    shape = (task.horizon, task.dynamics.control_dim)
+    shape = (task.planned_horizon, task.dynamics.control_dim)
     return OptimizationRequest(
         trajectory_index=message.trajectory_index,
         iteration=message.iteration,

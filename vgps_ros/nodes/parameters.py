@@ -20,6 +20,12 @@ from vgps_ros.tasks import TASKS
 Record = TypeVar("Record")
 
 TASK = Setting("task", "swimmer", "control problem", choices=tuple(sorted(TASKS)))
+DEMONSTRATION = Setting(
+    "demonstration",
+    "",
+    "table of a recorded motion to start from, the same for optimizer and learner; empty: the "
+    "task's own start",
+)
 SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
 
 _INTEGER_LIMIT = 2**63 - 1

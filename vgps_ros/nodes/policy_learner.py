@@ -17,11 +17,11 @@ from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
-from vgps_ros.nodes.parameters import TASK, declare, declare_settings
+from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.vgps import SearchIteration, SearchSettings, vgps
+from vgps_ros.search.vgps import SearchIteration, search_settings, vgps
 from vgps_ros.tasks import make_task
 
 OPTIMIZERS = Setting(
@@ -36,8 +36,10 @@ class PolicyLearner(Node):
 
     def __init__(self) -> None:
         super().__init__("policy_learner")
-        self._task = make_task(declare(self, TASK, read_only=True))
-        self._settings = declare_settings(self, SearchSettings())
+        self._task = make_task(
+            declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
+        )
+        self._settings = declare_settings(self, search_settings(self._task))
         names = declare(self, OPTIMIZERS, read_only=True)
         self._health = Health(self)
         self._pool = OptimizerPool(self, names, self._task, self._health)

@@ -16,7 +16,7 @@ from vgps_ros.messages.optimization import (
     result_to_msg,
 )
 from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameters import TASK, declare, declare_settings
+from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.runner import run
@@ -29,7 +29,9 @@ class TrajectoryOptimizerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("trajectory_optimizer")
-        task = make_task(declare(self, TASK, read_only=True))
+        task = make_task(
+            declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
+        )
         settings = declare_settings(self, OptimizerSettings(task.ddp))
         self._optimizer = TrajectoryOptimizer(task, settings)
         self._health = Health(self)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
@@ -19,10 +20,14 @@ class Evaluation:
         deterministic_costs: cost without noise from each initial state, shape (I,); inf where the
             rollout diverged.
         stochastic_costs: cost of each stochastic rollout, shape (N,); inf where it diverged.
+        deterministic_survived: which deterministic rollouts neither diverged nor fell, shape (I,).
+        stochastic_survived: the same of the stochastic rollouts, shape (N,).
     """
 
     deterministic_costs: Array
     stochastic_costs: Array
+    deterministic_survived: NDArray[np.bool_]
+    stochastic_survived: NDArray[np.bool_]
 
     @property
     def deterministic_cost(self) -> float:
@@ -42,8 +47,13 @@ class Evaluation:
 
     @property
     def stochastic_survival(self) -> float:
-        """Share of the rollouts that did not diverge."""
-        return float(np.isfinite(self.stochastic_costs).mean())
+        """Share of the stochastic rollouts that neither diverged nor fell."""
+        return float(self.stochastic_survived.mean())
+
+    @property
+    def deterministic_survival(self) -> float:
+        """Share of the initial states from which the policy without noise survives."""
+        return float(self.deterministic_survived.mean())
 
 
 def evaluate(
@@ -65,15 +75,19 @@ def evaluate(
         iteration: k, the place of these draws in the run.
     """
     means = np.stack(initial_states)
-    states, controls = task.dynamics.rollouts(means, lambda t, x: policy.mean(x), task.horizon)
-    deterministic = task.rollout_costs(states, controls)
+    deterministic = task.dynamics.rollouts(means, lambda t, x: policy.mean(x), task.horizon)
 
     rng = generator(seed, Stream.EVALUATION, iteration)
     starts = np.repeat(means, rollouts, axis=0)
     starts = starts + task.marginals.initial_std * rng.standard_normal(starts.shape)
     noise = rng.standard_normal((task.horizon, len(starts), len(policy.noise_std)))
     noise *= policy.noise_std
-    states, controls = task.dynamics.rollouts(
+    stochastic = task.dynamics.rollouts(
         starts, lambda t, x: policy.mean(x) + noise[t], task.horizon
     )
-    return Evaluation(deterministic, task.rollout_costs(states, controls))
+    return Evaluation(
+        deterministic_costs=task.rollout_costs(*deterministic),
+        stochastic_costs=task.rollout_costs(*stochastic),
+        deterministic_survived=task.survived(deterministic[0]),
+        stochastic_survived=task.survived(stochastic[0]),
+    )

@@ -18,6 +18,7 @@ def iteration_entry(iteration: SearchIteration) -> dict[str, Any]:
         "alpha": iteration.alpha,
         "ddp_cost": _finite(iteration.ddp_cost),
         "deterministic_cost": _finite(evaluation.deterministic_cost),
+        "deterministic_survival": evaluation.deterministic_survival,
         "stochastic_cost_mean": _finite(evaluation.stochastic_mean),
         "stochastic_cost_median": _finite(evaluation.stochastic_median),
         "stochastic_survival": evaluation.stochastic_survival,

@@ -11,6 +11,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array, positive
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
+from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import sample_deviations, state_covariances
 from vgps_ros.core.policy import GaussianPolicy
@@ -36,6 +37,12 @@ class OptimizerSettings:
         "samples of each step's marginal over which log pi_theta is averaged",
         minimum=1,
         maximum=10_000,
+    )
+    demonstration_tolerance: float = setting(
+        0.1,
+        "largest deviation from a demonstration that counts as following it [m, rad]",
+        minimum=1e-12,
+        maximum=10.0,
     )
 
 
@@ -72,7 +79,7 @@ class OptimizationResult:
 
     Attributes:
         distribution: q(ζ).
-        cost: Σ c of its mean, unscaled and without the policy term.
+        cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
         modified_cost: what was minimised.
         status: why the solve ended.
         iterations: its log.
@@ -119,7 +126,7 @@ class TrajectoryOptimizer:
         )
         return OptimizationResult(
             distribution=self._distribution(solution, request.cost_scale),
-            cost=self.task.trajectory_cost(solution.trajectory),
+            cost=self.task.trajectory_cost(solution.trajectory.first(self.task.horizon)),
             modified_cost=solution.cost,
             status=solution.status,
             iterations=solution.iterations,
@@ -132,9 +139,9 @@ class TrajectoryOptimizer:
         positive("max_iterations", request.max_iterations)
         check_array("initial_state", request.initial_state, (n_x,))
         if request.guess is not None:
-            check_array("guess.controls", request.guess, (self.task.horizon, n_u))
+            check_array("guess.controls", request.guess, (self.task.planned_horizon, n_u))
         if request.previous is not None:
-            q, horizon = request.previous, self.task.horizon
+            q, horizon = request.previous, self.task.planned_horizon
             check_array("previous.mean.states", q.mean.states, (horizon + 1, n_x))
             check_array("previous.mean.controls", q.mean.controls, (horizon, n_u))
             check_array("previous.gains", q.gains, (horizon, n_u, n_x))
@@ -160,12 +167,26 @@ class TrajectoryOptimizer:
         if request.previous is not None:
             return request.previous.mean, request.previous.linear_dynamics
         if request.guess is None:
-            raise InvalidInputError("The request has neither guess nor previous; send one of them.")
+            if self.task.demonstration is None:
+                raise InvalidInputError(
+                    "The request has neither guess nor previous; send one of them."
+                )
+            return self._follow_demonstration(self.task.demonstration, request.initial_state), None
         controls = request.guess
         initial = self.task.dynamics.rollout(
-            request.initial_state, lambda t, _: controls[t], self.task.horizon
+            request.initial_state, lambda t, _: controls[t], self.task.planned_horizon
         )
         return initial, None
+
+    def _follow_demonstration(self, demonstration: Trajectory, start: Array) -> Trajectory:
+        """The demonstration as this model executes it from x_1."""
+        return track(
+            self.task.dynamics,
+            demonstration,
+            start,
+            self.task.joint_names,
+            self.settings.demonstration_tolerance,
+        )
 
     def _policy_cost(self, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
         assert request.previous is not None

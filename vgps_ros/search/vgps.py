@@ -20,7 +20,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_fit import FitSettings, fit_policy, initial_policy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.settings import check_settings, setting
+from vgps_ros.core.settings import check_settings, setting, with_values
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
@@ -153,7 +153,9 @@ def vgps(
                 cost_scale=settings.alpha(0),
                 max_iterations=settings.initial_ddp_iterations,
                 initial_state=start,
-                guess=task.guess(generator(seed, Stream.INITIAL_CONTROLS, i)),
+                guess=task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
+                if task.guess
+                else None,
             )
             for i, start in enumerate(starts)
         ]
@@ -161,13 +163,13 @@ def vgps(
     initial_ddp_cost = _mean_cost(solutions)
     policy = initial_policy(
         architecture(task, settings),
-        [s.distribution for s in solutions],
+        _scored(task, solutions),
         generator(seed, Stream.POLICY_PARAMETERS),
     )
     for k in range(1, settings.iterations + 1):  # line 2
         began = time.perf_counter()
         # Line 3 is part of lines 1 and 6: a solution comes with its marginals. Line 4:
-        distributions = [s.distribution for s in solutions]
+        distributions = _scored(task, solutions)
         rng = generator(seed, Stream.POLICY_FIT, k)
         policy = fit_policy(policy, distributions, settings.fit, rng)
         fitted = time.perf_counter()
@@ -181,10 +183,10 @@ def vgps(
                     cost_scale=alpha,
                     max_iterations=settings.ddp_iterations,
                     initial_state=starts[i],
-                    previous=q,
+                    previous=solution.distribution,
                     policy=policy,
                 )
-                for i, q in enumerate(distributions)
+                for i, solution in enumerate(solutions)
             ]
         )
         optimized = time.perf_counter()
@@ -201,6 +203,16 @@ def vgps(
             q_step_seconds=optimized - fitted,
             m_step_seconds=fitted - began,
         )
+
+
+def search_settings(task: Task) -> SearchSettings:
+    """Returns the settings that suit the task."""
+    return with_values(SearchSettings(), task.search)
+
+
+def _scored(task: Task, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
+    """Each q(ζ) over the horizon that is trained on."""
+    return [s.distribution.first(task.horizon) for s in solutions]
 
 
 def _policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribution]) -> float:

@@ -1,11 +1,13 @@
 """What a control problem is made of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp import DdpSettings
@@ -13,6 +15,11 @@ from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.joints import actuated_joint_names, joint_names
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.records import Array, Trajectory
+
+
+def never(states: Array) -> NDArray[np.bool_]:
+    """Returns false for each of the states (..., n_x)."""
+    return np.zeros(states.shape[:-1], dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -24,14 +31,19 @@ class Task:
         model_path: its MJCF.
         dynamics: x' = f(x, u).
         cost: c(x, u).
-        horizon: T, steps that are optimised and scored.
+        horizon: T, steps that are trained on and scored.
         initial_state: mean of x_1, shape (n_x,).
         varied_state_std: standard deviation of the starts where one policy learns from several
             initial states, shape (n_x,).
         observed: coordinates of the state that a policy reads.
-        guess: draws the controls from which the first solve starts.
         marginals: noise that the marginals assume.
-        ddp: solver settings of the initial solve.
+        guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
+        demonstration: what the first solve starts from where there is no guess.
+        lookahead: steps that are optimised beyond T, so that the end of the optimised horizon,
+            after which nothing costs, is not what the policy learns.
+        fallen: tells of states (..., n_x) whether the robot has fallen, shape (...,).
+        ddp: solver settings.
+        search: settings of Algorithm 1 that suit the task, by dotted name.
     """
 
     name: str
@@ -42,14 +54,29 @@ class Task:
     initial_state: Array
     varied_state_std: Array
     observed: tuple[int, ...]
-    guess: Callable[[np.random.Generator], Array]
     marginals: MarginalSettings
+    guess: Callable[[np.random.Generator], Array] | None = None
+    demonstration: Trajectory | None = None
+    lookahead: int = 0
+    fallen: Callable[[Array], NDArray[np.bool_]] = never
     ddp: DdpSettings = field(default_factory=DdpSettings)
+    search: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def planned_horizon(self) -> int:
+        """Number of steps that are optimised."""
+        return self.horizon + self.lookahead
 
     @property
     def joint_names(self) -> list[str]:
         """Names of all joints, in the order of positions and velocities in the state."""
         return joint_names(self.dynamics.model)
+
+    @property
+    def hinges(self) -> NDArray[np.bool_]:
+        """Which positions are angles, shape (n_x / 2,)."""
+        types = self.dynamics.model.jnt_type
+        return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
 
     @property
     def actuated_joint_names(self) -> list[str]:
@@ -66,6 +93,11 @@ class Task:
         costs = self.cost(states[:, :-1], controls).sum(axis=1)
         diverged = ~np.isfinite(states).all(axis=(1, 2))
         return np.where(diverged, np.inf, costs)
+
+    def survived(self, states: Array) -> NDArray[np.bool_]:
+        """Returns which rollouts (N, T+1, n_x) neither diverged nor fell, shape (N,)."""
+        sound = np.isfinite(states).all(axis=2) & ~self.fallen(states)
+        return np.logical_and.reduce(sound, axis=1)
 
     def trajectory_cost(self, trajectory: Trajectory) -> float:
         """Returns Σ_t c of one trajectory."""

@@ -1,0 +1,42 @@
+"""Algorithm 1 on a short walk: lookahead, demonstration and falls reach every part."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.vgps import search_settings, vgps
+from vgps_ros.tasks import make_task
+
+
+@pytest.fixture(scope="module")
+def short_walker():
+    walker = make_task("walker")
+    demonstration = walker.demonstration.first(60)
+    return dataclasses.replace(walker, demonstration=demonstration, horizon=50, lookahead=10)
+
+
+def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
+    settings = dataclasses.replace(
+        search_settings(short_walker),
+        iterations=2,
+        initial_ddp_iterations=3,
+        evaluation_rollouts=3,
+        hidden_units=(5,),
+    )
+    optimizer = TrajectoryOptimizer(short_walker, OptimizerSettings(short_walker.ddp))
+    iterations = list(
+        vgps(short_walker, settings, 0, lambda rs: [optimizer.optimize(r) for r in rs])
+    )
+    last = iterations[-1]
+    q = last.solutions[0].distribution
+    assert q.mean.horizon == 60
+    scored = q.mean.first(50)
+    assert last.ddp_cost == short_walker.trajectory_cost(scored)
+    demonstrated = short_walker.trajectory_cost(short_walker.demonstration.first(50))
+    assert last.initial_ddp_cost < demonstrated
+    assert last.evaluation.stochastic_survived.shape == (3,)
+    stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
+    limit = short_walker.marginals.at(last.alpha).std_limit
+    assert np.all(stds <= limit * (1 + 1e-12))

@@ -1,0 +1,60 @@
+"""Following a demonstration.
+
+Replayed open-loop, torques of a gait diverge: rounding errors grow with every step. The gains of a
+linear-quadratic regulator around the demonstration hold the rollout to it,
+
+    minimise  Σ ‖δx‖² + ρ ‖δu‖²,    u = ū + K (x − x̄).
+"""
+
+import numpy as np
+
+from vgps_ros.core.ddp.backward_pass import backward_pass
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.records import Array, CostExpansion, Trajectory
+
+CONTROL_WEIGHT = 1e-4  # ρ [1/(N²·m²)]
+# As in a solve, it keeps gains moderate where contact is hard.
+REGULARIZATION = 0.1
+
+
+def track(
+    dynamics: Dynamics, demonstration: Trajectory, start: Array, names: list[str], tolerance: float
+) -> Trajectory:
+    """Returns the rollout from a state near the demonstration's first that follows it.
+
+    Args:
+        dynamics: x' = f(x, u).
+        demonstration: x̄, ū.
+        start: x_1, shape (n_x,).
+        names: of the joints, for the report of a failure.
+        tolerance: largest deviation of a position that counts as followed [m, rad].
+
+    Raises:
+        DivergenceError: the rollout leaves the demonstration; the message says where, in which
+            joint and by how much.
+    """
+    horizon, (n_x, n_u) = demonstration.horizon, (dynamics.state_dim, dynamics.control_dim)
+    expansion = CostExpansion(
+        c=np.zeros(horizon),
+        c_x=np.zeros((horizon, n_x)),
+        c_u=np.zeros((horizon, n_u)),
+        c_xx=np.tile(2 * np.eye(n_x), (horizon, 1, 1)),
+        c_uu=np.tile(2 * CONTROL_WEIGHT * np.eye(n_u), (horizon, 1, 1)),
+        c_ux=np.zeros((horizon, n_u, n_x)),
+    )
+    gains = backward_pass(dynamics.linearize(demonstration), expansion, REGULARIZATION).gains
+    states, controls = demonstration.states, demonstration.controls
+    rollout = dynamics.rollout(
+        start, lambda t, x: controls[t] + (x - states[t]) @ gains[t].T, demonstration.horizon
+    )
+    error = np.abs(rollout.states - states)[:, : n_x // 2]
+    away = np.argwhere(~(error <= tolerance))  # written so that NaN counts
+    if away.size:
+        t, joint = away[0]
+        raise DivergenceError(
+            f"The demonstration cannot be followed: at step {t} ({t * dynamics.time_step:.2f} s) "
+            f"{names[joint]} is {error[t, joint]:.3g} away from it, but at most {tolerance:g} is "
+            "allowed; check that it was recorded on this model, with these torques."
+        )
+    return rollout

@@ -1,0 +1,58 @@
+"""Node `demonstration`: torques from the walker's SIMBICON controller, in the executor's place."""
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
+from vgps_ros.nodes.health import Health
+from vgps_ros.nodes.qos import NEWEST, STREAM
+from vgps_ros.nodes.runner import run
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.simbicon import GAIT, FootLoads, Simbicon
+
+_STATE = "joint_states from simulation"
+
+
+class Demonstration(Node):
+    """Answers each state of the walker once; time that runs backwards starts the gait anew."""
+
+    def __init__(self) -> None:
+        super().__init__("demonstration")
+        self._task = make_task("walker")
+        self._loads = FootLoads(self._task.dynamics.model)
+        self._health = Health(self)
+        self._answer = JointState()
+        self._restart()
+        self._commands = self.create_publisher(JointState, "joint_command", STREAM)
+        self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
+        self._health.wait_for(_STATE)
+
+    def _restart(self) -> None:
+        self._controller = Simbicon(GAIT, self._task.dynamics.time_step)
+        self._stamp = -1
+
+    def _take_state(self, message: JointState) -> None:
+        self._health.arrived(_STATE)
+        stamp = nanoseconds(message.header.stamp)
+        if stamp < self._stamp:
+            self._restart()
+        if stamp == self._stamp:  # the gait must not go on twice
+            self._commands.publish(self._answer)
+            return
+        try:
+            state = state_from_msg(message, self._task.joint_names)
+        except InvalidInputError as error:
+            self._health.error(f"Gave no torques: {error}", "state")
+            return
+        self._health.clear("state")
+        torques = self._controller.torques(state, self._loads(state))
+        names = self._task.actuated_joint_names
+        self._stamp = stamp
+        self._answer = command_to_msg(torques, names, message.header.stamp)
+        self._commands.publish(self._answer)
+
+
+def main() -> None:
+    """Runs the node."""
+    run(Demonstration)

@@ -1,0 +1,99 @@
+"""A recorded motion as a task's demonstration.
+
+The file is a table of comma-separated values with a header, one row a step of the task:
+
+    time, JOINT/position and JOINT/velocity of each joint, JOINT/effort of each actuated joint
+
+in s, m and rad, their rates, and N·m; columns may come in any order. A row's efforts act until the
+next row; those of the last row are not used.
+"""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vgps_ros.core.checks import finite_array
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.tasks.task import Task
+
+RATE_TOLERANCE = 0.01  # of a time step
+
+
+def with_demonstration(task: Task, path: Path) -> Task:
+    """Returns the task with a recorded demonstration, from whose first state it starts.
+
+    Raises:
+        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
+    """
+    recorded = load_demonstration(task, path)
+    return replace(task, demonstration=recorded, guess=None, initial_state=recorded.states[0])
+
+
+def load_demonstration(task: Task, path: Path) -> Trajectory:
+    """Reads a demonstration over the task's planned horizon; later rows are left out.
+
+    Raises:
+        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
+    """
+    names, rows = _read(path)
+    wanted = columns(task)
+    strange = [*sorted(set(wanted) - set(names)), *sorted(set(names) - set(wanted))]
+    if strange:
+        verb = "lacks the column" if strange[0] in wanted else "has the unknown column"
+        raise InvalidInputError(
+            f"{path} {verb} '{strange[0]}'; the {task.name} has the joints "
+            f"{', '.join(task.joint_names)}, of which {', '.join(task.actuated_joint_names)} "
+            "have efforts."
+        )
+    steps = task.planned_horizon
+    if len(rows) < steps + 1:
+        raise InvalidInputError(
+            f"{path} has {len(rows)} rows, but the {task.name} needs {steps + 1}: "
+            f"{steps} steps of {task.dynamics.time_step:g} s and a last state."
+        )
+    table = rows[: steps + 1, [names.index(name) for name in wanted]]
+    table = finite_array(str(path), table, table.shape)
+    periods = np.diff(table[:, 0])
+    wrong = np.flatnonzero(np.abs(periods / task.dynamics.time_step - 1) > RATE_TOLERANCE)
+    if wrong.size:
+        raise InvalidInputError(
+            f"{path} has {periods[wrong[0]]:.4g} s between rows {wrong[0] + 1} and "
+            f"{wrong[0] + 2}, but the {task.name}'s time step is {task.dynamics.time_step:g} s: "
+            "resample it."
+        )
+    n_x = task.dynamics.state_dim
+    return Trajectory(table[:, 1 : 1 + n_x], table[:-1, 1 + n_x :])
+
+
+def save_demonstration(task: Task, demonstration: Trajectory, path: Path) -> None:
+    """Writes a demonstration that `load_demonstration` reads back bit for bit."""
+    time = task.dynamics.time_step * np.arange(demonstration.horizon + 1)
+    efforts = np.pad(demonstration.controls, ((0, 1), (0, 0)))
+    table = np.column_stack([time, demonstration.states, efforts])
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns(task))
+        writer.writerows(table.tolist())
+
+
+def columns(task: Task) -> list[str]:
+    """Returns the names of a file's columns: time, the state's order, the controls' order."""
+    return [
+        "time",
+        *(f"{name}/{kind}" for kind in ("position", "velocity") for name in task.joint_names),
+        *(f"{name}/effort" for name in task.actuated_joint_names),
+    ]
+
+
+def _read(path: Path) -> tuple[list[str], Array]:
+    """Returns the header and the rows, shape (rows, columns)."""
+    try:
+        with path.open(newline="") as file:
+            header, *rows = csv.reader(file)
+        names = [name.strip() for name in header]
+        return names, np.array(rows, dtype=float).reshape(len(rows), len(names))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InvalidInputError(f"{path} is not a readable table of numbers: {error}.") from error

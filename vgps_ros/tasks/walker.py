@@ -1,0 +1,88 @@
+"""The paper's walker: seven links, nine degrees of freedom, 18 states, six torques.
+
+    c(x, u) = w_u ‖u‖² + (v_x − v_x*)² + (p_y − p_y*)²,   w_u = 1e-4,  v_x* = 1 m/s,  p_y* = 0.93 m,
+
+where v_x and p_y are the hips' horizontal velocity and height. State: root x, z [m], root pitch,
+hip, knee and ankle of the left and of the right leg [rad], then their velocities.
+
+The walker has **fallen** where its hips are below 0.65 m or its torso is pitched beyond 1 rad.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.ddp import DdpSettings
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.marginals import MarginalSettings
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.tasks.simbicon import GAIT, walk
+from vgps_ros.tasks.task import Task, load_model
+
+MODEL_PATH = Path(__file__).with_suffix(".xml")
+HORIZON = 400
+LOOKAHEAD = 60
+WARM_UP = 1000  # steps after which the demonstration's gait is steady
+TARGETS = np.array([1.0, 0.93])  # v_x* [m/s], p_y* [m]
+CONTROL_WEIGHT = 1e-4
+LOWEST_HIPS = 0.65  # [m]
+LARGEST_PITCH = 1.0  # [rad]
+
+
+def walker() -> Task:
+    """Returns the walker's task."""
+    dynamics = Dynamics(load_model(MODEL_PATH), substeps=2)
+    n_x = dynamics.state_dim
+    first = demonstration()
+    return Task(
+        name="walker",
+        model_path=MODEL_PATH,
+        dynamics=dynamics,
+        cost=FeatureCost(hip_motion, TARGETS, CONTROL_WEIGHT),
+        horizon=HORIZON,
+        lookahead=LOOKAHEAD,
+        initial_state=first.states[0],
+        varied_state_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
+        observed=tuple(range(1, n_x)),  # all but root x: walking is the same everywhere
+        demonstration=first,
+        fallen=fallen,
+        # A floor under μ keeps steps small where contact is hard; q's gains keep away from it too.
+        ddp=DdpSettings(
+            initial_regularization=0.1, regularization_floor=0.1, distribution_regularization=0.1
+        ),
+        marginals=MarginalSettings(
+            initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
+            dynamics_std=np.zeros(n_x),
+            # Linearised covariances explode through contact.
+            std_limit=np.concatenate(
+                [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
+            ),
+            std_limit_annealing=0.5,
+        ),
+        search={"initial_ddp_iterations": 45, "ddp_iterations": 1},
+    )
+
+
+@cache
+def demonstration() -> Trajectory:
+    """Returns steady walking by the SIMBICON controller, over horizon and lookahead."""
+    dynamics = Dynamics(load_model(MODEL_PATH), substeps=2)
+    walking = walk(dynamics, GAIT, WARM_UP + HORIZON + LOOKAHEAD)
+    states, controls = walking.states[WARM_UP:].copy(), walking.controls[WARM_UP:]
+    states[:, 0] -= states[0, 0]
+    return Trajectory(states, controls)
+
+
+def hip_motion(states: Array) -> tuple[Array, Array]:
+    """Returns the hips' v_x [m/s] and p_y [m], shape (..., 2), and their Jacobian (..., 2, 18)."""
+    jacobian = np.zeros((*states.shape[:-1], 2, states.shape[-1]))
+    jacobian[..., 0, 9] = jacobian[..., 1, 1] = 1.0
+    return states[..., [9, 1]], jacobian
+
+
+def fallen(states: Array) -> NDArray[np.bool_]:
+    """Returns whether the walker has fallen, shape (...,), in states (..., 18)."""
+    return (states[..., 1] < LOWEST_HIPS) | (np.abs(states[..., 2]) > LARGEST_PITCH)
