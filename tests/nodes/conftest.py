@@ -47,6 +47,7 @@ class Process:
 
     def __init__(self, name: str, arguments: list[str], environment: dict[str, str], log: Path):
         self.name = name
+        self.orphaned: set[Path] = set()  # shared memory that a killed process had a hold of
         self._log = log
         with log.open("w") as file:
             self._process = subprocess.Popen(
@@ -79,13 +80,11 @@ class Process:
         return self.wait(timeout)
 
     def kill(self) -> None:
-        """Kills it with SIGKILL, and removes the shared memory that it leaves behind."""
-        segments = _owned_segments(self._process.pid)
+        """Kills it with SIGKILL; the graph then removes the shared memory that it leaves."""
+        maps = Path(f"/proc/{self._process.pid}/maps").read_text()
+        self.orphaned = set(map(Path, re.findall("/dev/shm/fastrtps_\\w+", maps)))
         self._process.kill()
         self._process.wait()
-        for segment in segments:
-            for name in (segment.name, f"{segment.name}_el", f"sem.{segment.name}_mutex"):
-                segment.with_name(name).unlink(missing_ok=True)
 
 
 class Graph:
@@ -145,6 +144,7 @@ class Graph:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
+        _remove({segment for process in self.processes for segment in process.orphaned})
         assert not bad, "\n".join(bad)
 
     # The test's own node
@@ -263,11 +263,24 @@ def _free_domain() -> Iterator[int]:
     raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
 
 
-def _owned_segments(pid: int) -> list[Path]:
+def _owned_segments(pid: int) -> set[Path]:
     """Shared memory of Fast DDS that a process made: it holds a lock file open for each."""
-    open_files = [os.readlink(file) for file in Path(f"/proc/{pid}/fd").iterdir()]
+    try:
+        open_files = [os.readlink(file) for file in Path(f"/proc/{pid}/fd").iterdir()]
+    except OSError:  # it has ended meanwhile, or belongs to somebody else
+        return set()
     locks = [file for file in open_files if re.fullmatch("/dev/shm/fastrtps_.*_el", file)]
-    return [Path(lock.removesuffix("_el")) for lock in locks]
+    return {Path(lock.removesuffix("_el")) for lock in locks}
+
+
+def _remove(segments: set[Path]) -> None:
+    """Removes shared memory that no living process has made."""
+    if not segments:
+        return
+    living = (int(f.name) for f in Path("/proc").iterdir() if f.name.isdecimal())
+    for segment in segments - {owned for pid in living for owned in _owned_segments(pid)}:
+        for name in (segment.name, f"{segment.name}_el", f"sem.{segment.name}_mutex"):
+            segment.with_name(name).unlink(missing_ok=True)
 
 
 def _yaml(value: Any) -> str:
