@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Learns to swim in a graph of separate ROS 2 processes, then lets the learned policy swim.
+# Learns a policy in a graph of separate ROS 2 processes, then executes it.
 # TASK, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -59,7 +59,7 @@ printf 'Learning: task %s, %s hidden units, seed %s, %s iterations; logs in %s.\
 program=install/vgps_ros/lib/vgps_ros
 "$program/train_through_graph" --seed "$seed" --iterations "$iterations" \
   --hidden-units "$hidden" --output "$output"
-printf 'Swimming: the learned policy drives the simulation in lock-step.\n'
+printf 'Executing: the learned policy drives the simulation in lock-step.\n'
 "$program/execute_policy" --task "$task" --json "$output/execution.json" \
   --result "$output/result.json"
 

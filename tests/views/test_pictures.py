@@ -28,6 +28,7 @@ def result():
             "ddp_cost": 160.0 + k,
             "deterministic_cost": 170.0 + k,
             "stochastic_cost_mean": cost,
+            "stochastic_cost_median": cost,
         }
         for k, cost in enumerate(costs, start=1)
     ]

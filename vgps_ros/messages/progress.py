@@ -60,6 +60,6 @@ def entry_from_msg(message: LearningProgress) -> dict[str, Any]:
         "q_step_seconds",
         "m_step_seconds",
     ):
-        value = getattr(message, name)
+        value = getattr(message, name, math.nan)  # bags of earlier versions lack some
         entry[name] = value if math.isfinite(value) else None
     return entry

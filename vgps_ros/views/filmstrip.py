@@ -26,6 +26,7 @@ _RATE = 25  # frames of a moving picture per second
 _SIZE = (360, 480)  # height and width of a frame of a filmstrip [pixels]
 _GIF_SIZE = (200, 360)
 _COLOURS = 48  # of a moving picture
+_MARGIN = 1.25  # of the view around the robot
 _DEPTH = 0.3  # of the ground below a robot that moves in a horizontal plane [m]
 
 
@@ -59,11 +60,17 @@ class Renderer:
 
     def distance(self, states: NDArray) -> float:
         """Returns a distance from which the whole robot is seen in all states [m]."""
-        reach = max(
-            float(np.linalg.norm(self._shape.axes(x) - self._shape.centre_of_mass(x), axis=2).max())
-            for x in states[:: max(1, len(states) // 50)]
+        plane = list(self._shape.plane)
+        wide, high = np.max(
+            [
+                np.abs(self._shape.axes(x) - self._shape.centre_of_mass(x))[:, :, plane].max((0, 1))
+                for x in states[:: max(1, len(states) // 50)]
+            ],
+            axis=0,
         )
-        return 2.2 * reach
+        aspect = self._renderer.width / self._renderer.height
+        half_view = np.tan(np.deg2rad(self._model.vis.global_.fovy) / 2)
+        return float(_MARGIN * max(high, wide / aspect) / half_view)
 
     def close(self) -> None:
         """Gives the drawing context back."""

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from vgps_ros.core.joints import compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array
@@ -32,6 +32,14 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     costs.plot(k, series("stochastic_cost_mean"), color=_LEARNED, label="stochastic policy")
     costs.plot(
         k,
+        series("stochastic_cost_median"),
+        color=_LEARNED,
+        linewidth=1,
+        linestyle=":",
+        label="its median rollout",
+    )
+    costs.plot(
+        k,
         series("deterministic_cost"),
         color=_LEARNED,
         linestyle="--",
@@ -43,7 +51,8 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))
     costs.set_ylim(bottom=0.9 * low)
     costs.yaxis.set_major_formatter("{x:g}")
-    costs.yaxis.set_minor_formatter("{x:g}")
+    low, high = costs.get_ylim()
+    costs.yaxis.set_minor_formatter("{x:g}" if high < 10 * low else NullFormatter())
     costs.tick_params(axis="y", which="minor", labelsize=8)
     costs.set_ylabel("cost over the horizon")
     units = " + ".join(map(str, result["hidden_units"]))
