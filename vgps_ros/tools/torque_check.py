@@ -37,7 +37,7 @@ class TorqueCheck:
         deterministic: torques that are the policy's mean.
         stochastic: torques that are its mean plus the noise of the recorded seed.
         unanswered: states without a torque, between the first torque and the last.
-        stateless: torques whose state is not in the bag, after the first state that is.
+        stateless: torques whose state is not in the bag, received after the first state that is.
         different: torques that the policy does not give.
         first_difference: a sentence on the first of those.
     """
@@ -92,16 +92,19 @@ def check_torques(bag: BagReader) -> TorqueCheck:
         states[nanoseconds(message.header.stamp)].add(received, state)
     seed = _seed(bag)
     actuated = actuated_joint_names(model)
+    first_state = min(timeline.received[0] for timeline in states.values())
     found = TorqueCheck()
     answered = set()
     for received, message in _decoded(bag, topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
         torques = command_from_msg(message, actuated)
         answered.add(stamp)
-        if stamp in states:
-            possible = (policies.around(received), states[stamp].around(received))
-            _compare(found, torques, stamp, possible, seed, actuated)
-        elif stamp > min(states):
+        answered_states = states[stamp].around(received) if stamp in states else []
+        if answered_states:
+            # A policy that was latched long before may be recorded late, but there was one.
+            known = policies.around(received) or policies.values[:1]
+            _compare(found, torques, stamp, (known, answered_states), seed, actuated)
+        elif received > first_state:
             found.stateless += 1
     between = [stamp for stamp in states if min(answered) <= stamp <= max(answered)]
     found.unanswered = len(set(between) - answered)

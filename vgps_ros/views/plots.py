@@ -57,7 +57,7 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     costs.set_ylabel("cost over the horizon")
     units = " + ".join(map(str, result["hidden_units"]))
     costs.set_title(f"{result['task']}, {units} hidden units, seed {result['seed']}")
-    costs.legend(frameon=False)
+    figure.legend(frameon=False, ncols=3, loc="outside upper center")
     alphas.plot(k, series("alpha"), color="grey")
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
