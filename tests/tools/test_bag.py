@@ -12,6 +12,9 @@ from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.demonstration import load_demonstration
 from vgps_ros.tools.bag import main
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
@@ -114,6 +117,33 @@ def test_a_bag_becomes_a_recording_and_never_overwrites_one(tmp_path):
     assert output.read_bytes() == before
 
 
+def test_a_bags_motion_becomes_a_demonstration_bit_for_bit(tmp_path):
+    table = tmp_path / "swim.csv"
+    main(["table", str(SAMPLE), "--output", str(table)])
+    swimmer = make_task("swimmer")
+    recorded = load_demonstration(swimmer, table)
+    replayed = swimmer.dynamics.rollout(
+        recorded.states[0], lambda t, _: recorded.controls[t], swimmer.horizon
+    )
+    np.testing.assert_array_equal(replayed.states, recorded.states)
+    before = table.read_bytes()
+    fails(["table", str(SAMPLE), "--output", str(table)], "exists already")
+    assert table.read_bytes() == before
+    with pytest.raises(InvalidInputError, match="lacks the column"):
+        load_demonstration(make_task("walker"), table)
+
+
+def test_a_motion_without_torques_is_no_demonstration(tmp_path):
+    def change(message):
+        if message.topic != "/joint_states":
+            return message.data
+        # Efforts are the last field: no element instead of one for each of five joints.
+        return message.data[: -5 * 8 - 8] + bytes(4)
+
+    bag = copy(tmp_path / "bag", change)
+    fails(["table", str(bag)], "The joint_states have no effort")
+
+
 def test_an_unfinished_bag_is_explained_and_made_whole(tmp_path, capsys):
     bag = tmp_path / "bag"
     shutil.copytree(SAMPLE, bag)
@@ -130,7 +160,7 @@ def test_an_unfinished_bag_is_explained_and_made_whole(tmp_path, capsys):
     assert "is whole" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", ["info", "check", "rerun", "reindex"])
+@pytest.mark.parametrize("command", ["info", "check", "rerun", "table", "reindex"])
 def test_what_is_no_bag_is_refused_with_a_sentence(command, tmp_path):
     fails([command, str(tmp_path)], "is not a bag")
     fails([command, str(tmp_path / "nothing")], "is not a bag")

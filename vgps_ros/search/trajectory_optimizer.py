@@ -39,7 +39,7 @@ class OptimizerSettings:
         maximum=10_000,
     )
     demonstration_tolerance: float = setting(
-        0.5,
+        0.1,
         "largest deviation from a demonstration that counts as following it [m, rad]",
         minimum=1e-12,
         maximum=10.0,

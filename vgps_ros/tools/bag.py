@@ -1,4 +1,4 @@
-"""Program `bag`: what a bag holds, whether it is true, as a Rerun recording, and made whole."""
+"""Program `bag`: what a bag holds, whether it is true, as a recording or table, and made whole."""
 
 import argparse
 import json
@@ -15,7 +15,9 @@ from rich.table import Table
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import missing_parts, reindex
+from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.tools.episode import last_episode, write_table
 from vgps_ros.tools.torque_check import check_torques
 from vgps_ros.views.graph_scene import GraphScene, is_drawn
 
@@ -107,6 +109,26 @@ def to_rerun(path: Path, output: Path) -> None:
     print(f"Wrote {output}; open it with `rerun {output}`.")
 
 
+def to_table(path: Path, output: Path) -> None:
+    """Writes the last motion of a bag as a table that can serve as a demonstration.
+
+    Raises:
+        VgpsError: the bag cannot be read or has no motion with torques, or the output exists.
+    """
+    with BagReader(path) as bag:
+        names = {topic.rpartition("/")[2]: topic for topic in bag.topics if bag.counts[topic]}
+        description, states = (
+            names[one_of("the topic to read", name, names)]
+            for name in ("robot_description", "joint_states")
+        )
+        mjcf = bag.decode(next(bag.messages([description]))).data
+        episode = last_episode(bag, states, mjcf)
+    if episode is None:
+        raise InvalidInputError(f"'{path}' has no motion: it needs two states at least.")
+    write_table(episode, output)
+    print(f"Wrote {len(episode.time)} states, {episode.time[-1]:g} s, to {output}.")
+
+
 def make_whole(path: Path) -> None:
     """Rebuilds what a killed recorder left undone.
 
@@ -160,6 +182,9 @@ def _parser() -> argparse.ArgumentParser:
     add("rerun", "Writes the bag as a Rerun recording.").add_argument(
         "--output", type=Path, help="file to write, which must not exist; default BAG.rrd"
     )
+    add("table", "Writes the last motion as a table that can be a demonstration.").add_argument(
+        "--output", type=Path, help="CSV to write, which must not exist; default BAG.csv"
+    )
     add("reindex", "Rebuilds metadata.yaml and the index after a recorder was killed.")
     return parser
 
@@ -176,6 +201,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             case "rerun":
                 default = parsed.bag.resolve().with_suffix(".rrd")
                 to_rerun(parsed.bag, parsed.output or default)
+            case "table":
+                default = parsed.bag.resolve().with_suffix(".csv")
+                to_table(parsed.bag, parsed.output or default)
             case "reindex":
                 make_whole(parsed.bag)
     except (VgpsError, OSError) as error:

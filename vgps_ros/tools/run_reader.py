@@ -10,12 +10,11 @@ import numpy as np
 from vgps_ros.bags import BagReader
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.joints import compile_model, joint_names
-from vgps_ros.core.records import Array
-from vgps_ros.messages.conversions import distribution_from_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.search.result import result_content
 from vgps_ros.tasks import TASKS, make_task
+from vgps_ros.tools.episode import last_episode
 from vgps_ros.views.run_record import TRAJECTORIES, RunRecord
 
 
@@ -80,7 +79,9 @@ def _read_bag(path: Path) -> RunRecord:
             for message in decoded("trajectory_distribution")
             if message.trajectory_index == 0
         ]
-        executed, time_step = _last_episode(decoded("joint_states"), mjcf)
+        states = topics.get("joint_states")
+        episode = last_episode(bag, states, mjcf) if states else None
+        time_step = episode.time_step if episode else 0.0
         if distributions:
             time_step = float(distributions[-1].time_step)
         initial = next((message for message in distributions if message.iteration == 0), None)
@@ -92,23 +93,8 @@ def _read_bag(path: Path) -> RunRecord:
             initial_states=distribution_from_msg(initial).mean.states if initial else None,
             mean_states=last.mean.states if last else None,
             state_covariances=last.state_covariances if last else None,
-            executed_states=executed,
+            executed_states=episode.states if episode else None,
         )
-
-
-def _last_episode(messages: list[Any], mjcf: str) -> tuple[Array | None, float]:
-    """The states since time last went back, one a step, and the time between them [s]."""
-    names = joint_names(compile_model(mjcf))
-    states: dict[int, Array] = {}
-    for message in messages:
-        stamp = nanoseconds(message.header.stamp)
-        if states and stamp < max(states):
-            states = {}
-        states[stamp] = state_from_msg(message, names)
-    if len(states) < 2:
-        return None, 0.0
-    array = finite_array("states", list(states.values()), (len(states), 2 * len(names)))
-    return array, float(np.median(np.diff(list(states)))) * 1e-9
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
