@@ -3,6 +3,8 @@
 import argparse
 import signal
 import sys
+import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,12 +28,20 @@ from vgps_ros.search.vgps import SearchSettings
 from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
+_WAKE_PERIOD = 0.2  # between two looks whether the user has interrupted [s]
+
 
 class TrainingClient(Node):
-    """Sends one goal to the learner's action and follows it."""
+    """Sends one goal to the learner's action and follows it.
+
+    Attributes:
+        interrupted: set by whoever wants an end; an exception at any place, as Python's own handler
+            of INT raises it, could be lost within rclpy.
+    """
 
     def __init__(self, learner: str):
         super().__init__("train_through_graph")
+        self.interrupted = threading.Event()
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
 
     def train(
@@ -42,11 +52,14 @@ class TrainingClient(Node):
         Raises:
             VgpsError: the learner does not come, is busy, or fails.
         """
-        if not self.action.wait_for_server(timeout_sec=timeout):
-            raise VgpsError(
-                f"No policy_learner answered within {timeout:g} s; start one with "
-                "'ros2 run vgps_ros policy_learner'."
-            )
+        end = time.monotonic() + timeout
+        while not self.action.wait_for_server(timeout_sec=_WAKE_PERIOD):
+            self._check_interrupt()
+            if time.monotonic() > end:
+                raise VgpsError(
+                    f"No policy_learner answered within {timeout:g} s; start one with "
+                    "'ros2 run vgps_ros policy_learner'."
+                )
 
         def show_solve(message: OptimizerIteration) -> None:
             if message.search_iteration == 0:
@@ -69,17 +82,21 @@ class TrainingClient(Node):
 
     def _wait(self, future: Future, cancels: ClientGoalHandle | None = None) -> Any:
         """Spins until the future is done; an interrupt cancels the goal first."""
-        try:
-            rclpy.spin_until_future_complete(self, future)
-        except KeyboardInterrupt:
+        while not future.done():
+            rclpy.spin_until_future_complete(self, future, timeout_sec=_WAKE_PERIOD)
             if cancels is None:
-                raise
-            print("Cancelling the training ...", flush=True)
-            rclpy.spin_until_future_complete(self, cancels.cancel_goal_async(), timeout_sec=5.0)
-            rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
-            if not future.done():
-                raise VgpsError("The policy_learner did not confirm the cancellation.") from None
+                self._check_interrupt()
+            elif self.interrupted.is_set():
+                print("Cancelling the training ...", flush=True)
+                rclpy.spin_until_future_complete(self, cancels.cancel_goal_async(), timeout_sec=5.0)
+                rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
+                if not future.done():
+                    raise VgpsError("The policy_learner did not confirm the cancellation.")
         return future.result()
+
+    def _check_interrupt(self) -> None:
+        if self.interrupted.is_set():
+            raise KeyboardInterrupt
 
 
 def write_result(result: TrainPolicy.Result, output: Path) -> None:
@@ -126,6 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
     node = TrainingClient(parsed.learner)
+    signal.signal(signal.SIGINT, lambda *_: node.interrupted.set())
     try:
         goal = TrainPolicy.Goal(
             seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units
