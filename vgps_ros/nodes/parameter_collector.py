@@ -36,14 +36,13 @@ class ParameterCollector:
             for name, namespace in self._node.get_node_names_and_namespaces()
         }
         self._asked &= names  # one that comes back is asked again
+        services = {name for name, _ in self._node.get_service_names_and_types()}
         for name in sorted(names - self._asked):
-            client = self._node.create_client(ListParameters, f"{name}/list_parameters")
-            if client.service_is_ready():
+            if f"{name}/get_parameters" in services:
                 self._asked.add(name)
+                client = self._node.create_client(ListParameters, f"{name}/list_parameters")
                 future = client.call_async(ListParameters.Request())
                 future.add_done_callback(partial(self._take_names, name, client))
-            else:
-                self._node.destroy_client(client)
 
     def text(self) -> str:
         """Returns what is known as YAML that `--params-file` takes."""
