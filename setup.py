@@ -17,6 +17,8 @@ PROGRAMS = {
     "plot": "vgps_ros.tools.plot",
     "train": "vgps_ros.experiments.train",
     "evaluate": "vgps_ros.experiments.evaluate",
+    "experiment": "vgps_ros.experiments.experiment",
+    "figure": "vgps_ros.experiments.figure",
     "find_gait": "vgps_ros.experiments.find_gait",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",

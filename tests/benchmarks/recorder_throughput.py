@@ -154,7 +154,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         whole = record(Path(folder), parsed.rate, parsed.seconds)
-        writing_rates(Path(folder), count=50_000, rounds=7)
+        writing_rates(Path(folder), count=round(parsed.rate * parsed.seconds), rounds=7)
     sys.exit(0 if whole else 1)
 
 

@@ -16,6 +16,7 @@ from vgps_ros.core.policy_fit import (
     objective,
     with_best_noise,
 )
+from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Trajectory
 
 WHOLE_STATE = (0, 1, 2, 3)
@@ -139,12 +140,12 @@ def test_standardised_units_change_neither_weights_nor_loss(
     policy = random_policy(
         hidden_units=hidden_units, hidden_bias=hidden_bias, output_bias=output_bias
     )
-    scaling = policy_fit._Standardization.of(policy.architecture, [q])
+    scaling = Standardization.of(policy.architecture, [q])
     standard = scaling.to_standard(policy.parameters)
     assert_allclose(scaling.to_raw(standard), policy.parameters, rtol=1e-12, atol=1e-12)
 
     targets = draw_targets([q], "analytic", 5, rng)
-    loss = scaling.loss(targets)(policy_fit.torch.from_numpy(standard))
+    loss = policy_fit._loss(scaling, targets)(policy_fit.torch.from_numpy(standard))
     expected = np.log(with_best_noise(policy, targets).noise_std / scaling.output_scale).sum()
     assert_allclose(loss.item(), expected, rtol=1e-10)
 

@@ -21,4 +21,7 @@ def test_purposes_keep_their_numbers():
         "POLICY_FIT": 5,
         "EVALUATION": 6,
         "EXECUTION": 7,
+        "POLICY_ROLLOUTS": 8,
+        "GUIDING_ROLLOUTS": 9,
+        "DATASET": 10,
     }

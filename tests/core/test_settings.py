@@ -8,7 +8,7 @@ import pytest
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import check_settings, settings_of, with_values
-from vgps_ros.search.vgps import SearchSettings
+from vgps_ros.search.settings import SearchSettings
 
 
 def test_nested_settings_are_found_by_dotted_name_and_replaced():

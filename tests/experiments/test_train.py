@@ -31,6 +31,7 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         "stochastic_survival",
         "q_step_seconds",
         "m_step_seconds",
+        "simulator_steps",
     }
     policy, task = load_policy(tmp_path / "run" / "policy.json")
     assert task == "swimmer"

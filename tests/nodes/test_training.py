@@ -11,9 +11,11 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
+from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry
+from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.vgps import SearchSettings, initial_states, search_settings, vgps
+from vgps_ros.search.workspace import initial_states
 from vgps_ros.tasks import Task, make_task
 
 SHORT = SearchSettings(
@@ -37,10 +39,10 @@ def start_training(graph, settings: SearchSettings, seed: int, output: Path):
     )
 
 
-def train_in_process(task: Task, settings: SearchSettings, seed: int):
+def train_in_process(task: Task, settings: SearchSettings, seed: int, method: str = "vgps"):
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     solve = lambda requests: [optimizer.optimize(r) for r in requests]  # noqa: E731
-    return list(vgps(task, settings, seed, solve))
+    return list(search(method, task, settings, seed, solve))
 
 
 def without_times(entries: list[dict]) -> list[dict]:

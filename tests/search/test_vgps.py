@@ -14,15 +14,17 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
+from vgps_ros.search.methods import search
+from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.vgps import SearchSettings, architecture, initial_states, vgps
+from vgps_ros.search.workspace import initial_states
 
 QUICK = SearchSettings(
     iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
 )
 
 
-def search(task, settings, seed=0):
+def run(task, settings, seed=0):
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     requests = []
 
@@ -30,7 +32,7 @@ def search(task, settings, seed=0):
         requests.append(list(batch))
         return [optimizer.optimize(request) for request in batch]
 
-    return list(vgps(task, settings, seed, solve)), requests
+    return list(search("vgps", task, settings, seed, solve)), requests
 
 
 def test_alpha_falls_exponentially_and_then_stays():
@@ -43,7 +45,7 @@ def test_alpha_falls_exponentially_and_then_stays():
 
 
 def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
-    iterations, requests = search(short_swimmer, QUICK)
+    iterations, requests = run(short_swimmer, QUICK)
     first, *later = requests
     assert first[0].policy is None  # line 1
     assert first[0].cost_scale == 1.0
@@ -56,7 +58,7 @@ def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
 
 
 def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):
-    first, second, other = (search(short_swimmer, QUICK, seed)[0][-1] for seed in (5, 5, 6))
+    first, second, other = (run(short_swimmer, QUICK, seed)[0][-1] for seed in (5, 5, 6))
     assert first.policy.parameters.tobytes() == second.policy.parameters.tobytes()
     assert first.evaluation.stochastic_costs.tobytes() == (
         second.evaluation.stochastic_costs.tobytes()
@@ -65,7 +67,7 @@ def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):
 
 
 def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_swimmer):
-    iterations, requests = search(short_swimmer, replace(QUICK, num_initial_states=3))
+    iterations, requests = run(short_swimmer, replace(QUICK, num_initial_states=3))
     starts = [request.initial_state for request in requests[0]]
     assert len({start.tobytes() for start in starts}) == 3
     last = iterations[-1]
@@ -92,8 +94,8 @@ def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
     def backwards(batch):
         return [optimizer.optimize(request) for request in reversed(batch)][::-1]
 
-    (expected,), _ = search(short_swimmer, settings)
-    (found,) = vgps(short_swimmer, settings, 0, backwards)
+    (expected,), _ = run(short_swimmer, settings)
+    (found,) = search("vgps", short_swimmer, settings, 0, backwards)
     np.testing.assert_array_equal(found.policy.parameters, expected.policy.parameters)
     assert found.ddp_cost == expected.ddp_cost
 
@@ -116,7 +118,7 @@ def test_bad_settings_are_refused_before_anything_is_solved(
     short_swimmer, settings, seed, sentence
 ):
     with pytest.raises(InvalidInputError, match=sentence):
-        next(vgps(short_swimmer, settings, seed, lambda _: pytest.fail("it was solved")))
+        next(search("vgps", short_swimmer, settings, seed, lambda _: pytest.fail("it was solved")))
 
 
 def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, rng):
@@ -176,7 +178,7 @@ def test_the_method_runs_where_there_is_no_ros():
         "import sys\n"
         "for name in ('rclpy', 'vgps_msgs', 'std_msgs', 'sensor_msgs'):\n"
         "    sys.modules[name] = None\n"
-        "import vgps_ros.search.result, vgps_ros.search.vgps, vgps_ros.tasks\n"
+        "import vgps_ros.search.methods, vgps_ros.tasks\n"
         "import vgps_ros.experiments.train\n"
     )
     root = Path(__file__).parents[2]

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vgps_ros.search.methods import search
+from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.vgps import search_settings, vgps
 from vgps_ros.tasks import make_task
 
 
@@ -27,7 +28,7 @@ def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
     )
     optimizer = TrajectoryOptimizer(short_walker, OptimizerSettings(short_walker.ddp))
     iterations = list(
-        vgps(short_walker, settings, 0, lambda rs: [optimizer.optimize(r) for r in rs])
+        search("vgps", short_walker, settings, 0, lambda rs: [optimizer.optimize(r) for r in rs])
     )
     last = iterations[-1]
     q = last.solutions[0].distribution

@@ -4,13 +4,25 @@ A file whose writer was killed has no index and may end within a record; all bef
 """
 
 import fcntl
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema
+from mcap._chunk_builder import ChunkBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Footer,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Schema,
+)
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
@@ -23,6 +35,11 @@ COMPRESSIONS = {
 }
 
 _CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
+
+
+# Of a message's record: kind, length, channel, sequence number, when received, when published.
+_MESSAGE_HEADER = struct.Struct("<BQHIQQ")
+_LENGTH_BEFORE_DATA = _MESSAGE_HEADER.size - struct.calcsize("<BQ")
 
 
 @dataclass(frozen=True)
@@ -42,6 +59,30 @@ class Topic:
     type_hash: str
     qos: Sequence[dict[str, Any]]
     definition: str
+
+
+class _MessageChunk(ChunkBuilder):
+    """The library's chunk, but a message's header is written at once, not field by field."""
+
+    def add_message(self, message: Message) -> None:
+        """Adds a message and its place in the index."""
+        stamp, offset = message.log_time, self.record_writer.count
+        if not self.num_messages or stamp < self.message_start_time:
+            self.message_start_time = stamp
+        self.message_end_time = max(self.message_end_time, stamp)
+        index = self.message_indices.get(message.channel_id)
+        if index is None:
+            index = self.message_indices[message.channel_id] = MessageIndex(message.channel_id, [])
+        index.records.append((stamp, offset))
+        self.num_messages += 1
+        length = _LENGTH_BEFORE_DATA + len(message.data)
+        self.record_writer.write(
+            _MESSAGE_HEADER.pack(
+                Opcode.MESSAGE, length, message.channel_id, message.sequence, stamp,
+                message.publish_time,
+            )
+        )  # fmt: skip
+        self.record_writer.write(message.data)
 
 
 class StorageWriter:
@@ -64,7 +105,8 @@ class StorageWriter:
         )
         self._mcap.start(profile="ros2", library="vgps_ros")
         # The library counts, and closes a chunk once it is full, but has no public call for either;
-        # to count again here would take time for every message.
+        # to count again here would take time for every message. Nor can its chunk be named.
+        self._mcap._Writer__chunk_builder = _MessageChunk()  # type: ignore[attr-defined]
         self._statistics = self._mcap._Writer__statistics  # type: ignore[attr-defined]
         self._close_chunk = self._mcap._Writer__finalize_chunk  # type: ignore[attr-defined]
 

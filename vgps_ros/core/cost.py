@@ -46,6 +46,11 @@ class FeatureCost:
         residuals = self.features(states)[0] - self.targets
         return self.control_weight * np.sum(controls**2, -1) + np.sum(residuals**2, -1)
 
+    @property
+    def rest(self) -> float:
+        """What a step costs where features and controls are zero, ‖r*‖²."""
+        return float(np.sum(self.targets**2))
+
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""
         return self(trajectory.states[:-1], trajectory.controls)

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
+from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
@@ -23,6 +24,7 @@ from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 DIVERGENCE_BOUND = 1e4
 # MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
 CONTROL_BOUND = 1e9
+_FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
@@ -30,6 +32,10 @@ ControlLaw = Callable[[int, Array], Array]
 
 class Dynamics:
     """x' = f(x, u) for a MuJoCo model, with rollouts and derivatives.
+
+    Attributes:
+        simulator_steps: simulator steps done so far, those of finite differences included.
+        threads: threads that share the finite differences.
 
     Args:
         model: the robot; positions and velocities must have the same dimension.
@@ -61,15 +67,14 @@ class Dynamics:
         self.state_dim = 2 * model.nv
         self.control_dim = model.nu
         self.time_step = model.opt.timestep * substeps
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.simulator_steps = 0
         self._data = mujoco.MjData(model)
+        self._stepper = Rollout(nthread=0)
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""
-        self._load(self._data, state, control)
-        for _ in range(self.substeps):
-            mujoco.mj_step(self.model, self._data)
-        return np.concatenate([self._data.qpos, self._data.qvel])
+        return self._steps(state[None], control[None])[0]
 
     def rollouts(
         self, initial_states: Array, control_law: ControlLaw, horizon: int
@@ -98,8 +103,9 @@ class Dynamics:
             )
             controls[alive, t] = control[alive]
             alive = alive[_is_sound(control[alive], CONTROL_BOUND)]
-            for i in alive:
-                states[i, t + 1] = self.step(states[i, t], controls[i, t])
+            if not len(alive):
+                break
+            states[alive, t + 1] = self._steps(states[alive, t], controls[alive, t])
             sound = _is_sound(states[alive, t + 1], DIVERGENCE_BOUND)
             states[alive[~sound], t + 1] = np.nan
             alive = alive[sound]
@@ -123,9 +129,12 @@ class Dynamics:
                     data, trajectory.states[t], trajectory.controls[t]
                 )
 
-        chunks = [range(i, horizon, self._threads) for i in range(self._threads)]
-        with ThreadPoolExecutor(self._threads) as pool:
+        chunks = [range(i, horizon, self.threads) for i in range(self.threads)]
+        with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(linearize_steps, chunks))
+        # A point and two neighbours of it along each coordinate of state and control.
+        points = 2 * (self.state_dim + self.control_dim) + 1
+        self.simulator_steps += horizon * self.substeps * points
         return LinearDynamics(f_x, f_u)
 
     def _linearize_step(
@@ -142,6 +151,24 @@ class Dynamics:
             mujoco.mjd_transitionFD(self.model, data, self.eps, True, a, b, None, None)
             f_x, f_u = a @ f_x, a @ f_u + b
         return f_x, f_u
+
+    def _steps(self, states: Array, controls: Array) -> Array:
+        """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.
+
+        MuJoCo's loop over them is faster than Python's, for a single one too.
+        """
+        n, end = len(states), 1 + self.state_dim
+        before = np.zeros((n, mujoco.mj_stateSize(self.model, _FULL_STATE)))
+        before[:, 1:end] = states  # the simulator's time comes first
+        held = np.empty((n, self.substeps, self.control_dim))
+        held[:] = controls[:, None]
+        after = np.empty((n, self.substeps, before.shape[1]))
+        self._stepper.rollout(
+            [self.model] * n, [self._data], before, held,
+            state=after, nstep=self.substeps, skip_checks=True,
+        )  # fmt: skip
+        self.simulator_steps += n * self.substeps
+        return after[:, -1, 1:end]
 
     def _load(self, data: mujoco.MjData, state: Array, control: Array) -> None:
         """Puts state and control into `data`, and nothing of what was there before counts."""

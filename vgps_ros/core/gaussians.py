@@ -1,8 +1,24 @@
-"""Closed forms of Gaussian entropies and divergences."""
+"""Closed forms of Gaussian densities, entropies and divergences."""
 
 import numpy as np
 
 from vgps_ros.core.records import Array
+
+
+def log_density(deviations: Array, covariances: Array) -> Array:
+    """Returns log N(δ; 0, Σ) [nat], shape (...,), for δ (..., n) and covariances (..., n, n)."""
+    n = deviations.shape[-1]
+    return -0.5 * (
+        squared_distance(deviations, covariances)
+        + np.linalg.slogdet(covariances)[1]
+        + n * np.log(2 * np.pi)
+    )
+
+
+def squared_distance(deviations: Array, covariances: Array) -> Array:
+    """Returns the squared Mahalanobis distance δᵀ Σ⁻¹ δ, shape (...,)."""
+    precisions = np.linalg.inv(covariances)
+    return np.einsum("...i,...ij,...j->...", deviations, precisions, deviations)
 
 
 def entropy(covariances: Array) -> Array:

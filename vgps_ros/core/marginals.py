@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 
 
@@ -87,6 +88,14 @@ def sample_rollout_noise(
 def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:
     """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_x)."""
     return distribution.mean.controls + np.einsum("tux,stx->stu", distribution.gains, deviations)
+
+
+def control_log_density(
+    distribution: TrajectoryDistribution, states: Array, controls: Array
+) -> Array:
+    """Returns log q(u_t|x_t) [nat], shape (S, T), for states (S, T, n_x), controls (S, T, n_u)."""
+    means = control_means(distribution, states - distribution.mean.states[:-1])
+    return log_density(controls - means, distribution.control_covariances)
 
 
 def _capped(sigma: Array, limit: Array) -> Array:

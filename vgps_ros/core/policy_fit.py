@@ -11,8 +11,7 @@ covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ
 
     minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
 
-States and controls are standardised during the fit, which conditions it; the weights handed in and
-out are those of the raw units.
+Samples may carry weights, with which every expectation is taken.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,14 +23,9 @@ import torch
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import setting
-
-_ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
-    "softplus": torch.nn.functional.softplus,
-    "tanh": torch.tanh,
-    "relu": torch.relu,
-}
 
 
 @dataclass(frozen=True)
@@ -70,11 +64,17 @@ class Targets:
         states: shape (N, n_x).
         means: μ_q, or drawn actions, shape (N, n_u), [N·m].
         variances: diagonal of Σ_q, or zero for drawn actions, shape (N, n_u), [N²·m²].
+        weights: of the samples, shape (N,), not negative and with the sum 1; None if all are equal.
     """
 
     states: Array
     means: Array
     variances: Array
+    weights: Array | None = None
+
+    def expectation(self, values: Array) -> Array:
+        """Returns the weighted mean over the samples of values (N, ...), shape (...,)."""
+        return values.mean(axis=0) if self.weights is None else self.weights @ values
 
 
 def draw_targets(
@@ -107,7 +107,8 @@ def objective(policy: GaussianPolicy, targets: Targets) -> float:
     squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
     log_sigma = np.log(policy.noise_std).sum()
     constant = 0.5 * len(policy.noise_std) * np.log(2 * np.pi)
-    return float(-0.5 * (squares / policy.noise_std**2).sum(1).mean() - log_sigma - constant)
+    distance = targets.expectation((squares / policy.noise_std**2).sum(1))
+    return float(-0.5 * distance - log_sigma - constant)
 
 
 def initial_policy(
@@ -116,7 +117,7 @@ def initial_policy(
     rng: np.random.Generator,
 ) -> GaussianPolicy:
     """Draws a network whose units are spread over the states that the distributions visit."""
-    scaling = _Standardization.of(architecture, distributions)
+    scaling = Standardization.of(architecture, distributions)
     parameters = np.zeros(architecture.num_parameters)
     for weight, bias in architecture.unpack(parameters):
         weight[:] = rng.standard_normal(weight.shape) / np.sqrt(weight.shape[1])
@@ -138,25 +139,46 @@ def fit_policy(
     Raises:
         DivergenceError: SGD or Adam left the finite numbers.
     """
-    scaling = _Standardization.of(policy.architecture, distributions)
-    start = torch.from_numpy(scaling.to_standard(policy.parameters))
-    theta = torch.nn.Parameter(start)
 
     def samples() -> Iterator[Targets]:
         while True:
             yield draw_targets(distributions, settings.form, settings.samples_per_step, rng)
 
-    if settings.optimizer == "lbfgs":
-        _fit_lbfgs(theta, scaling, samples(), settings)
+    scaling = Standardization.of(policy.architecture, distributions)
+    return fit_to_targets(policy, samples(), scaling, settings)
+
+
+def fit_to_targets(
+    policy: GaussianPolicy,
+    samples: Iterator[Targets],
+    scaling: Standardization,
+    settings: FitSettings,
+) -> GaussianPolicy:
+    """Returns the policy that maximises L(q, θ), started from `policy`.
+
+    Args:
+        policy: where to start.
+        samples: endless; the next one is taken wherever samples are drawn anew.
+        scaling: units of the fit.
+        settings: of the fit.
+
+    Raises:
+        DivergenceError: SGD or Adam left the finite numbers.
+    """
+    theta = torch.nn.Parameter(torch.from_numpy(scaling.to_standard(policy.parameters)))
+    if settings.optimizer == "lbfgs":  # with a new memory wherever samples are new
+        for start in range(0, settings.iterations, settings.resample_every):
+            iterations = min(settings.resample_every, settings.iterations - start)
+            minimize_lbfgs(theta, _loss(scaling, next(samples)), iterations)
     else:
-        _fit_gradient(theta, scaling, samples(), settings)
+        _fit_gradient(theta, scaling, samples, settings)
     parameters = scaling.to_raw(theta.detach().numpy())
     if not np.isfinite(parameters).all():
         raise DivergenceError(
             f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "
             f"{settings.learning_rate:g}."
         )
-    targets = next(samples())
+    targets = next(samples)
     candidates = [
         with_best_noise(candidate, targets)
         for candidate in (policy, replace(policy, parameters=parameters))
@@ -167,42 +189,12 @@ def fit_policy(
 def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
     """Returns the policy with the σ that maximises L(q, θ) for its network."""
     squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
-    return replace(policy, noise_std=np.sqrt(squares.mean(axis=0)))
-
-
-def _fit_lbfgs(
-    theta: torch.nn.Parameter,
-    scaling: "_Standardization",
-    samples: Iterator[Targets],
-    settings: FitSettings,
-) -> None:
-    """LBFGS with new samples, and a new memory, every `resample_every` iterations."""
-    for start in range(0, settings.iterations, settings.resample_every):
-        loss = scaling.loss(next(samples))
-        optimizer = torch.optim.LBFGS(
-            [theta],
-            max_iter=min(settings.resample_every, settings.iterations - start),
-            history_size=20,
-            tolerance_grad=1e-9,
-            tolerance_change=1e-12,
-            line_search_fn="strong_wolfe",
-        )
-
-        def closure(
-            optimizer: torch.optim.Optimizer = optimizer,
-            loss: Callable[[torch.Tensor], torch.Tensor] = loss,
-        ) -> torch.Tensor:
-            optimizer.zero_grad()
-            value = loss(theta)
-            value.backward()
-            return value
-
-        optimizer.step(closure)
+    return replace(policy, noise_std=np.sqrt(targets.expectation(squares)))
 
 
 def _fit_gradient(
     theta: torch.nn.Parameter,
-    scaling: "_Standardization",
+    scaling: Standardization,
     samples: Iterator[Targets],
     settings: FitSettings,
 ) -> None:
@@ -211,81 +203,19 @@ def _fit_gradient(
     optimizer = kind([theta], lr=settings.learning_rate)
     for _ in range(settings.iterations):
         optimizer.zero_grad()
-        scaling.loss(next(samples))(theta).backward()
+        _loss(scaling, next(samples))(theta).backward()
         optimizer.step()
 
 
-@dataclass(frozen=True)
-class _Standardization:
-    """Affine change of units in which inputs and outputs of the network have unit spread.
+def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
+    """Returns the profiled objective as a function of θ in standardised units."""
+    x, mu_q = scaling.inputs(targets.states), scaling.controls(targets.means)
+    sigma_q = torch.from_numpy(targets.expectation(targets.variances / scaling.output_scale**2))
+    weights = None if targets.weights is None else torch.from_numpy(targets.weights)
 
-    Shifts are used only where the layer has biases to absorb them.
-    """
+    def profiled(theta: torch.Tensor) -> torch.Tensor:
+        squares = (scaling.network(theta, x) - mu_q) ** 2
+        mean = squares.mean(dim=0) if weights is None else weights @ squares
+        return 0.5 * torch.log(mean + sigma_q).sum()
 
-    architecture: Architecture
-    input_shift: Array
-    input_scale: Array
-    output_shift: Array
-    output_scale: Array
-
-    @classmethod
-    def of(
-        cls, architecture: Architecture, distributions: Sequence[TrajectoryDistribution]
-    ) -> "_Standardization":
-        states = np.concatenate([q.mean.states[:-1] for q in distributions])
-        controls = np.concatenate([q.mean.controls for q in distributions])
-        spread = np.concatenate(
-            [np.diagonal(q.state_covariances[:-1], axis1=1, axis2=2) for q in distributions]
-        ).mean(axis=0)
-        observed = list(architecture.observed)
-        first_bias = architecture.hidden_bias if architecture.hidden_units else False
-        shift_in, shift_out = float(first_bias), float(architecture.output_bias)
-        return cls(
-            architecture,
-            shift_in * states.mean(axis=0)[observed],
-            np.maximum(np.sqrt(states.var(axis=0) + spread)[observed], 1e-3),
-            shift_out * controls.mean(axis=0),
-            np.maximum(controls.std(axis=0), 1e-3),
-        )
-
-    def to_raw(self, parameters: Array) -> Array:
-        raw = np.array(parameters)
-        layers = self.architecture.unpack(raw)
-        last_weight, last_bias = layers[-1]
-        last_weight *= self.output_scale[:, None]
-        last_bias *= self.output_scale
-        last_bias += self.output_shift
-        first_weight, first_bias = layers[0]
-        first_weight /= self.input_scale
-        first_bias -= first_weight @ self.input_shift
-        return raw
-
-    def to_standard(self, parameters: Array) -> Array:
-        standard = np.array(parameters)
-        layers = self.architecture.unpack(standard)
-        first_weight, first_bias = layers[0]
-        first_bias += first_weight @ self.input_shift
-        first_weight *= self.input_scale
-        last_weight, last_bias = layers[-1]
-        last_bias -= self.output_shift
-        last_bias /= self.output_scale
-        last_weight /= self.output_scale[:, None]
-        return standard
-
-    def loss(self, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
-        """Returns the profiled objective as a function of θ in standardised units."""
-        observed = list(self.architecture.observed)
-        inputs = (targets.states[:, observed] - self.input_shift) / self.input_scale
-        means = (targets.means - self.output_shift) / self.output_scale
-        variances = (targets.variances / self.output_scale**2).mean(axis=0)
-        x, mu_q, sigma_q = (torch.from_numpy(array) for array in (inputs, means, variances))
-
-        def profiled(theta: torch.Tensor) -> torch.Tensor:
-            a = x
-            *hidden, (weight, bias) = self.architecture.unpack(theta)
-            for w, b in hidden:
-                a = _ACTIVATIONS[self.architecture.activation](a @ w.T + b)
-            squares = (a @ weight.T + bias - mu_q) ** 2
-            return 0.5 * torch.log(squares.mean(dim=0) + sigma_q).sum()
-
-        return profiled
+    return profiled

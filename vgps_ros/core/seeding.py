@@ -19,6 +19,9 @@ class Stream(IntEnum):
     POLICY_FIT = 5
     EVALUATION = 6
     EXECUTION = 7
+    POLICY_ROLLOUTS = 8
+    GUIDING_ROLLOUTS = 9
+    DATASET = 10
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

@@ -104,6 +104,7 @@ def result_to_msg(
             result.distribution, task, (request.trajectory_index, request.iteration), stamp
         ),
         iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
+        simulator_steps=result.simulator_steps,
     )
 
 
@@ -131,6 +132,7 @@ def result_from_msg(message: OptimizeTrajectory.Response) -> OptimizationResult:
             )
             for i in message.iterations
         ),
+        simulator_steps=message.simulator_steps,
     )
 
 

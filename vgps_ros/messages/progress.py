@@ -7,13 +7,14 @@ from builtin_interfaces.msg import Time
 from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.messages.conversions import pack
-from vgps_ros.search.vgps import SearchIteration
+from vgps_ros.search.methods import SearchIteration
 
 
 def progress_to_msg(
     iteration: SearchIteration,
     *,
     task: str,
+    method: str,
     seed: int,
     iterations: int,
     remaining_seconds: float,
@@ -23,7 +24,7 @@ def progress_to_msg(
     evaluation = iteration.evaluation
     message = LearningProgress(
         task=task,
-        method="vgps",
+        method=method,
         seed=seed,
         iteration=iteration.k,
         iterations=iterations,
@@ -41,6 +42,7 @@ def progress_to_msg(
         q_step_seconds=iteration.q_step_seconds,
         m_step_seconds=iteration.m_step_seconds,
         remaining_seconds=remaining_seconds,
+        simulator_steps=iteration.simulator_steps,
     )
     message.header.stamp = stamp
     return message
@@ -59,6 +61,7 @@ def entry_from_msg(message: LearningProgress) -> dict[str, Any]:
         "stochastic_survival",
         "q_step_seconds",
         "m_step_seconds",
+        "simulator_steps",
     ):
         value = getattr(message, name, math.nan)  # bags of earlier versions lack some
         entry[name] = value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Node `policy_learner`: drives Algorithm 1 over the optimizers' services, as an action."""
+"""Node `policy_learner`: drives a policy search over the optimizers' services, as an action."""
 
 import threading
 from dataclasses import replace
@@ -20,8 +20,9 @@ from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
 from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
+from vgps_ros.search.methods import METHOD, SearchIteration, search
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.vgps import SearchIteration, search_settings, vgps
+from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
 
 OPTIMIZERS = Setting(
@@ -39,6 +40,7 @@ class PolicyLearner(Node):
         self._task = make_task(
             declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
         )
+        self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
         names = declare(self, OPTIMIZERS, read_only=True)
         self._health = Health(self)
@@ -57,7 +59,9 @@ class PolicyLearner(Node):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
-        self.get_logger().info(f"Ready to train policies for the {self._task.name}.")
+        self.get_logger().info(
+            f"Ready to train policies for the {self._task.name} by {self._method}."
+        )
 
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
         result = TrainPolicy.Result()
@@ -80,7 +84,7 @@ class PolicyLearner(Node):
         return result
 
     def _run(self, goal: ServerGoalHandle, result: TrainPolicy.Result) -> None:
-        """Runs Algorithm 1 and fills in the result as it goes."""
+        """Runs the search and fills in the result as it goes."""
         seed = int(goal.request.seed)
         settings = replace(
             self._settings,
@@ -92,7 +96,8 @@ class PolicyLearner(Node):
             return goal.is_cancel_requested or not self.context.ok()
 
         remaining = RemainingTime(settings.iterations)
-        for iteration in vgps(
+        for iteration in search(
+            self._method,
             self._task,
             settings,
             seed,
@@ -117,6 +122,7 @@ class PolicyLearner(Node):
         progress = progress_to_msg(
             iteration,
             task=self._task.name,
+            method=self._method,
             seed=seed,
             iterations=iterations,
             remaining_seconds=remaining,

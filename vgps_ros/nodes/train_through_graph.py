@@ -24,7 +24,7 @@ from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.nodes.qos import STREAM
 from vgps_ros.search.result import result_content
-from vgps_ros.search.vgps import SearchSettings
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
@@ -105,6 +105,7 @@ def write_result(result: TrainPolicy.Result, output: Path) -> None:
     policy = policy_from_msg(result.policy)
     content = result_content(
         task=last.task,
+        method=last.method,
         seed=int(last.seed),
         hidden_units=policy.architecture.hidden_units,
         num_parameters=int(result.num_parameters),
@@ -127,7 +128,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument(
-        "--iterations", type=int, default=defaults.iterations, help="iterations of Algorithm 1"
+        "--iterations",
+        type=int,
+        default=defaults.iterations,
+        help="iterations, each with one policy update",
     )
     parser.add_argument(
         "--hidden-units",

@@ -2,7 +2,7 @@
 
 import time
 
-from vgps_ros.search.vgps import SearchIteration
+from vgps_ros.search.methods import SearchIteration
 
 
 class RemainingTime:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from vgps_ros.search.vgps import SearchIteration
+from vgps_ros.search.methods import SearchIteration
 
 
 def iteration_entry(iteration: SearchIteration) -> dict[str, Any]:
@@ -24,12 +24,14 @@ def iteration_entry(iteration: SearchIteration) -> dict[str, Any]:
         "stochastic_survival": evaluation.stochastic_survival,
         "q_step_seconds": iteration.q_step_seconds,
         "m_step_seconds": iteration.m_step_seconds,
+        "simulator_steps": iteration.simulator_steps,
     }
 
 
 def result_content(
     *,
     task: str,
+    method: str,
     seed: int,
     hidden_units: Sequence[int],
     num_parameters: int,
@@ -39,7 +41,7 @@ def result_content(
     """Returns the content of result.json."""
     return {
         "task": task,
-        "method": "vgps",
+        "method": method,
         "seed": seed,
         "hidden_units": list(hidden_units),
         "num_parameters": num_parameters,

@@ -83,6 +83,7 @@ class OptimizationResult:
         modified_cost: what was minimised.
         status: why the solve ended.
         iterations: its log.
+        simulator_steps: that it took, finite differences included.
     """
 
     distribution: TrajectoryDistribution
@@ -90,6 +91,7 @@ class OptimizationResult:
     modified_cost: float
     status: Status
     iterations: tuple[Iteration, ...]
+    simulator_steps: int
 
 
 class TrajectoryOptimizer:
@@ -112,6 +114,7 @@ class TrajectoryOptimizer:
             DivergenceError: the first rollout diverges.
         """
         self._check(request)
+        steps_before = self.task.dynamics.simulator_steps
         initial, linear = self._start(request)
         cost = ScaledCost(self.task.cost, request.cost_scale)
         solution = solve(
@@ -130,6 +133,7 @@ class TrajectoryOptimizer:
             modified_cost=solution.cost,
             status=solution.status,
             iterations=solution.iterations,
+            simulator_steps=self.task.dynamics.simulator_steps - steps_before,
         )
 
     def _check(self, request: OptimizationRequest) -> None:

@@ -5,11 +5,16 @@ from pathlib import Path
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.tasks.demonstration import with_demonstration
+from vgps_ros.tasks.rotor import rotor
 from vgps_ros.tasks.swimmer import swimmer
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.walker import walker
 
-TASKS: dict[str, Callable[[], Task]] = {"swimmer": swimmer, "walker": walker}
+TASKS: dict[str, Callable[[], Task]] = {
+    "rotor": rotor,
+    "swimmer": swimmer,
+    "walker": walker,
+}
 
 
 def make_task(name: str, demonstration: str = "") -> Task:

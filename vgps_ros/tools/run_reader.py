@@ -106,6 +106,7 @@ def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
     sizes = [int(size) for size in policies[-1].layer_sizes] if policies else []
     return result_content(
         task=last.task,
+        method=last.method,
         seed=int(last.seed),
         hidden_units=sizes[1:-1],
         num_parameters=len(policies[-1].parameters) if policies else 0,

@@ -1,0 +1,124 @@
+"""The objective of guided policy search (Levine and Koltun, ICML 2013), and its maximisation.
+
+N rollouts ζ_i, drawn from several distributions q_j, estimate the return of any policy by
+normalised importance sampling of their first t steps:
+
+    w_it(θ) = π_θ(ζ_i,1:t) / q(ζ_i,1:t),    q = Σ_j (N_j / N) q_j,    Z_t(θ) = Σ_i w_it(θ)
+
+    Φ(θ) = Σ_t [ −1/Z_t(θ) Σ_i w_it(θ) c(x_t, u_t) + w_r log Z_t(θ) ].
+
+The second term keeps some of the rollouts probable, which the normalised estimate alone does not.
+The dynamics are the same under every distribution and cancel: only controls count.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.special import logsumexp, softmax
+
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
+from vgps_ros.core.records import Array
+
+
+@dataclass(frozen=True)
+class ImportanceSamples:
+    """Rollouts and the density that they were drawn with.
+
+    Attributes:
+        states: x_1 … x_T, shape (N, T, n_x).
+        controls: shape (N, T, n_u), [N·m].
+        costs: c(x_t, u_t), shape (N, T).
+        log_density: log q(ζ_i,1:t) without the dynamics [nat], shape (N, T).
+    """
+
+    states: Array
+    controls: Array
+    costs: Array
+    log_density: Array
+
+
+def mixture_log_density(log_densities: Sequence[Array], counts: Sequence[int]) -> Array:
+    """Returns log q(ζ_i,1:t) [nat], shape (N, T), of a mixture.
+
+    Args:
+        log_densities: log q_j(u_t|x_t) of every rollout, each of shape (N, T).
+        counts: N_j, how many rollouts came from each q_j.
+    """
+    prefixes = np.cumsum(np.stack(log_densities), axis=2)
+    shares = np.asarray(counts, dtype=float)[:, None, None] / np.sum(counts)
+    return np.asarray(logsumexp(prefixes, b=shares, axis=0))
+
+
+def log_weights(policy: GaussianPolicy, samples: ImportanceSamples) -> Array:
+    """Returns log w_it(θ) [nat], shape (N, T)."""
+    densities = policy.log_density(samples.states, samples.controls)
+    return np.cumsum(densities, axis=1) - samples.log_density
+
+
+def expected_cost(policy: GaussianPolicy, samples: ImportanceSamples) -> float:
+    """Returns the normalised estimate of E[Σ_t c] under the policy."""
+    return float((softmax(log_weights(policy, samples), axis=0) * samples.costs).sum())
+
+
+def objective(
+    policy: GaussianPolicy, sets: Sequence[ImportanceSamples], regularization: float
+) -> float:
+    """Returns Φ(θ) for w_r = `regularization`, summed over the sets of several initial states."""
+    log_z = [logsumexp(log_weights(policy, samples), axis=0).sum() for samples in sets]
+    costs = [expected_cost(policy, samples) for samples in sets]
+    return float(regularization * np.sum(log_z) - np.sum(costs))
+
+
+def maximize(
+    policy: GaussianPolicy,
+    sets: Sequence[ImportanceSamples],
+    regularization: float,
+    scaling: Standardization,
+    iterations: int,
+) -> GaussianPolicy:
+    """Returns the policy that LBFGS finds from `policy` on; never one of a lower Φ.
+
+    Args:
+        policy: where to start.
+        sets: the rollouts of each initial state.
+        regularization: w_r.
+        scaling: units of the optimisation.
+        iterations: of LBFGS.
+    """
+    count = len(policy.parameters)
+    theta = scaling.to_standard(policy.parameters)
+    log_sigma = np.log(policy.noise_std / scaling.output_scale)
+    variables = torch.nn.Parameter(torch.from_numpy(np.concatenate([theta, log_sigma])))
+    losses = [_loss(samples, regularization, scaling, count) for samples in sets]
+    minimize_lbfgs(variables, lambda v: torch.stack([loss(v) for loss in losses]).sum(), iterations)
+    found = variables.detach().numpy()
+    if not np.isfinite(found).all():
+        return policy
+    candidate = replace(
+        policy,
+        parameters=scaling.to_raw(found[:count]),
+        noise_std=np.exp(found[count:]) * scaling.output_scale,
+    )
+    return max(policy, candidate, key=lambda p: objective(p, sets, regularization))
+
+
+def _loss(
+    samples: ImportanceSamples, regularization: float, scaling: Standardization, count: int
+) -> Callable[[torch.Tensor], torch.Tensor]:
+    """Returns −Φ ÷ T of (θ, log σ), all in standardised units."""
+    x, u = scaling.inputs(samples.states), scaling.controls(samples.controls)
+    costs, log_q = torch.from_numpy(samples.costs), torch.from_numpy(samples.log_density)
+    constant = np.log(scaling.output_scale).sum() + 0.5 * u.shape[-1] * np.log(2 * np.pi)
+
+    def loss(variables: torch.Tensor) -> torch.Tensor:
+        log_sigma = variables[count:]
+        z = (u - scaling.network(variables[:count], x)) * torch.exp(-log_sigma)
+        log_density = -0.5 * (z**2).sum(dim=2) - log_sigma.sum() - constant
+        log_w = torch.cumsum(log_density, dim=1) - log_q
+        estimate = (torch.softmax(log_w, dim=0) * costs).sum(dim=0)
+        return (estimate - regularization * torch.logsumexp(log_w, dim=0)).mean()
+
+    return loss

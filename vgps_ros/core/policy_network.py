@@ -1,0 +1,127 @@
+"""The policy's network in torch, in units that condition its fit.
+
+States and controls are standardised while weights are optimised; the weights handed in and out are
+those of the raw units.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from vgps_ros.core.policy import Architecture
+from vgps_ros.core.records import Array, TrajectoryDistribution
+
+_ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "softplus": torch.nn.functional.softplus,
+    "tanh": torch.tanh,
+    "relu": torch.relu,
+}
+
+
+@dataclass(frozen=True)
+class Standardization:
+    """Affine change of units in which inputs and outputs of the network have unit spread.
+
+    Shifts are used only where the layer has biases to absorb them.
+
+    Attributes:
+        architecture: of the network.
+        input_shift: shape (n_observed,).
+        input_scale: shape (n_observed,).
+        output_shift: shape (n_u,), [N·m].
+        output_scale: shape (n_u,), [N·m].
+    """
+
+    architecture: Architecture
+    input_shift: Array
+    input_scale: Array
+    output_shift: Array
+    output_scale: Array
+
+    @classmethod
+    def of(
+        cls, architecture: Architecture, distributions: Sequence[TrajectoryDistribution]
+    ) -> "Standardization":
+        """Returns the units that suit the states and controls of distributions."""
+        states = np.concatenate([q.mean.states[:-1] for q in distributions])
+        controls = np.concatenate([q.mean.controls for q in distributions])
+        spread = np.concatenate(
+            [np.diagonal(q.state_covariances[:-1], axis1=1, axis2=2) for q in distributions]
+        ).mean(axis=0)
+        observed = list(architecture.observed)
+        first_bias = architecture.hidden_bias if architecture.hidden_units else False
+        shift_in, shift_out = float(first_bias), float(architecture.output_bias)
+        return cls(
+            architecture,
+            shift_in * states.mean(axis=0)[observed],
+            np.maximum(np.sqrt(states.var(axis=0) + spread)[observed], 1e-3),
+            shift_out * controls.mean(axis=0),
+            np.maximum(controls.std(axis=0), 1e-3),
+        )
+
+    def to_raw(self, parameters: Array) -> Array:
+        """Returns θ in raw units, shape (num_parameters,)."""
+        raw = np.array(parameters)
+        layers = self.architecture.unpack(raw)
+        last_weight, last_bias = layers[-1]
+        last_weight *= self.output_scale[:, None]
+        last_bias *= self.output_scale
+        last_bias += self.output_shift
+        first_weight, first_bias = layers[0]
+        first_weight /= self.input_scale
+        first_bias -= first_weight @ self.input_shift
+        return raw
+
+    def to_standard(self, parameters: Array) -> Array:
+        """Returns θ in standardised units, shape (num_parameters,)."""
+        standard = np.array(parameters)
+        layers = self.architecture.unpack(standard)
+        first_weight, first_bias = layers[0]
+        first_bias += first_weight @ self.input_shift
+        first_weight *= self.input_scale
+        last_weight, last_bias = layers[-1]
+        last_bias -= self.output_shift
+        last_bias /= self.output_scale
+        last_weight /= self.output_scale[:, None]
+        return standard
+
+    def inputs(self, states: Array) -> torch.Tensor:
+        """Returns what the network reads of states (..., n_x), standardised."""
+        observed = states[..., self.architecture.observed]
+        return torch.from_numpy((observed - self.input_shift) / self.input_scale)
+
+    def controls(self, controls: Array) -> torch.Tensor:
+        """Returns controls (..., n_u), standardised."""
+        return torch.from_numpy((controls - self.output_shift) / self.output_scale)
+
+    def network(self, theta: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+        """Returns the network's outputs, all in standardised units."""
+        a = inputs
+        *hidden, (weight, bias) = self.architecture.unpack(theta)
+        for w, b in hidden:
+            a = _ACTIVATIONS[self.architecture.activation](a @ w.T + b)
+        return a @ weight.T + bias
+
+
+def minimize_lbfgs(
+    variables: torch.nn.Parameter, loss: Callable[[torch.Tensor], torch.Tensor], iterations: int
+) -> None:
+    """Minimises a loss in place, by LBFGS with strong Wolfe line search."""
+    optimizer = torch.optim.LBFGS(
+        [variables],
+        max_iter=iterations,
+        history_size=20,
+        tolerance_grad=1e-9,
+        tolerance_change=1e-12,
+        line_search_fn="strong_wolfe",
+    )
+
+    def closure() -> torch.Tensor:
+        optimizer.zero_grad()
+        value = loss(variables)
+        value.backward()
+        return value
+
+    optimizer.step(closure)

@@ -1,0 +1,89 @@
+"""The tidy table of an experiment: one row for each iteration of each cell."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.experiments.cells import Cell, finished_cells
+
+TABLE = "results"  # .parquet and .csv
+
+SCHEMA = pa.schema(
+    [
+        ("task", pa.string()),
+        ("hidden_units", pa.int64()),
+        ("method", pa.string()),
+        ("seed", pa.int64()),
+        ("iteration", pa.int64()),
+        ("initial_ddp_cost", pa.float64()),
+        ("ddp_cost", pa.float64()),
+        ("stochastic_cost_mean", pa.float64()),
+        ("stochastic_cost_median", pa.float64()),
+        ("stochastic_survival", pa.float64()),
+        ("deterministic_cost", pa.float64()),
+        ("deterministic_survival", pa.float64()),
+        ("simulator_steps", pa.int64()),
+        ("seconds", pa.float64()),
+    ]
+)
+
+
+def write_table(root: Path) -> pa.Table:
+    """Collects the finished cells of an experiment into results.parquet and results.csv."""
+    rows = [row for cell in finished_cells(root) for row in _rows(cell, root)]
+    table = pa.Table.from_pylist(rows, SCHEMA)
+    pa.parquet.write_table(table, root / f"{TABLE}.parquet")
+    pa.csv.write_csv(table, root / f"{TABLE}.csv")
+    return table
+
+
+def read_table(root: Path) -> pa.Table:
+    """Reads the table of an experiment.
+
+    Raises:
+        InvalidInputError: there is none, or it is something else.
+    """
+    path = root / f"{TABLE}.parquet"
+    if not path.is_file():
+        raise InvalidInputError(
+            f"'{root}' has no {path.name}; name the output folder of "
+            "`ros2 run vgps_ros experiment`."
+        )
+    try:
+        table = pa.parquet.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InvalidInputError(f"'{path}' is not a Parquet table: {error}.") from error
+    if table.schema.names != SCHEMA.names or not table.num_rows:
+        raise InvalidInputError(
+            f"'{path}' is not the table of an experiment: it has {table.num_rows} rows and the "
+            f"columns {', '.join(table.schema.names)}."
+        )
+    return table
+
+
+def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:
+    result = json.loads((cell.folder(root) / "result.json").read_text())
+    rows, seconds = [], 0.0
+    for entry in result["iterations"]:
+        seconds += entry["q_step_seconds"] + entry["m_step_seconds"]
+        # A cost that diverged is null in JSON and infinite here.
+        values = {name: math.inf if value is None else value for name, value in entry.items()}
+        rows.append(
+            {
+                **{name: values[name] for name in SCHEMA.names if name in values},
+                "task": cell.panel.task,
+                "hidden_units": cell.panel.hidden_units,
+                "method": cell.method,
+                "seed": cell.seed,
+                "iteration": entry["k"],
+                "initial_ddp_cost": result["initial_ddp_cost"],
+                "seconds": seconds,
+            }
+        )
+    return rows

@@ -1,0 +1,96 @@
+"""A whole training in this process, and the folder that it leaves."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vgps_ros.core.ddp import Iteration
+from vgps_ros.core.policy_file import save_policy, write_json
+from vgps_ros.core.records import TrajectoryDistribution
+from vgps_ros.search.methods import SearchIteration, search
+from vgps_ros.search.result import iteration_entry, result_content
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.trajectory_optimizer import (
+    OptimizationRequest,
+    OptimizationResult,
+    OptimizerSettings,
+    TrajectoryOptimizer,
+)
+from vgps_ros.tasks import Task
+from vgps_ros.views.run_record import RunRecord
+
+
+def train(
+    method: str,
+    task: Task,
+    settings: SearchSettings,
+    seed: int,
+    output: Path,
+    *,
+    on_iteration: Callable[[SearchIteration], None] = lambda _: None,
+    on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Trains a policy; writes result.json and policy.json after each iteration.
+
+    At the end trajectories.npz is written too.
+
+    Args:
+        method: name of the policy search.
+        task: the control problem.
+        settings: of the search.
+        seed: of all random draws.
+        output: folder for the files; made if it is missing.
+        on_iteration: called at the end of each iteration.
+        on_initial_ddp: called at the end of each iteration of the initial solve.
+
+    Returns:
+        The content of result.json.
+
+    Raises:
+        VgpsError: a setting is out of range, or the first rollout diverges.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    entries = []
+    solutions: dict[str, TrajectoryDistribution] = {}  # of the first initial state
+
+    def optimize(request: OptimizationRequest) -> OptimizationResult:
+        report = on_initial_ddp if request.iteration == 0 else lambda _: None
+        result = optimizer.optimize(request, on_iteration=report)
+        if request.trajectory_index == 0:
+            which = "last" if request.iteration else "initial"
+            solutions[which] = result.distribution.first(task.horizon)
+        return result
+
+    for iteration in search(
+        method, task, settings, seed, lambda requests: [optimize(request) for request in requests]
+    ):
+        entries.append(iteration_entry(iteration))
+        content = result_content(
+            task=task.name,
+            method=method,
+            seed=seed,
+            hidden_units=settings.hidden_units,
+            num_parameters=iteration.policy.architecture.num_parameters,
+            initial_ddp_cost=iteration.initial_ddp_cost,
+            iterations=entries,
+        )
+        write_json(output / "result.json", content)
+        save_policy(iteration.policy, task.name, output / "policy.json")
+        on_iteration(iteration)
+    policy = iteration.policy
+    initial = solutions["initial"]
+    last = solutions.get("last", initial)  # some methods keep the initial solution
+    executed = task.dynamics.rollout(
+        initial.mean.states[0], lambda t, x: policy.mean(x), task.horizon
+    )
+    RunRecord(
+        task.model_path.read_text(),
+        task.dynamics.time_step,
+        content,
+        initial.mean.states,
+        last.mean.states,
+        last.state_covariances,
+        executed.states,
+    ).save_trajectories(output)
+    return content

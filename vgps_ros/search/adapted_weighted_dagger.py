@@ -1,0 +1,19 @@
+"""Weighted DAGGER with an oracle that adapts to the policy, as section 6 compares with it.
+
+"We also implemented an adapted variant, where the DDP solution is re-optimized at each iteration to
+match the policy (in addition to weighting)." The solutions are those of line 6 of Algorithm 1, with
+the same α; the current one names actions and weights of the whole dataset.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+from vgps_ros.search.dagger import imitate
+from vgps_ros.search.weighted_dagger import marginal_log_weights
+from vgps_ros.search.workspace import Update, Workspace
+
+
+def adapted_weighted_dagger(work: Workspace) -> Iterator[Update]:
+    """Runs DAGGER on a weighted dataset with a DDP solution that adapts to the policy."""
+    weigh = partial(marginal_log_weights, observed=work.task.observed)
+    return imitate(work, weigh, adapts=True)

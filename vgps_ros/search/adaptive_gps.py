@@ -1,0 +1,17 @@
+"""The adaptive variant of guided policy search, as section 6 compares with it.
+
+It "runs DDP at every iteration and adapts to the current policy, in the same manner as our method.
+However, samples from this adapted DDP solution are then included in the policy optimization with
+importance sampling". The solutions are those of line 6 of Algorithm 1, with the same α; their
+rollouts join the initial ones and are kept as long as those of the policies.
+"""
+
+from collections.abc import Iterator
+
+from vgps_ros.search.gps import guided_search
+from vgps_ros.search.workspace import Update, Workspace
+
+
+def adaptive_gps(work: Workspace) -> Iterator[Update]:
+    """Runs guided policy search with a DDP solution that adapts to the policy."""
+    return guided_search(work, adapt=work.reoptimize)

@@ -1,0 +1,114 @@
+"""Settings of a policy search, which all methods share."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy_fit import FitSettings
+from vgps_ros.core.settings import setting, with_values
+from vgps_ros.tasks import Task
+
+
+@dataclass(frozen=True)
+class GpsSettings:
+    """Settings of guided policy search and its adaptive variant."""
+
+    guiding_samples: int = setting(
+        40, "rollouts of the DDP solution per initial state", minimum=2, maximum=100_000
+    )
+    recent: int = setting(
+        4,
+        "latest policies, and latest adapted DDP solutions, whose rollouts are kept too",
+        minimum=1,
+        maximum=1000,
+    )
+    guiding_noise: float = setting(
+        0.1,
+        "factor on the standard deviation of pi_G's noise that guiding rollouts are drawn with",
+        minimum=1e-6,
+        maximum=1.0,
+    )
+    initial_regularization: float = setting(
+        1e-2, "w_r, the weight of log Z, at first", minimum=1e-12, maximum=1e6
+    )
+    highest_regularization: float = setting(
+        1e2, "largest w_r, reached where iterations fail", minimum=1e-12, maximum=1e6
+    )
+    lowest_regularization: float = setting(
+        1e-6, "smallest w_r, reached where iterations succeed", minimum=1e-12, maximum=1e6
+    )
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Settings of a policy search."""
+
+    iterations: int = setting(
+        50, "iterations K, each with one policy update", minimum=1, maximum=100_000
+    )
+    hidden_units: tuple[int, ...] = setting(
+        (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
+    )
+    activation: str = setting(
+        "softplus", "activation of the hidden layers", choices=("softplus", "tanh", "relu")
+    )
+    hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
+    output_bias: bool = setting(True, "whether the output layer has bias terms")
+    initial_alpha: float = setting(
+        1.0, "alpha, the cost's scale, at k = 0", minimum=1e-9, maximum=1e9
+    )
+    final_alpha: float = setting(0.1, "alpha after the annealing", minimum=1e-9, maximum=1e9)
+    annealing_iterations: int = setting(
+        50, "iterations over which alpha falls exponentially", minimum=1, maximum=100_000
+    )
+    initial_ddp_iterations: int = setting(
+        80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
+    )
+    ddp_iterations: int = setting(
+        3, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
+    )
+    num_initial_states: int = setting(
+        1, "initial states, each with its own q, that train one policy", minimum=1, maximum=1000
+    )
+    evaluation_rollouts: int = setting(
+        20, "stochastic rollouts per initial state and iteration", minimum=1, maximum=100_000
+    )
+    policy_samples: int = setting(
+        10,
+        "rollouts of the policy per initial state and iteration, for methods that learn from them",
+        minimum=1,
+        maximum=1_000_000,
+    )
+    supervised_iterations: int = setting(
+        2000,
+        "optimiser iterations of the first fit where a method begins as a copy of the DDP solution",
+        minimum=1,
+        maximum=1_000_000,
+    )
+    fit: FitSettings = field(default_factory=FitSettings)
+    gps: GpsSettings = field(default_factory=GpsSettings)
+
+    def alpha(self, k: int) -> float:
+        """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), constant after the annealing."""
+        done = min(k / self.annealing_iterations, 1.0)
+        return float(
+            np.exp((1 - done) * np.log(self.initial_alpha) + done * np.log(self.final_alpha))
+        )
+
+
+def architecture(task: Task, settings: SearchSettings) -> Architecture:
+    """Returns the shape of the task's policy."""
+    return Architecture(
+        observed=task.observed,
+        hidden_units=settings.hidden_units,
+        control_dim=task.dynamics.control_dim,
+        activation=settings.activation,
+        hidden_bias=settings.hidden_bias,
+        output_bias=settings.output_bias,
+    )
+
+
+def search_settings(task: Task) -> SearchSettings:
+    """Returns the settings that suit the task."""
+    return with_values(SearchSettings(), task.search)

@@ -1,0 +1,209 @@
+"""What every policy search method works with: its problem, and the steps that methods share."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgps_ros.core.dynamics import ControlLaw
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_fit import fit_policy, initial_policy
+from vgps_ros.core.policy_network import Standardization
+from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import check_settings
+from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
+from vgps_ros.tasks import Task
+
+OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationResult]]
+"""Solves independent requests, in order; in this process or through optimizer nodes."""
+
+
+@dataclass(frozen=True)
+class Update:
+    """What one iteration of a method ends with.
+
+    Attributes:
+        policy: π_θ.
+        solutions: q(ζ) of each initial state.
+    """
+
+    policy: GaussianPolicy
+    solutions: tuple[OptimizationResult, ...]
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Rollouts over the scored horizon, from one initial state.
+
+    Attributes:
+        states: x_1 … x_T, shape (N, T, n_x), NaN where a rollout has diverged.
+        controls: shape (N, T, n_u), [N·m].
+        costs: c(x_t, u_t), shape (N, T).
+    """
+
+    states: Array
+    controls: Array
+    costs: Array
+
+    def sound(self) -> "Rollouts":
+        """Returns those that did not diverge."""
+        kept = np.isfinite(self.costs).all(axis=1)
+        return Rollouts(self.states[kept], self.controls[kept], self.costs[kept])
+
+
+class Workspace:
+    """One run of a method. All methods begin with the same initial DDP solutions, line 1.
+
+    Args:
+        task: the control problem.
+        settings: of the search.
+        seed: of all random draws, at least 0.
+        optimize_all: solves the trajectory optimisations.
+
+    Attributes:
+        starts: x_1 of each trajectory.
+        initial_solutions: of the cost alone, one for each start.
+        optimization_seconds: wall time in trajectory optimisation so far.
+        simulator_steps: that learning has taken so far; evaluations do not count.
+
+    Raises:
+        InvalidInputError: a setting is out of range.
+        DivergenceError: the first rollout diverges.
+    """
+
+    def __init__(self, task: Task, settings: SearchSettings, seed: int, optimize_all: OptimizeAll):
+        check_settings(settings)
+        if seed < 0:
+            raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
+        self.task = task
+        self.settings = settings
+        self.seed = seed
+        self.starts = initial_states(task, settings, seed)
+        self.optimization_seconds = 0.0
+        self.simulator_steps = 0
+        self._optimize_all = optimize_all
+        self.initial_solutions = self._optimize(
+            [
+                OptimizationRequest(
+                    trajectory_index=i,
+                    iteration=0,
+                    seed=seed,
+                    cost_scale=settings.alpha(0),
+                    max_iterations=settings.initial_ddp_iterations,
+                    initial_state=start,
+                    guess=task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
+                    if task.guess
+                    else None,
+                )
+                for i, start in enumerate(self.starts)
+            ]
+        )
+
+    def random_policy(self) -> GaussianPolicy:
+        """Draws the network that the first fit starts from."""
+        return initial_policy(
+            architecture(self.task, self.settings),
+            self.scored(self.initial_solutions),
+            generator(self.seed, Stream.POLICY_PARAMETERS),
+        )
+
+    def supervised_policy(
+        self, distributions: Sequence[TrajectoryDistribution] | None = None
+    ) -> GaussianPolicy:
+        """Returns a copy of the initial DDP solutions, or of the distributions that are given."""
+        fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
+        return fit_policy(
+            self.random_policy(),
+            self.scored(self.initial_solutions) if distributions is None else distributions,
+            fit,
+            generator(self.seed, Stream.POLICY_FIT, 1),
+        )
+
+    def fit(
+        self, policy: GaussianPolicy, solutions: Sequence[OptimizationResult], k: int
+    ) -> GaussianPolicy:
+        """Maximises L(q, θ) from `policy` on (line 4)."""
+        rng = generator(self.seed, Stream.POLICY_FIT, k)
+        return fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
+
+    def reoptimize(
+        self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
+    ) -> tuple[OptimizationResult, ...]:
+        """Adapts q(ζ) to the policy (lines 5 and 6)."""
+        return self._optimize(
+            [
+                OptimizationRequest(
+                    trajectory_index=i,
+                    iteration=k,
+                    seed=self.seed,
+                    cost_scale=self.settings.alpha(k),
+                    max_iterations=self.settings.ddp_iterations,
+                    initial_state=self.starts[i],
+                    previous=solution.distribution,
+                    policy=policy,
+                )
+                for i, solution in enumerate(solutions)
+            ]
+        )
+
+    def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
+        """Draws rollouts of the policy, with its noise, from each start."""
+        draws = []
+        for i in range(len(self.starts)):
+            rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
+            noise = rng.standard_normal((self.task.horizon, count, len(policy.noise_std)))
+            noise *= policy.noise_std
+            draws.append(self.roll_out(i, count, rng, _noisy(policy, noise)))
+        return draws
+
+    def roll_out(
+        self, start: int, count: int, rng: np.random.Generator, law: ControlLaw
+    ) -> Rollouts:
+        """Executes a control law from draws around a start, over the scored horizon.
+
+        What a robot does after it has fallen tells nothing: each step costs what lying still does.
+        """
+        task, dynamics = self.task, self.task.dynamics
+        spread = task.marginals.initial_std * rng.standard_normal((count, dynamics.state_dim))
+        before = dynamics.simulator_steps
+        states, controls = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
+        self.simulator_steps += dynamics.simulator_steps - before
+        lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
+        costs = np.where(lies, task.cost.rest, task.cost(states[:, :-1], controls))
+        # The end of the last step counts too: a rollout that diverges in it has no cost.
+        costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
+        return Rollouts(states[:, :-1], controls, costs)
+
+    def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
+        """Returns each q(ζ) over the horizon that is trained on."""
+        return [s.distribution.first(self.task.horizon) for s in solutions]
+
+    def standardization(self) -> Standardization:
+        """Returns units that suit the initial solutions."""
+        distributions = self.scored(self.initial_solutions)
+        return Standardization.of(architecture(self.task, self.settings), distributions)
+
+    def _optimize(self, requests: Sequence[OptimizationRequest]) -> tuple[OptimizationResult, ...]:
+        began = time.perf_counter()
+        results = tuple(self._optimize_all(requests))
+        self.optimization_seconds += time.perf_counter() - began
+        self.simulator_steps += sum(result.simulator_steps for result in results)
+        return results
+
+
+def _noisy(policy: GaussianPolicy, noise: Array) -> ControlLaw:
+    """Returns μ_θ(x) plus noise of shape (T, N, n_u)."""
+    return lambda t, x: policy.mean(x) + noise[t]
+
+
+def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
+    """Returns x_1 of each trajectory: the task's own, or draws around it if there are several."""
+    if settings.num_initial_states == 1:
+        return [task.initial_state]
+    rng = generator(seed, Stream.INITIAL_STATES)
+    draws = rng.standard_normal((settings.num_initial_states, len(task.initial_state)))
+    return list(task.initial_state + task.varied_state_std * draws)
