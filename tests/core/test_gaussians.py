@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from vgps_ros.core.gaussians import entropy, kl_divergence
+from vgps_ros.core.gaussians import entropy, kl_divergence, log_density
 
 
 def test_entropy_is_scipys(random_covariances):
@@ -33,3 +33,12 @@ def test_divergence_is_zero_between_equals_and_positive_otherwise(random_covaria
     covariances, means = random_covariances(6, 4), rng.standard_normal((6, 4))
     assert_allclose(kl_divergence(means, covariances, means, covariances), 0.0, atol=1e-9)
     assert np.all(kl_divergence(means, covariances, means[::-1], covariances[::-1]) > 0)
+
+
+def test_log_density_is_scipys(rng, random_covariances):
+    covariances, deviations = random_covariances(4, 3), rng.standard_normal((4, 3))
+    expected = [
+        multivariate_normal(np.zeros(3), c).logpdf(d)
+        for c, d in zip(covariances, deviations, strict=True)
+    ]
+    assert_allclose(log_density(deviations, covariances), expected, rtol=1e-10)

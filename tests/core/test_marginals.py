@@ -3,9 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal
 
 from vgps_ros.core.marginals import (
     MarginalSettings,
+    control_log_density,
     control_means,
     sample_deviations,
     sample_rollout_noise,
@@ -121,3 +123,13 @@ def test_control_means_follow_the_gains(random_distribution, rng):
     for t in range(6):
         expected = [q.mean.controls[t] + q.gains[t] @ delta for delta in deviations[:, t]]
         assert_allclose(found[:, t], expected, rtol=1e-12)
+
+
+def test_density_of_a_control_is_that_of_the_local_policy(random_distribution, rng):
+    q = random_distribution(horizon=3)
+    states, controls = rng.standard_normal((2, 3, 4)), rng.standard_normal((2, 3, 2))
+    found = control_log_density(q, states, controls)
+    for s, t in np.ndindex(2, 3):
+        mean = q.mean.controls[t] + q.gains[t] @ (states[s, t] - q.mean.states[t])
+        expected = multivariate_normal(mean, q.control_covariances[t]).logpdf(controls[s, t])
+        assert_allclose(found[s, t], expected, rtol=1e-9)

@@ -14,6 +14,7 @@ from vgps_ros.core.policy_fit import (
     fit_policy,
     initial_policy,
     objective,
+    resampled,
     with_best_noise,
 )
 from vgps_ros.core.policy_network import Standardization
@@ -198,3 +199,15 @@ def test_a_fit_that_finds_nothing_better_keeps_the_policy(linear_target, rng):
     worse_or_same = fit_policy(best, [q], settings, rng)
     targets = draw_targets([q], "analytic", 50, rng)
     assert objective(worse_or_same, targets) > objective(best, targets) - 1e-3
+
+
+def test_draws_come_as_often_as_they_are_probable(rng):
+    states = np.arange(4.0)[:, None]
+    targets = Targets(states, 10 * states, 100 * states)
+    draws = resampled(targets, np.array([0.5, 0.2, 0.0, 0.3]), 10_000, rng)
+    first, second = next(draws), next(draws)
+    counts = np.bincount(first.states[:, 0].astype(int), minlength=4)
+    assert_allclose(counts / 10_000, [0.5, 0.2, 0.0, 0.3], atol=5 * 0.5 / 100)
+    assert_array_equal(first.means, 10 * first.states)
+    assert_array_equal(first.variances, 100 * first.states)
+    assert first.states.tobytes() != second.states.tobytes()

@@ -74,6 +74,21 @@ def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
     assert same_bits(policy, iterations[-1].policy)
 
 
+def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
+    rotor = make_task("rotor")
+    graph.start("trajectory_optimizer", task="rotor")
+    graph.start("policy_learner", task="rotor", method="adaptive_gps", **parameters(SHORT))
+    program = start_training(graph, SHORT, 2, tmp_path / "out")
+    assert program.wait() == 0, program.output
+
+    iterations = train_in_process(rotor, SHORT, 2, method="adaptive_gps")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["method"] == "adaptive_gps"
+    entries = [iteration_entry(iteration) for iteration in iterations]
+    assert without_times(result["iterations"]) == without_times(entries)
+    assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
+
+
 def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
     graph, swimmer, tmp_path
 ):

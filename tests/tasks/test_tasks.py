@@ -51,7 +51,9 @@ def test_smoothed_noise_has_its_amplitude_and_time_constant(rng):
 
 
 def test_unknown_task_names_the_valid_ones():
-    with pytest.raises(InvalidInputError, match="task is 'runner', but it must be one of rotor, swimmer, walker"):
+    with pytest.raises(
+        InvalidInputError, match="task is 'runner', but it must be one of rotor, swimmer, walker"
+    ):
         make_task("runner")
 
 

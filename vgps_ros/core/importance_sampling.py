@@ -95,13 +95,12 @@ def maximize(
     losses = [_loss(samples, regularization, scaling, count) for samples in sets]
     minimize_lbfgs(variables, lambda v: torch.stack([loss(v) for loss in losses]).sum(), iterations)
     found = variables.detach().numpy()
-    if not np.isfinite(found).all():
+    parameters = scaling.to_raw(found[:count])
+    noise_std = np.exp(found[count:]) * scaling.output_scale
+    # Φ may grow without bound where the noise vanishes around a single rollout.
+    if not (np.isfinite(parameters).all() and np.isfinite(noise_std).all() and noise_std.all()):
         return policy
-    candidate = replace(
-        policy,
-        parameters=scaling.to_raw(found[:count]),
-        noise_std=np.exp(found[count:]) * scaling.output_scale,
-    )
+    candidate = replace(policy, parameters=parameters, noise_std=noise_std)
     return max(policy, candidate, key=lambda p: objective(p, sets, regularization))
 
 

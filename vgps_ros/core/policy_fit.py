@@ -10,8 +10,6 @@ covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ
 (Σ_q)_jj], so it is profiled out and only the network is left to optimise:
 
     minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
-
-Samples may carry weights, with which every expectation is taken.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -64,17 +62,11 @@ class Targets:
         states: shape (N, n_x).
         means: μ_q, or drawn actions, shape (N, n_u), [N·m].
         variances: diagonal of Σ_q, or zero for drawn actions, shape (N, n_u), [N²·m²].
-        weights: of the samples, shape (N,), not negative and with the sum 1; None if all are equal.
     """
 
     states: Array
     means: Array
     variances: Array
-    weights: Array | None = None
-
-    def expectation(self, values: Array) -> Array:
-        """Returns the weighted mean over the samples of values (N, ...), shape (...,)."""
-        return values.mean(axis=0) if self.weights is None else self.weights @ values
 
 
 def draw_targets(
@@ -102,13 +94,28 @@ def draw_targets(
     return Targets(states, means, variances)
 
 
+def resampled(
+    targets: Targets, probabilities: Array | None, count: int, rng: np.random.Generator
+) -> Iterator[Targets]:
+    """Draws from a set of samples, without end.
+
+    Args:
+        targets: the set.
+        probabilities: of its samples, shape (N,); None if all are equal.
+        count: samples of each draw.
+        rng: source of the draws.
+    """
+    while True:
+        chosen = rng.choice(len(targets.states), count, p=probabilities)
+        yield Targets(targets.states[chosen], targets.means[chosen], targets.variances[chosen])
+
+
 def objective(policy: GaussianPolicy, targets: Targets) -> float:
     """Returns L(q, θ) ÷ (M T) [nat], with the constant −½ n_u log 2π included."""
     squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
     log_sigma = np.log(policy.noise_std).sum()
     constant = 0.5 * len(policy.noise_std) * np.log(2 * np.pi)
-    distance = targets.expectation((squares / policy.noise_std**2).sum(1))
-    return float(-0.5 * distance - log_sigma - constant)
+    return float(-0.5 * (squares / policy.noise_std**2).sum(1).mean() - log_sigma - constant)
 
 
 def initial_policy(
@@ -189,7 +196,7 @@ def fit_to_targets(
 def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
     """Returns the policy with the σ that maximises L(q, θ) for its network."""
     squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
-    return replace(policy, noise_std=np.sqrt(targets.expectation(squares)))
+    return replace(policy, noise_std=np.sqrt(squares.mean(axis=0)))
 
 
 def _fit_gradient(
@@ -210,12 +217,10 @@ def _fit_gradient(
 def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
     """Returns the profiled objective as a function of θ in standardised units."""
     x, mu_q = scaling.inputs(targets.states), scaling.controls(targets.means)
-    sigma_q = torch.from_numpy(targets.expectation(targets.variances / scaling.output_scale**2))
-    weights = None if targets.weights is None else torch.from_numpy(targets.weights)
+    sigma_q = torch.from_numpy((targets.variances / scaling.output_scale**2).mean(axis=0))
 
     def profiled(theta: torch.Tensor) -> torch.Tensor:
         squares = (scaling.network(theta, x) - mu_q) ** 2
-        mean = squares.mean(dim=0) if weights is None else weights @ squares
-        return 0.5 * torch.log(mean + sigma_q).sum()
+        return 0.5 * torch.log(squares.mean(dim=0) + sigma_q).sum()
 
     return profiled

@@ -21,7 +21,7 @@ _RUNS = "runs"
 _UNFINISHED = ".unfinished"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Panel:
     """A task and a size of policy."""
 

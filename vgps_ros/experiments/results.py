@@ -2,15 +2,21 @@
 
 import json
 import math
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.cells import Cell, finished_cells
+from vgps_ros.core.records import Array
+from vgps_ros.experiments.cells import Cell, Panel, finished_cells
+from vgps_ros.search.methods import METHODS
 
 TABLE = "results"  # .parquet and .csv
 
@@ -65,6 +71,46 @@ def read_table(root: Path) -> pa.Table:
             f"columns {', '.join(table.schema.names)}."
         )
     return table
+
+
+@dataclass(frozen=True)
+class MethodResults:
+    """What one method did in one panel.
+
+    Attributes:
+        seeds: in ascending order.
+        columns: of the table, by name, each of shape (S, K): seeds, iterations.
+    """
+
+    seeds: tuple[int, ...]
+    columns: Mapping[str, Array]
+
+
+def by_panel(table: pa.Table) -> dict[Panel, dict[str, MethodResults]]:
+    """Returns the results of each panel's methods, both in the order of the paper."""
+    rows: dict[Panel, dict[str, dict[int, list[dict[str, Any]]]]] = defaultdict(
+        lambda: defaultdict(lambda: defaultdict(list))
+    )
+    for row in table.to_pylist():
+        panel = Panel(row["task"], row["hidden_units"])
+        rows[panel][row["method"]][row["seed"]].append(row)
+    numbers = [field.name for field in SCHEMA if field.type != pa.string()]
+    return {
+        panel: {
+            method: MethodResults(
+                tuple(sorted(methods[method])),
+                {
+                    name: np.array(
+                        [[row[name] for row in methods[method][s]] for s in sorted(methods[method])]
+                    )
+                    for name in numbers
+                },
+            )
+            for method in METHODS
+            if method in methods
+        }
+        for panel, methods in sorted(rows.items(), key=lambda item: item[0])
+    }
 
 
 def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:

@@ -10,15 +10,13 @@ nothing, and where all did the policy stays.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import count, repeat
+from itertools import count
 
 import numpy as np
 from scipy.special import softmax
 
-from vgps_ros.core.policy_fit import Targets, fit_to_targets
+from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
-
-_NEGLIGIBLE = 1e-12  # weight beside the largest one below which a rollout cannot matter
 
 
 def cost_weighted(work: Workspace, samples: int | None = None) -> Iterator[Update]:
@@ -28,15 +26,15 @@ def cost_weighted(work: Workspace, samples: int | None = None) -> Iterator[Updat
         work: problem and settings.
         samples: rollouts per initial state and iteration; None for what the settings say.
     """
-    scaling, settings = work.standardization(), work.settings
+    settings = work.settings
     policy = work.supervised_policy()
     for k in count(1):
         if k > 1:
             draws = work.sample_policy(policy, samples or settings.policy_samples, k)
             sound = [rollouts.sound() for rollouts in draws]
             if any(len(rollouts.costs) for rollouts in sound):
-                targets = weighted_targets(sound, settings.alpha(k))
-                policy = fit_to_targets(policy, repeat(targets), scaling, settings.fit)
+                targets, weights = weighted_targets(sound, settings.alpha(k))
+                policy = work.fit_samples(policy, targets, weights, k)
         yield Update(policy, work.initial_solutions)
 
 
@@ -45,19 +43,23 @@ def cost_weights(costs: np.ndarray, alpha: float) -> np.ndarray:
     return np.asarray(softmax(-alpha * costs))
 
 
-def weighted_targets(draws: Sequence[Rollouts], alpha: float) -> Targets:
-    """Returns the controls of the rollouts, weighted; each initial state counts alike."""
-    columns = []
-    for rollouts in draws:
-        if not len(rollouts.costs):
-            continue
-        weights = cost_weights(rollouts.costs.sum(axis=1), alpha)
-        kept = weights > _NEGLIGIBLE * weights.max()
-        states, controls = rollouts.states[kept], rollouts.controls[kept]
-        steps = np.repeat(weights[kept], states.shape[1])
-        columns.append((_rows(states), _rows(controls), steps))
-    states, controls, weights = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return Targets(states, controls, np.zeros_like(controls), weights / weights.sum())
+def weighted_targets(draws: Sequence[Rollouts], alpha: float) -> tuple[Targets, np.ndarray]:
+    """Returns the controls of the rollouts, and the weight of each step, with the sum 1.
+
+    Each initial state counts alike.
+    """
+    drawn = [rollouts for rollouts in draws if len(rollouts.costs)]
+    states, controls = (
+        np.concatenate([_rows(getattr(rollouts, name)) for rollouts in drawn])
+        for name in ("states", "controls")
+    )
+    weights = np.concatenate(
+        [
+            np.repeat(cost_weights(rollouts.costs.sum(axis=1), alpha), rollouts.costs.shape[1])
+            for rollouts in drawn
+        ]
+    )
+    return Targets(states, controls, np.zeros_like(controls)), weights / weights.sum()
 
 
 def _rows(array: np.ndarray) -> np.ndarray:

@@ -8,17 +8,18 @@ policy to take the oracle action at each dataset state." The oracle is the local
 solution, u = ū_t + K_t (x − x̄_t) with covariance Quu_t⁻¹; plain DAGGER has w = 1.
 
 Choices where the paper leaves something open: the dataset begins with the states of the first
-supervised fit, drawn from the DDP marginals, so that all methods begin with the same policy; what
-a rollout does after it has diverged is left out.
+supervised fit, drawn from the DDP marginals; a fit draws as many of its states as ours draws from
+the marginals; what a rollout does after it has diverged is left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import count, repeat
+from itertools import count
 
 import numpy as np
+from scipy.special import softmax
 
 from vgps_ros.core.marginals import control_means, sample_deviations
-from vgps_ros.core.policy_fit import Targets, fit_to_targets
+from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.workspace import Update, Workspace
@@ -40,7 +41,7 @@ def imitate(work: Workspace, log_weights: LogWeights | None, *, adapts: bool) ->
         log_weights: weighs the dataset's states; None if all count alike.
         adapts: whether the DDP solutions are optimised anew against the policy (line 6).
     """
-    settings, scaling = work.settings, work.standardization()
+    settings = work.settings
     solutions, policy = work.initial_solutions, work.supervised_policy()
     visited = [
         [_around(q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i))]
@@ -51,10 +52,10 @@ def imitate(work: Workspace, log_weights: LogWeights | None, *, adapts: bool) ->
             draws = work.sample_policy(policy, settings.policy_samples, k)
             for states, rollouts in zip(visited, draws, strict=True):
                 states.append(rollouts.states)
-            targets = oracle_targets(
+            targets, weights = oracle_targets(
                 work.scored(solutions), [np.concatenate(v) for v in visited], log_weights
             )
-            policy = fit_to_targets(policy, repeat(targets), scaling, settings.fit)
+            policy = work.fit_samples(policy, targets, weights, k)
         if adapts:
             solutions = work.reoptimize(solutions, policy, k)
         yield Update(policy, solutions)
@@ -64,8 +65,8 @@ def oracle_targets(
     distributions: Sequence[TrajectoryDistribution],
     visited: Sequence[Array],
     log_weights: LogWeights | None,
-) -> Targets:
-    """Returns the oracle's actions at the visited states.
+) -> tuple[Targets, Array | None]:
+    """Returns the oracle's actions at the visited states, and the weights of these, with the sum 1.
 
     Args:
         distributions: q of each initial state.
@@ -81,10 +82,8 @@ def oracle_targets(
         columns = (states, means, np.broadcast_to(variances, means.shape), log_w)
         rows.append([column[finite] for column in columns])
     states, means, variances, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
-    if log_weights is None:
-        return Targets(states, means, variances)
-    weights = np.exp(log_w - log_w.max())
-    return Targets(states, means, variances, weights / weights.sum())
+    targets = Targets(states, means, variances)
+    return targets, None if log_weights is None else np.asarray(softmax(log_w))
 
 
 def _around(q: TrajectoryDistribution, samples: int, rng: np.random.Generator) -> Array:

@@ -9,7 +9,13 @@ import numpy as np
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_fit import fit_policy, initial_policy
+from vgps_ros.core.policy_fit import (
+    Targets,
+    fit_policy,
+    fit_to_targets,
+    initial_policy,
+    resampled,
+)
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -129,6 +135,16 @@ class Workspace:
         """Maximises L(q, θ) from `policy` on (line 4)."""
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         return fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
+
+    def fit_samples(
+        self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
+    ) -> GaussianPolicy:
+        """Does the same with draws from a set of samples, as many as there are from marginals."""
+        settings = self.settings.fit
+        count = settings.samples_per_step * self.task.horizon * len(self.starts)
+        rng = generator(self.seed, Stream.POLICY_FIT, k)
+        samples = resampled(targets, probabilities, count, rng)
+        return fit_to_targets(policy, samples, self.standardization(), settings)
 
     def reoptimize(
         self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int

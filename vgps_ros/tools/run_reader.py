@@ -1,21 +1,15 @@
 """Reads a run back: from its bag, or from the files that `train` leaves."""
 
-import json
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
-
-import numpy as np
 
 from vgps_ros.bags import BagReader
-from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.search.result import result_content
-from vgps_ros.tasks import TASKS, make_task
 from vgps_ros.tools.episode import last_episode
-from vgps_ros.views.run_record import TRAJECTORIES, RunRecord
+from vgps_ros.views.run_record import TRAJECTORIES, RunRecord, read_results
 
 
 def read_run(path: Path) -> RunRecord:
@@ -25,7 +19,7 @@ def read_run(path: Path) -> RunRecord:
         InvalidInputError: it is neither, or cannot be read.
     """
     if (path / TRAJECTORIES).is_file():
-        return _read_results(path)
+        return read_results(path)
     if (path / "bag").is_dir():
         return _read_bag(path / "bag")
     if (path / "result.json").is_file():
@@ -33,30 +27,6 @@ def read_run(path: Path) -> RunRecord:
             f"'{path}' has costs but no motion: it needs bag/ or {TRAJECTORIES} beside result.json."
         )
     return _read_bag(path)
-
-
-def _read_results(folder: Path) -> RunRecord:
-    try:
-        result = json.loads((folder / "result.json").read_text())
-        task = make_task(result["task"])
-        n_x = task.dynamics.state_dim
-        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
-            covariances = file["state_covariances"]
-            arrays = {
-                "state_covariances": finite_array(
-                    "state_covariances", covariances, (len(covariances), n_x, n_x)
-                )
-            }
-            for name in ("initial_states", "mean_states", "executed_states"):
-                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
-        return RunRecord(
-            task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
-        )
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
-        raise InvalidInputError(
-            f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
-            f"{error}"
-        ) from error
 
 
 def _read_bag(path: Path) -> RunRecord:

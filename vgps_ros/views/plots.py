@@ -118,12 +118,17 @@ def motion(run: RunRecord) -> Figure | None:
     """
     if run.executed_states is None:
         return None
-    states = run.executed_states
-    shape = RobotShape(compile_model(run.mjcf))
-    plane = list(shape.plane)
     figure = Figure(figsize=(9, 2.3), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots()
+    draw_motion(figure.subplots(), run, run.executed_states)
+    figure.legend(frameon=False, ncols=2, loc="outside upper center")
+    return figure
+
+
+def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
+    """Draws the robot in several of its states (N+1, n_x), and the centre of mass's paths."""
+    shape = RobotShape(compile_model(run.mjcf))
+    plane = list(shape.plane)
     for t in np.linspace(0, len(states) - 1, _POSES).astype(int):
         for ends in shape.axes(states[t])[:, :, plane]:
             axes.plot(
@@ -143,8 +148,6 @@ def motion(run: RunRecord) -> Figure | None:
     axes.margins(0.02, 0.35)
     axes.set_xlabel(f"{'xyz'[plane[0]]} [m]")
     axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
-    figure.legend(frameon=False, ncols=2, loc="outside upper center")
-    return figure
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -69,6 +69,11 @@ class Recording:
         columns = rr.Scalars.columns(scalars=values).partition([values.shape[1]] * len(values))
         self._stream.send_columns(entity, [times], columns)
 
+    def send_by_iteration(self, entity: str, iterations: np.ndarray, values: np.ndarray) -> None:
+        """Shows a number, shape (N,), at iterations of a search, shape (N,)."""
+        times = rr.TimeColumn(ITERATION, sequence=iterations)
+        self._stream.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
+
     def lay_out(self, blueprint: rrb.Blueprint) -> None:
         """Says what a viewer shows where, when it opens the file."""
         self._stream.send_blueprint(blueprint)

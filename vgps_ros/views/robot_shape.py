@@ -11,7 +11,8 @@ class RobotShape:
 
     Attributes:
         names: of the capsules in the MJCF.
-        plane: the two coordinates in which the robot moves: the axes of its first two slides.
+        plane: the two coordinates in which the robot moves: the axes of its first two slides, or
+            those across its first hinge where it has none.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -21,7 +22,9 @@ class RobotShape:
         self.names = [model.geom(i).name for i in self._ids]
         slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
         axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
-        self.plane: tuple[int, int] = (axes[0], axes[1]) if len(set(axes)) == 2 else (0, 2)
+        if len(set(axes)) < 2:
+            axes = np.delete([0, 1, 2], np.abs(model.jnt_axis[0]).argmax()).tolist()
+        self.plane: tuple[int, int] = (axes[0], axes[1])
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each capsule's axis, shape (G, 2, 3) [m]."""

@@ -1,12 +1,17 @@
 """What pictures of a run need, wherever it comes from."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
+from vgps_ros.core.checks import finite_array
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.tasks import TASKS, make_task
 
 TRAJECTORIES = "trajectories.npz"  # beside result.json, where a run has no bag
 
@@ -43,3 +48,32 @@ class RunRecord:
         }
         known = {name: array for name, array in arrays.items() if array is not None}
         np.savez_compressed(folder / TRAJECTORIES, **known)  # type: ignore[arg-type]
+
+
+def read_results(folder: Path) -> RunRecord:
+    """Returns the run whose results `train` left in a folder.
+
+    Raises:
+        InvalidInputError: they are not there, or do not fit the task.
+    """
+    try:
+        result = json.loads((folder / "result.json").read_text())
+        task = make_task(result["task"])
+        n_x = task.dynamics.state_dim
+        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
+            covariances = file["state_covariances"]
+            arrays = {
+                "state_covariances": finite_array(
+                    "state_covariances", covariances, (len(covariances), n_x, n_x)
+                )
+            }
+            for name in ("initial_states", "mean_states", "executed_states"):
+                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
+        return RunRecord(
+            task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
+        )
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
+        raise InvalidInputError(
+            f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
+            f"{error}"
+        ) from error

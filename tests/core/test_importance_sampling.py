@@ -1,0 +1,122 @@
+"""The importance-sampled objective against densities and sums written out anew."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+from scipy.stats import norm
+
+from vgps_ros.core import importance_sampling
+from vgps_ros.core.importance_sampling import (
+    ImportanceSamples,
+    expected_cost,
+    log_weights,
+    maximize,
+    mixture_log_density,
+    objective,
+)
+from vgps_ros.core.policy_network import Standardization
+
+COUNT, HORIZON = 6, 5
+
+
+@pytest.fixture
+def policies(random_policy):
+    return [random_policy(hidden_units=(4,)) for _ in range(3)]
+
+
+@pytest.fixture
+def samples(rng, policies):
+    """Rollouts that the second policy drew, with arbitrary states and costs."""
+    states = rng.standard_normal((COUNT, HORIZON, 4))
+    policy = policies[1]
+    noise = policy.noise_std * rng.standard_normal((COUNT, HORIZON, 2))
+    controls = policy.mean(states) + noise
+    log_q = np.cumsum(policy.log_density(states, controls), axis=1)
+    return ImportanceSamples(states, controls, rng.uniform(0, 3, (COUNT, HORIZON)), log_q)
+
+
+def density_of_prefix(policy, samples, i, t):
+    """π(ζ_i,1:t), as a product over steps and controls."""
+    factors = [
+        norm.pdf(samples.controls[i, s], policy.mean(samples.states[i, s]), policy.noise_std)
+        for s in range(t + 1)
+    ]
+    return np.prod(factors)
+
+
+def test_weights_are_ratios_of_gaussian_densities(policies, samples):
+    found = np.exp(log_weights(policies[0], samples))
+    expected = [
+        [
+            density_of_prefix(policies[0], samples, i, t)
+            / density_of_prefix(policies[1], samples, i, t)
+            for t in range(HORIZON)
+        ]
+        for i in range(COUNT)
+    ]
+    assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_the_mixture_is_the_weighted_sum_of_its_parts(policies, samples):
+    counts = [3, 1, 2]
+    steps = [p.log_density(samples.states, samples.controls) for p in policies]
+    found = np.exp(mixture_log_density(steps, counts))
+    expected = [
+        [
+            sum(
+                n / 6 * density_of_prefix(p, samples, i, t)
+                for n, p in zip(counts, policies, strict=True)
+            )
+            for t in range(HORIZON)
+        ]
+        for i in range(COUNT)
+    ]
+    assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_a_part_without_rollouts_counts_for_nothing(policies, samples):
+    steps = [p.log_density(samples.states, samples.controls) for p in policies]
+    assert_allclose(mixture_log_density(steps[:2], [4, 0]), np.cumsum(steps[0], axis=1))
+
+
+def test_the_estimate_is_exact_where_the_policy_drew_the_rollouts(policies, samples):
+    drawn_by = policies[1]
+    assert_allclose(expected_cost(drawn_by, samples), samples.costs.mean(axis=0).sum())
+    # Then every weight is 1, and Z_t is the number of rollouts.
+    regularized = objective(drawn_by, [samples], regularization=2.0)
+    expected = 2.0 * HORIZON * np.log(COUNT) - samples.costs.mean(axis=0).sum()
+    assert_allclose(regularized, expected)
+
+
+def test_the_estimate_is_unbiased_as_rollouts_grow(rng, policies):
+    """One step, with a cost whose mean under the target is known."""
+    n, target = 200_000, policies[0]
+    states = np.broadcast_to(rng.standard_normal(4), (n, 1, 4))
+    mean = target.mean(states[0, 0])
+    broad = 2.0 * target.noise_std
+    controls = mean + broad * rng.standard_normal((n, 1, 2))
+    log_q = norm.logpdf(controls, mean, broad).sum(axis=2)
+    costs = np.sum(controls**2, axis=2)
+    estimate = expected_cost(target, ImportanceSamples(states, controls, costs, log_q))
+    assert_allclose(estimate, np.sum(mean**2 + target.noise_std**2), rtol=0.02)
+
+
+def test_the_loss_is_the_objective_in_standardised_units(policies, samples, random_distribution):
+    policy, w_r = policies[0], 0.3
+    scaling = Standardization.of(policy.architecture, [random_distribution()])
+    variables = np.concatenate(
+        [scaling.to_standard(policy.parameters), np.log(policy.noise_std / scaling.output_scale)]
+    )
+    loss = importance_sampling._loss(samples, w_r, scaling, len(policy.parameters))
+    found = loss(torch.from_numpy(variables)).item()
+    assert_allclose(-HORIZON * found, objective(policy, [samples], w_r), rtol=1e-9)
+
+
+def test_the_search_raises_the_objective(policies, samples, random_distribution):
+    policy = policies[0]
+    scaling = Standardization.of(policy.architecture, [random_distribution()])
+    better = maximize(policy, [samples, samples], 1e-2, scaling, iterations=30)
+    values = [objective(p, [samples, samples], 1e-2) for p in (policy, better)]
+    assert values[1] > values[0]
+    assert_allclose(values[0], 2 * objective(policy, [samples], 1e-2))

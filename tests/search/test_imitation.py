@@ -1,0 +1,70 @@
+"""DAGGER's dataset: the oracle's actions, and the weights by the DDP marginals."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.search.dagger import oracle_targets
+from vgps_ros.search.weighted_dagger import marginal_log_weights
+
+HORIZON, OBSERVED = 3, (1, 2)
+
+
+@pytest.fixture
+def q(rng):
+    roots = rng.standard_normal((HORIZON + 1, 3, 4))
+    return TrajectoryDistribution(
+        mean=Trajectory(rng.standard_normal((HORIZON + 1, 3)), rng.standard_normal((HORIZON, 2))),
+        gains=rng.standard_normal((HORIZON, 2, 3)),
+        control_covariances=np.tile(np.diag([2.0, 3.0]), (HORIZON, 1, 1)),
+        linear_dynamics=LinearDynamics(np.zeros((HORIZON, 3, 3)), np.zeros((HORIZON, 3, 2))),
+        state_covariances=roots @ np.swapaxes(roots, 1, 2),
+    )
+
+
+def test_targets_are_what_the_local_policy_does_at_each_state(q, rng):
+    visited = rng.standard_normal((4, HORIZON, 3))
+    visited[2, 1:] = np.nan  # that rollout diverged
+    targets, weights = oracle_targets([q], [visited], log_weights=None)
+    assert weights is None
+    assert len(targets.states) == 4 * HORIZON - 2
+    row = 0
+    for n, t in np.ndindex(4, HORIZON):
+        if n == 2 and t > 0:
+            continue
+        x = visited[n, t]
+        assert_allclose(targets.states[row], x)
+        expected = q.mean.controls[t] + q.gains[t] @ (x - q.mean.states[t])
+        assert_allclose(targets.means[row], expected)
+        assert_allclose(targets.variances[row], [2.0, 3.0])
+        row += 1
+
+
+def test_weights_are_densities_relative_to_the_most_probable_state(q, rng):
+    states = q.mean.states[:-1] + 0.3 * rng.standard_normal((5, HORIZON, 3))
+    found = np.exp(marginal_log_weights(q, states, OBSERVED))
+    for n, t in np.ndindex(5, HORIZON):
+        chosen = np.ix_(OBSERVED, OBSERVED)
+        mean = q.mean.states[t][list(OBSERVED)]
+        density = multivariate_normal(mean, q.state_covariances[t][chosen] + 1e-4 * np.eye(2)).pdf
+        assert_allclose(found[n, t], density(states[n, t, list(OBSERVED)]) / density(mean))
+
+
+def test_weights_ignore_what_the_policy_does_not_read(q, rng):
+    states = rng.standard_normal((2, HORIZON, 3))
+    moved = states + np.array([100.0, 0.0, 0.0])
+    assert_allclose(
+        marginal_log_weights(q, states, OBSERVED), marginal_log_weights(q, moved, OBSERVED)
+    )
+
+
+def test_weights_sum_to_one_and_far_states_weigh_nothing(q):
+    states = np.stack([q.mean.states[:-1], q.mean.states[:-1] + 1e3])
+    _, weights = oracle_targets(
+        [dataclasses.replace(q)], [states], lambda q, x: marginal_log_weights(q, x, OBSERVED)
+    )
+    assert_allclose(weights, [1 / HORIZON] * HORIZON + [0.0] * HORIZON, atol=1e-12)

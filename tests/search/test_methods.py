@@ -1,0 +1,131 @@
+"""Every method of the comparison: one shape, and a problem whose optimum is known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
+from vgps_ros.search.gps import combined
+from vgps_ros.search.methods import METHODS, search
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.workspace import Workspace
+from vgps_ros.tasks import make_task
+
+ROTOR = make_task("rotor")
+# Only the first of two controls has an effect that costs: it is one decision.
+ONE_DECISION = dataclasses.replace(
+    ROTOR,
+    horizon=2,
+    cost=dataclasses.replace(ROTOR.cost, control_weight=0.01),
+    guess=lambda rng: np.zeros((2, 1)),
+    initial_state=np.array([0.0, 5.0]),
+)
+RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger"}
+
+
+def solver(task):
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    return lambda requests: [optimizer.optimize(request) for request in requests]
+
+
+def run(method, task, seed=3, **settings):
+    values = {
+        "iterations": 3, "hidden_units": (3,), "evaluation_rollouts": 2,
+        "supervised_iterations": 50, **settings,
+    }  # fmt: skip
+    chosen = dataclasses.replace(search_settings(task), **values)
+    return list(search(method, task, chosen, seed, solver(task)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_does_as_many_updates_as_asked_and_repeats_itself(method):
+    iterations, again = (run(method, ROTOR) for _ in range(2))
+    assert [i.k for i in iterations] == [1, 2, 3]
+    steps = [i.simulator_steps for i in iterations]
+    assert steps == sorted(steps)
+    assert iterations[-1].policy.parameters.tobytes() == again[-1].policy.parameters.tobytes()
+    assert iterations[-1].policy.noise_std.tobytes() == again[-1].policy.noise_std.tobytes()
+    other = run(method, ROTOR, seed=4)
+    assert other[-1].policy.parameters.tobytes() != iterations[-1].policy.parameters.tobytes()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_keeps_the_initial_solution_or_adapts_it(method):
+    first, *_, last = run(method, ROTOR)
+    initial = run("gps", ROTOR, iterations=1)[0].solutions[0].distribution.mean.states
+    found = last.solutions[0].distribution.mean.states
+    assert (found.tobytes() != initial.tobytes()) == (method in RESOLVES)
+    assert first.initial_ddp_cost == last.initial_ddp_cost
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_several_initial_states_train_one_policy(method):
+    last = run(method, ROTOR, num_initial_states=2, iterations=2, policy_samples=4)[-1]
+    assert len(last.solutions) == 2
+    assert last.evaluation.deterministic_costs.shape == (2,)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_problem_of_one_decision_is_solved(method):
+    """u_1* minimises w u² + ‖r(x_2)‖², a parabola, since the second control is best left zero."""
+    x, nothing = ONE_DECISION.initial_state, np.zeros(1)
+
+    def total(u):
+        control = np.array([u])
+        following = ONE_DECISION.dynamics.step(x, control)
+        return float(ONE_DECISION.cost(x, control) + ONE_DECISION.cost(following, nothing))
+
+    low, standing, high = total(-1.0), total(0.0), total(1.0)
+    optimum = total(0.5 * (low - high) / (high - 2 * standing + low))
+    last = run(
+        method, ONE_DECISION, iterations=15, hidden_units=(2,), policy_samples=100,
+        supervised_iterations=500,
+    )[-1]  # fmt: skip
+    assert optimum <= last.evaluation.deterministic_cost
+    assert last.evaluation.deterministic_cost - optimum < 0.1 * (standing - optimum)
+
+
+def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
+    work = Workspace(ROTOR, search_settings(ROTOR), 5, solver(ROTOR))
+    policy = work.random_policy()
+    before = work.simulator_steps
+    (rollouts,) = work.sample_policy(policy, 40, k=2)
+    assert work.simulator_steps - before == 40 * ROTOR.horizon
+    for n in range(3):
+        for t in range(ROTOR.horizon - 1):
+            following = ROTOR.dynamics.step(rollouts.states[n, t], rollouts.controls[n, t])
+            assert_array_equal(rollouts.states[n, t + 1], following)
+    noise = rollouts.controls - policy.mean(rollouts.states)
+    expected = policy.noise_std / np.sqrt(2 * noise.size)
+    assert abs(noise.std() - policy.noise_std[0]) < 5 * expected[0]
+    np.testing.assert_allclose(rollouts.costs, ROTOR.cost(rollouts.states, rollouts.controls))
+
+
+def test_a_fallen_robot_costs_what_lying_still_does():
+    walker = dataclasses.replace(make_task("walker"), horizon=120, lookahead=0)
+    demonstration = walker.demonstration.first(120)
+    walker = dataclasses.replace(walker, demonstration=demonstration)
+    settings = dataclasses.replace(search_settings(walker), initial_ddp_iterations=1)
+    work = Workspace(walker, settings, 0, solver(walker))
+    rng = np.random.default_rng(0)
+    rollouts = work.roll_out(0, 3, rng, lambda t, x: np.zeros((3, 6)))
+    fallen = walker.fallen(rollouts.states)
+    assert fallen[:, -1].all()
+    first = fallen.argmax(axis=1)
+    for n in range(3):
+        assert_array_equal(rollouts.costs[n, first[n] :], 1.0 + 0.93**2)
+        upright = walker.cost(rollouts.states[n], rollouts.controls[n])[: first[n]]
+        assert_array_equal(rollouts.costs[n, : first[n]], upright)
+
+
+def test_an_unknown_method_names_the_valid_ones():
+    with pytest.raises(InvalidInputError, match="method is 'ppo', but it must be one of adapt"):
+        run("ppo", ROTOR)
+
+
+def test_guided_search_says_when_there_is_nothing_to_learn_from():
+    with pytest.raises(DivergenceError, match=r"lower gps\.guiding_noise"):
+        combined([])

@@ -1,0 +1,85 @@
+"""Figure 1 of the paper as a Rerun recording, to zoom in and to switch methods on and off."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from matplotlib.colors import to_rgb
+
+from vgps_ros.core.joints import compile_model
+from vgps_ros.views.comparison import ComparisonPanel, colours
+from vgps_ros.views.recording import ITERATION, Recording
+from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.run_record import RunRecord
+
+_PATHS = {"learned": (31, 95, 191), "initial_ddp": (0, 0, 0)}
+
+
+def record_comparison(
+    panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord], path: Path
+) -> None:
+    """Writes the curves of the panels, medians over the seeds, and the robots' paths.
+
+    Raises:
+        InvalidInputError: the file exists, or cannot be written.
+    """
+    recording = Recording(path)
+    colour_of = colours(panels)
+    for panel in panels:
+        origin = panel.title.replace(" ", "_").replace(",", "")
+        iterations = np.zeros(0, dtype=int)
+        for method, curve in panel.curves.items():
+            iterations = np.arange(1, curve.stochastic.shape[1] + 1)
+            for name, costs in (
+                ("stochastic", curve.stochastic),
+                ("deterministic", curve.deterministic),
+            ):
+                entity = f"{origin}/{method}/{name}"
+                width = 2.0 if name == "stochastic" else 1.0
+                recording.log_static(
+                    entity,
+                    rr.SeriesLines(
+                        colors=[rgb(colour_of[method])], names=f"{method} {name}", widths=width
+                    ),
+                )
+                median = np.median(np.minimum(costs, panel.ceiling), axis=0)
+                recording.send_by_iteration(entity, iterations, median)
+        entity = f"{origin}/initial_ddp"
+        line = rr.SeriesLines(colors=[(0, 0, 0)], names="initial DDP solution")
+        recording.log_static(entity, line)
+        recording.send_by_iteration(entity, iterations, np.full(len(iterations), panel.ddp_cost))
+    names = [_record_paths(recording, run) for run in runs]
+    views = [
+        rrb.TimeSeriesView(
+            origin=panel.title.replace(" ", "_").replace(",", ""),
+            name=f"{panel.title}: average cost by iteration",
+            axis_y=rrb.ScalarAxis(range=(0.0, 4 * panel.ddp_cost), zoom_lock=False),
+        )
+        for panel in panels
+    ] + [
+        rrb.Spatial3DView(origin=f"robots/{name}", name=f"{name}: centre of mass [m]")
+        for name in names
+    ]
+    recording.lay_out(
+        rrb.Blueprint(rrb.Grid(*views), rrb.TimePanel(timeline=ITERATION), collapse_panels=True)
+    )
+    recording.close()
+
+
+def rgb(colour: str) -> tuple[int, ...]:
+    """Returns red, green and blue of a colour of matplotlib's, 0 to 255 each."""
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def _record_paths(recording: Recording, run: RunRecord) -> str:
+    """Draws the centre of mass's paths of a run; returns the robot's name."""
+    assert run.result is not None
+    name = str(run.result["task"])
+    shape = RobotShape(compile_model(run.mjcf))
+    for path, states in (("learned", run.executed_states), ("initial_ddp", run.initial_states)):
+        if states is not None:
+            strip = rr.LineStrips3D([shape.path(states)], colors=_PATHS[path], labels=path)
+            recording.log_static(f"robots/{name}/{path}", strip)
+    return name
