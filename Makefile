@@ -1,5 +1,5 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
-# Variables on the command line (TASK, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
+# Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint clean distclean
 
@@ -9,7 +9,7 @@ help:  ## list these targets
 setup:  ## virtual environment, wheels, colcon build; skips what stands
 	@scripts/setup.bash
 
-demo: setup  ## learn in a graph of ROS 2 nodes (TASK= HIDDEN= SEED= ITERATIONS=)
+demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS=)
 	@scripts/run_demo.bash
 
 test: setup  ## run the tests and check that they leave nothing behind

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # Learns a policy in a graph of separate ROS 2 processes, then executes it.
-# TASK, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
+# TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source env.bash
 
-task=${TASK:-swimmer} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
+task=${TASK:-swimmer} method=${METHOD:-vgps} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
 output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
 parameters=config/$task.yaml
 if [[ ! -f $parameters ]]; then
@@ -52,10 +52,10 @@ start visualizer -p output:="$output/run.rrd"
 start simulation
 start trajectory_optimizer
 start policy_executor
-start policy_learner
+start policy_learner -p method:="$method"
 
-printf 'Learning: task %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
-  "$task" "$hidden" "$seed" "$iterations" "$output/log"
+printf 'Learning: task %s, method %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
+  "$task" "$method" "$hidden" "$seed" "$iterations" "$output/log"
 program=install/vgps_ros/lib/vgps_ros
 "$program/train_through_graph" --seed "$seed" --iterations "$iterations" \
   --hidden-units "$hidden" --output "$output"

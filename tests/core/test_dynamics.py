@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
+from vgps_ros.tasks import make_task
 
 
 @pytest.fixture
@@ -113,6 +114,19 @@ def test_control_that_the_simulator_would_drop_makes_a_rollout_diverge(
     monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
     trajectory = swimmer.dynamics.rollout(np.full(10, 0.3), lambda t, x: np.full(2, control), 3)
     assert np.isnan(trajectory.states[1:]).all()
+
+
+def test_a_divergence_leaves_no_file_and_no_line(tmp_path, monkeypatch, capfd):
+    """The walker, whose contacts MuJoCo finds unstable; derivatives come from several threads."""
+    monkeypatch.chdir(tmp_path)
+    walker = make_task("walker")
+    starts = np.stack([walker.initial_state] * 3)
+    states, _ = walker.dynamics.rollouts(starts, lambda t, x: np.full((3, 6), 1e8), 5)
+    assert np.isnan(states[:, -1]).all()
+    states[0, 1:] = starts[0]
+    walker.dynamics.linearize(Trajectory(states[0], np.full((5, 6), 1e8)))
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(

@@ -84,11 +84,13 @@ def test_killed_and_started_again_it_goes_on_and_gives_the_same_table(undisturbe
     assert not list(folder.rglob("*.unfinished"))
 
 
-def test_ctrl_c_ends_it_with_a_sentence(tmp_path):
+def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
     program = start(tmp_path / "interrupted")
     while not finished(tmp_path / "interrupted"):
         assert program.poll() is None
         time.sleep(0.05)
+    with pytest.raises(SystemExit, match=r"An experiment is running in '.*interrupted' now"):
+        main([*SMALL, "--output", str(tmp_path / "interrupted")])
     program.send_signal(signal.SIGINT)
     _, errors = program.communicate(timeout=60)
     assert program.returncode == 1

@@ -26,6 +26,10 @@ DIVERGENCE_BOUND = 1e4
 CONTROL_BOUND = 1e9
 _FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
+# A state that the simulator finds bad counts as diverged here, and is reported as such; of its own
+# warnings it would keep a file in whatever folder the process was started in.
+mujoco.set_mju_user_warning(lambda _: None)
+
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
 

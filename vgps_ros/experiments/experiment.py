@@ -1,6 +1,7 @@
 """Program `experiment`: trains every method on every panel of Figure 1, over several seeds."""
 
 import argparse
+import fcntl
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -35,16 +36,21 @@ def experiment(
     Raises:
         InvalidInputError: the folder belongs to something else, or the cluster is not there.
     """
-    claim(output, protocol)
-    waiting = [cell for cell in cells if not cell.is_finished(output)]
-    print(
-        f"{len(cells)} cells, {len(cells) - len(waiting)} of them finished before; "
-        f"{protocol.iterations} iterations each. Ctrl-C stops; the same command goes on.",
-        flush=True,
-    )
     failures = {}
-    with workers(backend, jobs, address) as parallel, _progress() as progress:
-        bar = progress.add_task("cells", total=len(cells), completed=len(cells) - len(waiting))
+    with (
+        claimed(output, protocol),
+        workers(backend, jobs, address) as parallel,
+        _progress() as progress,
+    ):
+        waiting = [cell for cell in cells if not cell.is_finished(output)]
+        done = len(cells) - len(waiting)
+        progress.console.print(
+            f"{len(cells)} cells, {done} of them finished before; {protocol.iterations} iterations "
+            "each. Ctrl-C stops; the same command goes on.",
+            highlight=False,
+            soft_wrap=True,
+        )
+        bar = progress.add_task("cells", total=len(cells), completed=done)
         for cell, error in parallel(
             joblib.delayed(_run)(cell, protocol, output.absolute()) for cell in waiting
         ):
@@ -54,19 +60,21 @@ def experiment(
             if error:
                 failures[cell] = error
             write_table(output)
-    write_table(output)
-    write_json(
-        output / "failures.json",
-        [{"cell": str(cell), "error": error} for cell, error in failures.items()],
-    )
+        write_table(output)
+        write_json(
+            output / "failures.json",
+            [{"cell": str(cell), "error": error} for cell, error in failures.items()],
+        )
     return failures
 
 
-def claim(output: Path, protocol: Protocol) -> None:
-    """Makes the folder this experiment's.
+@contextmanager
+def claimed(output: Path, protocol: Protocol) -> Iterator[None]:
+    """Keeps a folder for this experiment alone.
 
     Raises:
-        InvalidInputError: it belongs to an experiment with another protocol, or to something else.
+        InvalidInputError: it belongs to an experiment with another protocol, to one that is running
+            now, or to something else.
     """
     path = output / _PROTOCOL
     if not output.exists() or (output.is_dir() and not any(output.iterdir())):
@@ -83,6 +91,14 @@ def claim(output: Path, protocol: Protocol) -> None:
             f"'{output}' belongs to an experiment with {_listed(found)}, but this one has "
             f"{_listed(asdict(protocol))}; name another --output."
         )
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InvalidInputError(
+                f"An experiment is running in '{output}' now; wait for its end."
+            ) from error
+        yield
 
 
 @contextmanager
