@@ -1,11 +1,11 @@
 """DAGGER (Ross, Gordon and Bagnell, AISTATS 2011) with DDP as its oracle, as section 6 uses it.
 
-    θ ← argmax Σ_(x,t) in D  w(x, t) E_{u ~ q(u_t|x_t = x)} [log π_θ(u|x)]
+    θ ← argmax Σ_(x,t) in D  w(x, t) log π_θ(ū_t + K_t (x − x̄_t) | x)
     D ← D ∪ rollouts of π_θ
 
 "At each iteration, DAGGER adds samples from the current policy to a dataset, and then optimizes the
-policy to take the oracle action at each dataset state." The oracle is the local policy of the DDP
-solution, u = ū_t + K_t (x − x̄_t) with covariance Quu_t⁻¹; plain DAGGER has w = 1.
+policy to take the oracle action at each dataset state." The oracle is the mean of the DDP solution's
+local policy; plain DAGGER has w = 1.
 
 Choices where the paper leaves something open: the dataset begins with the states of the first
 supervised fit, drawn from the DDP marginals; a fit draws as many of its states as ours draws from
@@ -77,12 +77,11 @@ def oracle_targets(
     for q, states in zip(distributions, visited, strict=True):
         finite = np.isfinite(states).all(axis=2)
         means = control_means(q, states - q.mean.states[:-1])
-        variances = np.diagonal(q.control_covariances, axis1=1, axis2=2)
         log_w = np.zeros(finite.shape) if log_weights is None else log_weights(q, states)
-        columns = (states, means, np.broadcast_to(variances, means.shape), log_w)
+        columns = (states, means, log_w)
         rows.append([column[finite] for column in columns])
-    states, means, variances, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
-    targets = Targets(states, means, variances)
+    states, means, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
+    targets = Targets(states, means, np.zeros_like(means))
     return targets, None if log_weights is None else np.asarray(softmax(log_w))
 
 

@@ -4,9 +4,11 @@
 reduce the impact of these poor states, we implemented a variant of DAGGER which weighted the
 samples by their probability under the DDP marginals."
 
-Choices where the paper leaves something open: the probability is that of what the policy reads of
-the state, relative to its largest value in the same step, so that narrow steps do not outweigh
-broad ones; the marginals have a standard deviation of at least 0.01 in each direction.
+Choices where the paper leaves something open: the probability is the density of what the policy
+reads of the state, relative to its largest value in the same step, so that narrow steps do not
+outweigh broad ones, and per dimension (its n-th root), so that draws of the marginals themselves keep
+their weight beside rollouts close to the mean; the marginals have a standard deviation of at least
+0.01 in each direction.
 """
 
 from collections.abc import Iterator
@@ -31,8 +33,14 @@ def weighted_dagger(work: Workspace) -> Iterator[Update]:
 def marginal_log_weights(
     q: TrajectoryDistribution, states: Array, observed: tuple[int, ...]
 ) -> Array:
-    """Returns log q(x_t) − log q(x̄_t), shape (N, T), of states (N, T, n_x) by what is observed."""
+    """Returns (log q(x_t) − log q(x̄_t)) / n, shape (N, T), of states (N, T, n_x).
+
+    Args:
+        q: whose marginals count.
+        states: x_1 … x_T of each rollout.
+        observed: the n coordinates that count.
+    """
     chosen = np.ix_(range(q.mean.horizon), observed, observed)
     covariances = q.state_covariances[chosen] + _LOWEST_STD**2 * np.eye(len(observed))
     deviations = (states - q.mean.states[:-1])[..., observed]
-    return -0.5 * squared_distance(deviations, covariances)
+    return -0.5 * squared_distance(deviations, covariances) / len(observed)
