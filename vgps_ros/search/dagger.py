@@ -4,8 +4,8 @@
     D ← D ∪ rollouts of π_θ
 
 "At each iteration, DAGGER adds samples from the current policy to a dataset, and then optimizes the
-policy to take the oracle action at each dataset state." The oracle is the mean of the DDP solution's
-local policy; plain DAGGER has w = 1.
+policy to take the oracle action at each dataset state." The oracle is the mean of the DDP
+solution's local policy; plain DAGGER has w = 1.
 
 Choices where the paper leaves something open: the dataset begins with the states of the first
 supervised fit, drawn from the DDP marginals; a fit draws as many of its states as ours draws from

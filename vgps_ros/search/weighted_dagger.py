@@ -6,9 +6,9 @@ samples by their probability under the DDP marginals."
 
 Choices where the paper leaves something open: the probability is the density of what the policy
 reads of the state, relative to its largest value in the same step, so that narrow steps do not
-outweigh broad ones, and per dimension (its n-th root), so that draws of the marginals themselves keep
-their weight beside rollouts close to the mean; the marginals have a standard deviation of at least
-0.01 in each direction.
+outweigh broad ones, and per dimension (its n-th root), so that draws of the marginals keep their
+weight beside rollouts close to the mean; the marginals have a standard deviation of at least 0.01
+in each direction.
 """
 
 from collections.abc import Iterator
