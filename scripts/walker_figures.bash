@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Trains walkers over seeds and prints, for each, what the README's table has: none is left out.
+# Prints the README's figures of the walker: the demonstration's, then those of each seed, none left out.
 # usage: scripts/walker_figures.bash OUTPUT [HIDDEN] [ITERATIONS] [SEED...]
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -19,6 +19,7 @@ survival() {  # survival NAME FOLDER [arguments of evaluate]: prints one share
     "$folder/$name.json"
 }
 
+python scripts/demonstration_figures.py
 printf '%s hidden units, %s iterations\n' "$hidden" "$iterations"
 printf '%-6s %-16s %-14s %-22s %s\n' seed 'cost / DDP cost' '20 s from x_1' 'perturbed starts, 10 s' 'with noise, 4 s'
 for seed in "${seeds[@]}"; do

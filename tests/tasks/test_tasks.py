@@ -1,5 +1,7 @@
 """The swimmer is the paper's, and the registry names what it has."""
 
+import importlib
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,7 +9,7 @@ from numpy.testing import assert_allclose
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import TASKS, make_task
 from vgps_ros.tasks.task import smoothed_noise
 
 
@@ -61,3 +63,28 @@ def test_a_diverged_rollout_costs_infinity_and_the_others_their_own(swimmer):
     states, controls = np.zeros((2, 501, 10)), np.zeros((2, 500, 2))
     states[1, 200:] = np.nan
     np.testing.assert_array_equal(swimmer.rollout_costs(states, controls), [500.0, np.inf])
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("walker", "left_knee", "left_elbow"),
+        ("swimmer", "front_joint", "bow"),
+        ("rotor", "rotor", "wheel"),
+    ],
+)
+def test_a_model_whose_joints_do_not_fit_is_refused_by_name(name, old, new, tmp_path, monkeypatch):
+    module = importlib.import_module(f"vgps_ros.tasks.{name}")
+    changed = tmp_path / "changed.xml"
+    changed.write_text(module.MODEL_PATH.read_text().replace(f'"{old}"', f'"{new}"'))
+    monkeypatch.setattr(module, "MODEL_PATH", changed)
+    with pytest.raises(InvalidInputError, match=f"has the joints .*{new}.* its task needs .*{old}"):
+        TASKS[name]()
+
+
+def test_a_model_that_is_no_mjcf_is_refused_with_a_sentence(tmp_path, monkeypatch):
+    module = importlib.import_module("vgps_ros.tasks.rotor")
+    monkeypatch.setattr(module, "MODEL_PATH", tmp_path / "broken.xml")
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
+    with pytest.raises(InvalidInputError, match=r"broken\.xml' cannot be compiled"):
+        TASKS["rotor"]()

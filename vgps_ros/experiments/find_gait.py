@@ -21,8 +21,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.policy_file import write_json
 from vgps_ros.core.records import Array
 from vgps_ros.tasks.simbicon import GAIT, Gait, walk
-from vgps_ros.tasks.task import load_model
-from vgps_ros.tasks.walker import CONTROL_WEIGHT, MODEL_PATH, fallen
+from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics
 
 TARGET_SPEED = 0.8  # of the demonstration [m/s]
 FALLING = 10.0  # what a fall at once costs
@@ -55,7 +54,7 @@ def find_gait(start: Array, *, seconds: float, evaluations: int, seed: int) -> t
         import cma
     except ImportError as error:
         raise VgpsError("It needs cma: pip install -r requirements/search.txt.") from error
-    dynamics = Dynamics(load_model(MODEL_PATH), substeps=2)
+    dynamics = walker_dynamics()
 
     def cost(offset: Array) -> float:
         values = start + SCALES * np.asarray(offset)

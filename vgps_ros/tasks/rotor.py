@@ -17,13 +17,14 @@ from vgps_ros.core.records import Array
 from vgps_ros.tasks.task import Task, load_model
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")
+JOINTS = ("rotor",)
 HORIZON = 50
 RATE_WEIGHT = 0.1  # w_ω [s²]
 
 
 def rotor() -> Task:
     """Returns the rotor's task."""
-    dynamics = Dynamics(load_model(MODEL_PATH))
+    dynamics = Dynamics(load_model(MODEL_PATH, JOINTS))
     return Task(
         name="rotor",
         model_path=MODEL_PATH,

@@ -17,6 +17,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.tasks.task import Task, load_model, smoothed_noise
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")
+JOINTS = ("root_x", "root_y", "root_yaw", "front_joint", "back_joint")
 HORIZON = 500
 TARGET_VELOCITY = 1.0
 CONTROL_WEIGHT = 1e-5
@@ -24,7 +25,7 @@ CONTROL_WEIGHT = 1e-5
 
 def swimmer() -> Task:
     """Returns the swimmer's task."""
-    dynamics = Dynamics(load_model(MODEL_PATH))
+    dynamics = Dynamics(load_model(MODEL_PATH, JOINTS))
     n_x, n_u = dynamics.state_dim, dynamics.control_dim
     return Task(
         name="swimmer",

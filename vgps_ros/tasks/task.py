@@ -1,6 +1,6 @@
 """What a control problem is made of."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.joints import actuated_joint_names, joint_names
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.records import Array, Trajectory
@@ -104,9 +105,27 @@ class Task:
         return float(self.cost.values(trajectory).sum())
 
 
-def load_model(path: Path) -> mujoco.MjModel:
-    """Compiles an MJCF file."""
-    return mujoco.MjModel.from_xml_path(str(path))
+def load_model(path: Path, joints: Sequence[str]) -> mujoco.MjModel:
+    """Compiles an MJCF file.
+
+    Args:
+        path: the file.
+        joints: that the task expects, in the order of the state.
+
+    Raises:
+        InvalidInputError: the file cannot be compiled, or has other joints.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InvalidInputError(f"The model '{path}' cannot be compiled: {error}.") from error
+    found = joint_names(model)
+    if found != list(joints):
+        raise InvalidInputError(
+            f"The model '{path}' has the joints {', '.join(found)}, but its task needs "
+            f"{', '.join(joints)}, in this order."
+        )
+    return model
 
 
 def smoothed_noise(

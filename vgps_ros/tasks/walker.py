@@ -23,6 +23,11 @@ from vgps_ros.tasks.simbicon import GAIT, walk
 from vgps_ros.tasks.task import Task, load_model
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")
+JOINTS = (
+    *("root_x", "root_z", "root_pitch"),
+    *("left_hip", "left_knee", "left_ankle"),
+    *("right_hip", "right_knee", "right_ankle"),
+)
 HORIZON = 400
 LOOKAHEAD = 60
 WARM_UP = 1000  # steps after which the demonstration's gait is steady
@@ -34,7 +39,7 @@ LARGEST_PITCH = 1.0  # [rad]
 
 def walker() -> Task:
     """Returns the walker's task."""
-    dynamics = Dynamics(load_model(MODEL_PATH), substeps=2)
+    dynamics = walker_dynamics()
     n_x = dynamics.state_dim
     first = demonstration()
     return Task(
@@ -66,10 +71,15 @@ def walker() -> Task:
     )
 
 
+def walker_dynamics() -> Dynamics:
+    """Returns the walker's dynamics, with a control every 0.01 s."""
+    return Dynamics(load_model(MODEL_PATH, JOINTS), substeps=2)
+
+
 @cache
 def demonstration() -> Trajectory:
     """Returns steady walking by the SIMBICON controller, over horizon and lookahead."""
-    dynamics = Dynamics(load_model(MODEL_PATH), substeps=2)
+    dynamics = walker_dynamics()
     walking = walk(dynamics, GAIT, WARM_UP + HORIZON + LOOKAHEAD)
     states, controls = walking.states[WARM_UP:].copy(), walking.controls[WARM_UP:]
     states[:, 0] -= states[0, 0]
