@@ -41,3 +41,20 @@ def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
     stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
     limit = short_walker.marginals.at(last.alpha).std_limit
     assert np.all(stds <= limit * (1 + 1e-12))
+
+
+def test_several_starts_have_a_demonstration_each(short_walker):
+    settings = dataclasses.replace(
+        search_settings(short_walker),
+        iterations=1,
+        initial_ddp_iterations=1,
+        evaluation_rollouts=1,
+        num_initial_states=3,
+    )
+    optimizer = TrajectoryOptimizer(short_walker, OptimizerSettings(short_walker.ddp))
+    (only,) = search(
+        "vgps", short_walker, settings, 10, lambda rs: [optimizer.optimize(r) for r in rs]
+    )
+    starts = [solution.distribution.mean.states[0] for solution in only.solutions]
+    assert len({start.tobytes() for start in starts}) == 3
+    assert not any(short_walker.fallen(s.distribution.mean.states).any() for s in only.solutions)

@@ -184,6 +184,9 @@ class TrajectoryOptimizer:
 
     def _follow_demonstration(self, demonstration: Trajectory, start: Array) -> Trajectory:
         """The demonstration as this model executes it from x_1."""
+        moved = not np.array_equal(start, demonstration.states[0])
+        if moved and self.task.demonstrate is not None:
+            return self.task.demonstrate(start, self.task.planned_horizon)
         return track(
             self.task.dynamics,
             demonstration,

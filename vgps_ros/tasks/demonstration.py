@@ -29,7 +29,13 @@ def with_demonstration(task: Task, path: Path) -> Task:
         InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
     """
     recorded = load_demonstration(task, path)
-    return replace(task, demonstration=recorded, guess=None, initial_state=recorded.states[0])
+    return replace(
+        task,
+        demonstration=recorded,
+        demonstrate=None,
+        guess=None,
+        initial_state=recorded.states[0],
+    )
 
 
 def load_demonstration(task: Task, path: Path) -> Trajectory:

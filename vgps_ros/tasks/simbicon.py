@@ -178,12 +178,17 @@ def walk(dynamics: Dynamics, gait: Gait, steps: int) -> Trajectory:
         gait: parameters of the controller.
         steps: T.
     """
-    controller, loads = Simbicon(gait, dynamics.time_step), FootLoads(dynamics.model)
+    return go_on(dynamics, Simbicon(gait, dynamics.time_step), standing(), steps)
+
+
+def go_on(dynamics: Dynamics, controller: Simbicon, start: Array, steps: int) -> Trajectory:
+    """Walks from a state, with a controller in whatever phase of the gait it is in."""
+    loads = FootLoads(dynamics.model)
 
     def control_law(_: int, x: Array) -> Array:
         return controller.torques(x[0], loads(x[0]))[None]
 
-    return dynamics.rollout(standing(), control_law, steps)
+    return dynamics.rollout(start, control_law, steps)
 
 
 def standing() -> Array:

@@ -40,6 +40,8 @@ class Task:
         marginals: noise that the marginals assume.
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
         demonstration: what the first solve starts from where there is no guess.
+        demonstrate: does the demonstration anew from another x_1 for a number of steps; None if the
+            recorded one is all there is, which a rollout from there then has to follow.
         lookahead: steps that are optimised beyond T, so that the end of the optimised horizon,
             after which nothing costs, is not what the policy learns.
         fallen: tells of states (..., n_x) whether the robot has fallen, shape (...,).
@@ -58,6 +60,7 @@ class Task:
     marginals: MarginalSettings
     guess: Callable[[np.random.Generator], Array] | None = None
     demonstration: Trajectory | None = None
+    demonstrate: Callable[[Array, int], Trajectory] | None = None
     lookahead: int = 0
     fallen: Callable[[Array], NDArray[np.bool_]] = never
     ddp: DdpSettings = field(default_factory=DdpSettings)

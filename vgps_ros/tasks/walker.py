@@ -8,6 +8,7 @@ hip, knee and ankle of the left and of the right leg [rad], then their velocitie
 The walker has **fallen** where its hips are below 0.65 m or its torso is pitched beyond 1 rad.
 """
 
+from copy import copy
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.tasks.simbicon import GAIT, walk
+from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
 from vgps_ros.tasks.task import Task, load_model
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")
@@ -53,6 +54,7 @@ def walker() -> Task:
         varied_state_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
         observed=tuple(range(1, n_x)),  # all but root x: walking is the same everywhere
         demonstration=first,
+        demonstrate=demonstrate,
         fallen=fallen,
         # A floor under μ keeps steps small where contact is hard; q's gains keep away from it too.
         ddp=DdpSettings(
@@ -84,6 +86,20 @@ def demonstration() -> Trajectory:
     states, controls = walking.states[WARM_UP:].copy(), walking.controls[WARM_UP:]
     states[:, 0] -= states[0, 0]
     return Trajectory(states, controls)
+
+
+@cache
+def _steady_controller() -> Simbicon:
+    """The controller in the phase of the gait in which the demonstration begins."""
+    dynamics = walker_dynamics()
+    controller = Simbicon(GAIT, dynamics.time_step)
+    go_on(dynamics, controller, standing(), WARM_UP)
+    return controller
+
+
+def demonstrate(start: Array, steps: int) -> Trajectory:
+    """Returns walking by the same controller from a start near the demonstration's."""
+    return go_on(walker_dynamics(), copy(_steady_controller()), start, steps)
 
 
 def hip_motion(states: Array) -> tuple[Array, Array]:
