@@ -34,6 +34,7 @@ def result():
     ]
     return {
         "task": "swimmer",
+        "method": "vgps",
         "seed": 3,
         "hidden_units": [5],
         "initial_ddp_cost": 158.0,

@@ -56,13 +56,15 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     costs.tick_params(axis="y", which="minor", labelsize=8)
     costs.set_ylabel("cost over the horizon")
     units = " + ".join(map(str, result["hidden_units"]))
-    costs.set_title(f"{result['task']}, {units} hidden units, seed {result['seed']}")
+    costs.set_title(
+        f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
+    )
     figure.legend(frameon=False, ncols=3, loc="outside upper center")
     alphas.plot(k, series("alpha"), color="grey")
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
     alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
-    alphas.set_xlabel("iteration of Algorithm 1")
+    alphas.set_xlabel("iteration")
     return figure
 
 
