@@ -44,8 +44,10 @@ def write_table(root: Path) -> pa.Table:
     """Collects the finished cells of an experiment into results.parquet and results.csv."""
     rows = [row for cell in finished_cells(root) for row in _rows(cell, root)]
     table = pa.Table.from_pylist(rows, SCHEMA)
-    pa.parquet.write_table(table, root / f"{TABLE}.parquet")
-    pa.csv.write_csv(table, root / f"{TABLE}.csv")
+    for ending, write in (("parquet", pa.parquet.write_table), ("csv", pa.csv.write_csv)):
+        unfinished = root / f"{TABLE}.{ending}.part"
+        write(table, unfinished)
+        unfinished.replace(root / f"{TABLE}.{ending}")  # whoever reads finds a whole table
     return table
 
 

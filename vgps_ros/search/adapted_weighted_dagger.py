@@ -1,5 +1,7 @@
 """Weighted DAGGER with an oracle that adapts to the policy, as section 6 compares with it.
 
+    θ ← argmax of weighted DAGGER's objective,    q(ζ) ← argmin KL(q ‖ p(ζ | O, θ))
+
 "We also implemented an adapted variant, where the DDP solution is re-optimized at each iteration to
 match the policy (in addition to weighting)." The solutions are those of line 6 of Algorithm 1, with
 the same α; the current one names actions and weights of the whole dataset.

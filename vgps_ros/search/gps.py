@@ -1,6 +1,8 @@
 """Guided policy search (Levine and Koltun, ICML 2013), as section 6 compares with it.
 
-It maximises the importance-sampled objective Φ(θ) of `core/importance_sampling.py`. "The GPS
+    θ ← argmax Σ_t [ −1/Z_t(θ) Σ_i w_it(θ) c(x_t, u_t) + w_r log Z_t(θ) ]
+
+over rollouts ζ_i with importance weights w_it (see `core/importance_sampling.py`). "The GPS
 algorithm first draws a fixed number of samples from the DDP solution, and then adds on-policy
 samples at each iteration."
 

@@ -1,5 +1,7 @@
 """DAGGER with a dataset weighted by the DDP marginals, as section 6 compares with it.
 
+    θ ← argmax Σ_(x,t) in D  (q(x_t) / q(x̄_t))^(1/n) log π_θ(ū_t + K_t (x − x̄_t) | x)
+
 "The on-policy samples initially visited states that were very far from the DDP solution [...] To
 reduce the impact of these poor states, we implemented a variant of DAGGER which weighted the
 samples by their probability under the DDP marginals."
