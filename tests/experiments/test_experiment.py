@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -72,6 +73,8 @@ def test_killed_and_started_again_it_goes_on_and_gives_the_same_table(undisturbe
         time.sleep(0.05)
     os.killpg(program.pid, signal.SIGKILL)  # with its workers
     program.wait()
+    for left in Path("/dev/shm").glob(f"*[-_]{program.pid}[-_]*"):  # nobody else can remove it
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
     before = finished(folder)
     assert CELLS // 2 <= len(before) < CELLS
     again = start(folder)
@@ -81,7 +84,7 @@ def test_killed_and_started_again_it_goes_on_and_gives_the_same_table(undisturbe
     after = finished(folder)
     assert {path: after[path] for path in before} == before  # none was run twice
     assert without_seconds(folder).equals(without_seconds(undisturbed))
-    assert not list(folder.rglob("*.unfinished"))
+    assert not list(folder.rglob("*.unfinished*"))
 
 
 def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
@@ -131,8 +134,31 @@ def test_an_error_within_a_cell_is_returned_and_leaves_no_results(tmp_path, monk
 
     monkeypatch.setattr(cells, "train", explodes)
     cell = Cell(Panel("rotor", 3), "vgps", 0)
-    assert run_cell(cell, Protocol(1, 1), tmp_path) == "ArithmeticError: no more numbers"
+    assert run_cell(cell, Protocol.of(1, 1), tmp_path) == "ArithmeticError: no more numbers"
     assert not cell.is_finished(tmp_path)
+
+
+def test_a_cell_that_another_worker_has_finished_stays_as_it_is(tmp_path):
+    """As after a kill of the program alone, whose workers finish their cells."""
+    cell, protocol = Cell(Panel("rotor", 2), "dagger", 0), Protocol.of(1, 1)
+    assert run_cell(cell, protocol, tmp_path) == ""
+    result = cell.folder(tmp_path) / "result.json"
+    before = result.stat().st_mtime_ns
+    assert run_cell(cell, protocol, tmp_path) == ""
+    assert result.stat().st_mtime_ns == before
+    assert [f.name for f in cell.folder(tmp_path).parent.iterdir()] == ["seed-0"]
+
+
+def test_what_is_no_cell_is_passed_over(tmp_path):
+    (tmp_path / "runs" / "rotor-3" / "vgps" / "seed-1.unfinished-abc").mkdir(parents=True)
+    (tmp_path / "runs" / "rotor-3" / "notes" / "seed-0").mkdir(parents=True)
+    (tmp_path / "runs" / "rotor-3" / "vgps" / "seed-2").mkdir()
+    assert cells.finished_cells(tmp_path) == [Cell(Panel("rotor", 3), "vgps", 2)]
+
+
+def test_panels_and_methods_named_twice_are_run_once():
+    panel = Panel.named("rotor-3")
+    assert all_cells([panel, panel], ["vgps", "vgps"], 1) == [Cell(panel, "vgps", 0)]
 
 
 def test_one_seed_of_each_comes_before_the_next_seed_of_any():
@@ -154,6 +180,7 @@ def test_one_seed_of_each_comes_before_the_next_seed_of_any():
         (["--panels", "walker-0"], "panel is 'walker-0'"),
         (["--backend", "slurm"], "backend is 'slurm', but it must be one of dask, processes"),
         (["--backend", "dask", "--address", "nonsense"], "No Dask scheduler answers at 'nonsense'"),
+        (["--jobs", "0"], "jobs is 0, but it must be a number of processes"),
         (["--seeds", "0"], "seeds is 0, but it must be"),
         (["--iterations", "-1"], "iterations is -1"),
     ],
@@ -161,6 +188,7 @@ def test_one_seed_of_each_comes_before_the_next_seed_of_any():
 def test_bad_input_names_the_value_and_what_is_right(tmp_path, arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         main(["--panels", "rotor-3", *arguments, "--output", str(tmp_path / "out")])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_folder_of_another_experiment_is_refused(undisturbed, tmp_path):

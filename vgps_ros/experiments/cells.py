@@ -1,16 +1,19 @@
 """The cells of a comparison: one training each, in a folder of its own."""
 
+import hashlib
 import itertools
+import json
 import re
 import shutil
+import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
@@ -18,7 +21,7 @@ from vgps_ros.tasks import TASKS, make_task
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # of Figure 1
 _RUNS = "runs"
-_UNFINISHED = ".unfinished"
+_UNFINISHED = ".unfinished-"
 
 
 @dataclass(frozen=True, order=True)
@@ -50,10 +53,25 @@ class Panel:
 
 @dataclass(frozen=True)
 class Protocol:
-    """What all cells of one experiment have in common."""
+    """What all cells of one experiment have in common.
+
+    Attributes:
+        iterations: policy updates.
+        evaluation_rollouts: stochastic rollouts an iteration.
+        settings: a digest of all other settings that the tasks come with.
+    """
 
     iterations: int
     evaluation_rollouts: int
+    settings: str
+
+    @classmethod
+    def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
+        """Returns the protocol with the settings as they are in this software."""
+        tasks = [make_task(name) for name in sorted(TASKS)]
+        values = [(asdict(search_settings(t)), asdict(t.ddp), repr(t.marginals)) for t in tasks]
+        digest = hashlib.sha256(json.dumps(values).encode()).hexdigest()
+        return cls(iterations, evaluation_rollouts, digest[:12])
 
 
 @dataclass(frozen=True)
@@ -85,17 +103,24 @@ def all_cells(panels: Sequence[Panel], methods: Sequence[str], seeds: int) -> li
     """
     for method in methods:
         one_of("method", method, METHODS)
-    return [Cell(p, m, seed) for seed, p, m in itertools.product(range(seeds), panels, methods)]
+    each = itertools.product(range(seeds), dict.fromkeys(panels), dict.fromkeys(methods))
+    return [Cell(panel, method, seed) for seed, panel, method in each]
 
 
 def finished_cells(root: Path) -> list[Cell]:
-    """Returns all cells whose results lie in an experiment's folder."""
-    folders = sorted((root / _RUNS).glob("*/*/seed-*"))
-    return [
-        Cell(Panel.named(f.parts[-3]), f.parts[-2], int(f.name.removeprefix("seed-")))
-        for f in folders
-        if f.suffix != _UNFINISHED
-    ]
+    """Returns all cells whose results lie in an experiment's folder, without what is no cell."""
+    cells = []
+    for folder in sorted((root / _RUNS).glob("*/*/seed-*")):
+        panel, method, seed = folder.parts[-3], folder.parts[-2], folder.name.removeprefix("seed-")
+        if seed.isdigit() and method in METHODS:
+            cells.append(Cell(Panel.named(panel), method, int(seed)))
+    return cells
+
+
+def remove_unfinished(root: Path) -> None:
+    """Removes what cells left that were stopped; none may be running."""
+    for folder in (root / _RUNS).glob(f"*/*/*{_UNFINISHED}*"):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
@@ -107,9 +132,10 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
     # One cell, one thread: cells share the processors, and no number depends on how many they are.
     torch.set_num_threads(1)
     folder = cell.folder(root)
-    unfinished = folder.with_name(folder.name + _UNFINISHED)
-    shutil.rmtree(unfinished, ignore_errors=True)
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # A name of its own: a worker whose experiment was killed may still be at the same cell.
+        unfinished = Path(tempfile.mkdtemp(prefix=folder.name + _UNFINISHED, dir=folder.parent))
         task = make_task(cell.panel.task)
         task.dynamics.threads = 1
         settings = replace(
@@ -119,7 +145,10 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
             hidden_units=(cell.panel.hidden_units,),
         )
         train(cell.method, task, settings, cell.seed, unfinished)
-        unfinished.rename(folder)
-    except (VgpsError, OSError, ArithmeticError, ValueError, RuntimeError) as error:
+        if cell.is_finished(root):  # by such a worker, with the same numbers
+            shutil.rmtree(unfinished)
+        else:
+            unfinished.rename(folder)
+    except Exception as error:  # whatever it is, the other cells go on
         return f"{type(error).__name__}: {error}"
     return ""

@@ -3,8 +3,9 @@
 import argparse
 import fcntl
 import json
+import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -17,7 +18,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from vgps_ros.core.checks import one_of, positive
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.policy_file import write_json
-from vgps_ros.experiments.cells import PANELS, Cell, Panel, Protocol, all_cells, run_cell
+from vgps_ros.experiments.cells import (
+    PANELS,
+    Cell,
+    Panel,
+    Protocol,
+    all_cells,
+    remove_unfinished,
+    run_cell,
+)
 from vgps_ros.experiments.results import TABLE, write_table
 from vgps_ros.search.methods import METHODS
 
@@ -38,10 +47,11 @@ def experiment(
     """
     failures = {}
     with (
-        claimed(output, protocol),
         workers(backend, jobs, address) as parallel,
+        claimed(output, protocol),
         _progress() as progress,
     ):
+        remove_unfinished(output)
         waiting = [cell for cell in cells if not cell.is_finished(output)]
         done = len(cells) - len(waiting)
         progress.console.print(
@@ -59,13 +69,16 @@ def experiment(
             progress.advance(bar)
             if error:
                 failures[cell] = error
-            write_table(output)
-        write_table(output)
-        write_json(
-            output / "failures.json",
-            [{"cell": str(cell), "error": error} for cell, error in failures.items()],
-        )
+            _write(output, failures)
+        _write(output, failures)
     return failures
+
+
+def _write(output: Path, failures: Mapping[Cell, str]) -> None:
+    """Writes the table of what has finished, and why other cells have failed."""
+    write_table(output)
+    reasons = [{"cell": str(cell), "error": error} for cell, error in failures.items()]
+    write_json(output / "failures.json", reasons)
 
 
 @contextmanager
@@ -109,6 +122,8 @@ def workers(backend: str, jobs: int, address: str) -> Iterator[joblib.Parallel]:
         InvalidInputError: the backend is unknown, or the cluster is not there.
     """
     options: dict[str, Any] = {"return_as": "generator_unordered", "batch_size": 1}
+    if jobs == 0:
+        raise InvalidInputError("jobs is 0, but it must be a number of processes, or -1 for all.")
     if one_of("backend", backend, BACKENDS) == "processes":
         yield joblib.Parallel(n_jobs=jobs, **options)
         return
@@ -140,6 +155,7 @@ def _progress() -> AbstractContextManager[Progress]:
         MofNCompleteColumn(),
         TimeRemainingColumn(),
         console=console,
+        speed_estimate_period=float("inf"),  # cells take minutes
         disable=not console.is_terminal,
     )
 
@@ -180,6 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "see --output under the same path"
     )  # fmt: skip
     parsed = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it stops the workers too
     try:
         for name in ("seeds", "iterations", "evaluation_rollouts"):
             positive(name, getattr(parsed, name))
@@ -187,7 +204,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         methods = list(METHODS) if parsed.methods == ["all"] else parsed.methods
         failures = experiment(
             all_cells([Panel.named(name) for name in panels], methods, parsed.seeds),
-            Protocol(parsed.iterations, parsed.evaluation_rollouts),
+            Protocol.of(parsed.iterations, parsed.evaluation_rollouts),
             parsed.output,
             parsed.backend,
             parsed.jobs,
@@ -195,6 +212,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
     except (VgpsError, OSError) as error:
         sys.exit(f"experiment: {error}")
+    except RuntimeError as error:  # of joblib
+        sys.exit(f"experiment: a worker has died; the same command goes on. {error}")
     except KeyboardInterrupt:
         sys.exit("experiment: interrupted; the same command goes on with what is left.")
     print(f"Wrote {TABLE}.parquet and {TABLE}.csv to {parsed.output}; "

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vgps_ros.core.ddp import Iteration
 from vgps_ros.core.policy_file import save_policy, write_json
 from vgps_ros.core.records import TrajectoryDistribution
@@ -91,6 +93,6 @@ def train(
         initial.mean.states,
         last.mean.states,
         last.state_covariances,
-        executed.states,
+        executed.states[np.isfinite(executed.states).all(axis=1)],  # until it diverged
     ).save_trajectories(output)
     return content

@@ -30,7 +30,7 @@ def cost_weighted(work: Workspace, samples: int | None = None) -> Iterator[Updat
     policy = work.supervised_policy()
     for k in count(1):
         if k > 1:
-            draws = work.sample_policy(policy, samples or settings.policy_samples, k)
+            draws = work.sample_policy(policy, samples or settings.policy_rollouts, k)
             sound = [rollouts.sound() for rollouts in draws]
             if any(len(rollouts.costs) for rollouts in sound):
                 targets, weights = weighted_targets(sound, settings.alpha(k))

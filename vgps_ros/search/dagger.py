@@ -7,9 +7,9 @@
 policy to take the oracle action at each dataset state." The oracle is the mean of the DDP
 solution's local policy; plain DAGGER has w = 1.
 
-Choices where the paper leaves something open: the dataset begins with the states of the first
-supervised fit, drawn from the DDP marginals; a fit draws as many of its states as ours draws from
-the marginals; what a rollout does after it has diverged is left out.
+Choices where the paper leaves something open: the dataset begins with states drawn from the DDP
+marginals; a fit draws as many of its states as ours draws from the marginals; what a rollout does
+after it has diverged is left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +49,7 @@ def imitate(work: Workspace, log_weights: LogWeights | None, *, adapts: bool) ->
     ]
     for k in count(1):
         if k > 1:
-            draws = work.sample_policy(policy, settings.policy_samples, k)
+            draws = work.sample_policy(policy, settings.policy_rollouts, k)
             for states, rollouts in zip(visited, draws, strict=True):
                 states.append(rollouts.states)
             targets, weights = oracle_targets(

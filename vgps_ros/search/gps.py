@@ -79,7 +79,7 @@ def guided_search(work: Workspace, adapt: Adapt | None) -> Iterator[Update]:
         if k > 1:
             samples = [combined([guiding[i], *adapted[i], *recent[i]]) for i in starts]
             latest = maximize(best, samples, w_r, scaling, work.settings.fit.iterations)
-        draws = work.sample_policy(latest, work.settings.policy_samples, k)
+        draws = work.sample_policy(latest, work.settings.policy_rollouts, k)
         for i, rollouts in enumerate(draws):
             recent[i].append(Batch(rollouts.sound(), latest.log_density))
         cost = mean_cost(draws)
@@ -92,7 +92,7 @@ def guided_search(work: Workspace, adapt: Adapt | None) -> Iterator[Update]:
             solutions = adapt(solutions, best, k)
             guides = guiding_distributions(work, solutions)
             for i in starts:
-                adapted[i].append(_guide(work, guides[i], i, work.settings.policy_samples, k))
+                adapted[i].append(_guide(work, guides[i], i, work.settings.policy_rollouts, k))
         yield Update(best, solutions)
 
 

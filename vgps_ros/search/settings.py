@@ -74,7 +74,7 @@ class SearchSettings:
     evaluation_rollouts: int = setting(
         20, "stochastic rollouts per initial state and iteration", minimum=1, maximum=100_000
     )
-    policy_samples: int = setting(
+    policy_rollouts: int = setting(
         10,
         "rollouts of the policy per initial state and iteration, for methods that learn from them",
         minimum=1,

@@ -5,6 +5,9 @@ It alternates between two problems until the policy reproduces what the trajecto
     q(ζ) ← argmin KL(q ‖ p(ζ | O, θ))    DDP on α_k c − log π_θ       (line 6)
     θ    ← argmax L(q, θ)                supervised fit to q's marginals (line 4)
 
+"Our method samples from a Gaussian distribution around the current DDP solution, ensuring that all
+samples are drawn from good parts of the state space" (section 6); the policy is never rolled out.
+
 Several initial states may be given; each has its own q, and all train one policy (section 5).
 """
 

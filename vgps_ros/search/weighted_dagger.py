@@ -23,7 +23,7 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.search.dagger import imitate
 from vgps_ros.search.workspace import Update, Workspace
 
-_LOWEST_STD = 0.01  # [m, rad, m/s, rad/s], that of x_1 where it is not exact
+_LOWEST_STD = 0.01  # [m, rad, m/s, rad/s]; a coordinate of x_1 may be exact
 
 
 def weighted_dagger(work: Workspace) -> Iterator[Update]:

@@ -46,7 +46,7 @@ class Task:
             after which nothing costs, is not what the policy learns.
         fallen: tells of states (..., n_x) whether the robot has fallen, shape (...,).
         ddp: solver settings.
-        search: settings of Algorithm 1 that suit the task, by dotted name.
+        search: settings of a policy search that suit the task, by dotted name.
     """
 
     name: str

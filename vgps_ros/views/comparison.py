@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from vgps_ros.core.records import Array
 from vgps_ros.views.plots import draw_motion
@@ -25,7 +25,7 @@ class Curve:
     """Costs of one method over the seeds.
 
     Attributes:
-        stochastic: mean cost of the policy with its noise, shape (S, K), inf where it diverged.
+        stochastic: of the policy with its noise, the mean or median of its rollouts, shape (S, K).
         deterministic: cost without noise, shape (S, K).
     """
 
@@ -115,11 +115,12 @@ def _draw_panel(axes: Axes, panel: ComparisonPanel, colour_of: Mapping[str, str]
     axes.axhline(panel.ddp_cost, color="black", linewidth=1, linestyle=":")
     axes.axhspan(0.9 * panel.ceiling, 1.1 * panel.ceiling, color="0.9", zorder=0)
     axes.text(
-        0.01, 0.985, f"at least {CEILING:g} × DDP: falls or diverges", transform=axes.transAxes,
+        0.01, 0.985, f"{CEILING:g} × the DDP solution's, and more", transform=axes.transAxes,
         fontsize=7, va="top",
     )  # fmt: skip
     axes.set_yscale("log")
     axes.set_ylim(0.85 * panel.ddp_cost, 1.1 * panel.ceiling)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
