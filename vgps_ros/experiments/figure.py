@@ -26,8 +26,14 @@ _RECORDING = "figure1.rrd"
 _SUMMARY = "summary.csv"
 
 
-def figure(root: Path, output: Path, *, overwrite: bool) -> list[dict[str, Any]]:
+def figure(root: Path, output: Path, *, average: str, overwrite: bool) -> list[dict[str, Any]]:
     """Draws the finished cells of an experiment.
+
+    Args:
+        root: the experiment's folder.
+        output: folder for the pictures.
+        average: whether a stochastic cost is the mean or the median of its rollouts.
+        overwrite: whether pictures there may be replaced.
 
     Returns:
         The summary, one row for each panel and method.
@@ -44,9 +50,9 @@ def figure(root: Path, output: Path, *, overwrite: bool) -> list[dict[str, Any]]
     output.mkdir(parents=True, exist_ok=True)
     for path in existing:
         path.unlink()
-    panels = [_panel(panel, methods) for panel, methods in results.items()]
+    panels = [_panel(panel, methods, average) for panel, methods in results.items()]
     runs = _robots(root, results)
-    drawn = comparison(panels, runs)
+    drawn = comparison(panels, runs, average)
     for name in _PICTURES:
         save(drawn, output / name)
     record_comparison(panels, runs, output / _RECORDING)
@@ -55,13 +61,13 @@ def figure(root: Path, output: Path, *, overwrite: bool) -> list[dict[str, Any]]
     return rows
 
 
-def _panel(panel: Panel, methods: Mapping[str, MethodResults]) -> ComparisonPanel:
+def _panel(panel: Panel, methods: Mapping[str, MethodResults], average: str) -> ComparisonPanel:
     first = next(iter(methods.values()))
     return ComparisonPanel(
         title=f"{panel.task}, {panel.hidden_units} hidden units",
         ddp_cost=float(np.median(first.columns["initial_ddp_cost"])),
         curves={
-            method: Curve(r.columns["stochastic_cost_mean"], r.columns["deterministic_cost"])
+            method: Curve(r.columns[f"stochastic_cost_{average}"], r.columns["deterministic_cost"])
             for method, r in methods.items()
         },
     )
@@ -88,11 +94,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("experiment", type=Path, help="output folder of `experiment`")
     parser.add_argument("--output", type=Path, help="folder for the pictures; default: the same")
+    parser.add_argument(
+        "--average", choices=("mean", "median"), default="mean", help="of a policy's stochastic "
+        "rollouts; a walker that thrashes after its fall outweighs all others in the mean"
+    )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace pictures that are there")
     parsed = parser.parse_args(arguments)
     output = parsed.output or parsed.experiment
     try:
-        rows = figure(parsed.experiment, output, overwrite=parsed.overwrite)
+        rows = figure(parsed.experiment, output, average=parsed.average, overwrite=parsed.overwrite)
     except (VgpsError, OSError) as error:
         sys.exit(f"figure: {error}")
     Console().print(summary_table(rows))

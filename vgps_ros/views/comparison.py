@@ -59,8 +59,16 @@ def colours(panels: Sequence[ComparisonPanel]) -> dict[str, str]:
     return {method: _COLOURS[i % len(_COLOURS)] for i, method in enumerate(methods)}
 
 
-def comparison(panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord]) -> Figure:
-    """Draws the panels, and beside them the robots under learned policies."""
+def comparison(
+    panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord], average: str = "mean"
+) -> Figure:
+    """Draws the panels, and beside them the robots under learned policies.
+
+    Args:
+        panels: the curves.
+        runs: motions under learned policies.
+        average: what a stochastic cost is of its rollouts, for the legend.
+    """
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(5.2 * columns + 4.2, 1.2 + 3.4 * rows), layout="constrained")
@@ -87,7 +95,7 @@ def comparison(panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord]) -> 
     else:
         robots[0].set_visible(False)
     styles = [
-        Line2D([], [], color="0.3", label="stochastic (mean; band: all seeds)"),
+        Line2D([], [], color="0.3", label=f"stochastic ({average}; band: all seeds)"),
         Line2D([], [], color="0.3", linestyle="--", label="deterministic"),
         Line2D([], [], color="black", linewidth=1, linestyle=":", label="initial DDP solution"),
     ]
