@@ -28,6 +28,6 @@ optimised = result.cost / task.horizon
 states = result.distribution.mean.first(task.horizon).states
 print(
     f"DDP, {len(result.iterations)} iterations: cost per step {demonstrated:.4f} to "
-    f"{optimised:.4f} ({100 * optimised / demonstrated:.1f} %), hips at least {states[:, 1].min():.3f} m, "
-    f"pitch at most {np.abs(states[:, 2]).max():.3f} rad"
+    f"{optimised:.4f} ({100 * optimised / demonstrated:.1f} %), "
+    f"hips at least {states[:, 1].min():.3f} m, pitch at most {np.abs(states[:, 2]).max():.3f} rad"
 )
