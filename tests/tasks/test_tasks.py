@@ -88,3 +88,9 @@ def test_a_model_that_is_no_mjcf_is_refused_with_a_sentence(tmp_path, monkeypatc
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     with pytest.raises(InvalidInputError, match=r"broken\.xml' cannot be compiled"):
         TASKS["rotor"]()
+
+
+def test_distance_is_along_the_first_slide_and_nothing_without_one(swimmer, rng):
+    before, after = rng.standard_normal((2, 3, 10))
+    assert_allclose(swimmer.distance(before, after), after[:, 0] - before[:, 0])
+    assert_allclose(make_task("rotor").distance(before[:, :2], after[:, :2]), np.zeros(3))

@@ -66,7 +66,7 @@ def evaluate(
     survived = task.survived(states)
     time = lasted * task.dynamics.time_step
     last = np.where(survived, lasted, lasted - 1)
-    distance = states[np.arange(rollouts), last, 0] - starts[:, 0]
+    distance = task.distance(starts, states[np.arange(rollouts), last])
     costs = task.cost(states[:, :-1], controls)
     costs = np.where(np.arange(steps) < lasted[:, None], costs, 0.0).sum(axis=1)
     return {

@@ -21,10 +21,9 @@ from vgps_ros.tasks import TASKS, Task, make_task
 
 
 def score(task: Task, trajectory: Trajectory) -> dict[str, float]:
-    """Returns how far and how fast the robot came along x, and the task's cost."""
+    """Returns how far and how fast the robot came, and the task's cost."""
     duration = trajectory.horizon * task.dynamics.time_step
-    root = task.joint_names.index("root_x")
-    distance = float(trajectory.states[-1, root] - trajectory.states[0, root])
+    distance = float(task.distance(trajectory.states[0], trajectory.states[-1]))
     return {
         "duration": duration,
         "distance": distance,

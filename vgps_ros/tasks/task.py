@@ -98,6 +98,13 @@ class Task:
         diverged = ~np.isfinite(states).all(axis=(1, 2))
         return np.where(diverged, np.inf, costs)
 
+    def distance(self, before: Array, after: Array) -> Array:
+        """Returns how far states (..., n_x) lie ahead of others, shape (...,), [m].
+
+        Ahead is the direction of the root's first slide; a robot without one stays where it is.
+        """
+        return np.where(self.hinges[0], 0.0, after[..., 0] - before[..., 0])
+
     def survived(self, states: Array) -> NDArray[np.bool_]:
         """Returns which rollouts (N, T+1, n_x) neither diverged nor fell, shape (N,)."""
         sound = np.isfinite(states).all(axis=2) & ~self.fallen(states)
