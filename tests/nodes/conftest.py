@@ -198,7 +198,9 @@ class Graph:
         request = SetParameters.Request(parameters=[parameter])
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
-    def diagnosis(self, node: str, level: bytes, text: str = "") -> DiagnosticStatus:
+    def diagnosis(
+        self, node: str, level: bytes, text: str = "", timeout: float = PATIENCE
+    ) -> DiagnosticStatus:
         """Waits for a new status of this level whose message contains the text."""
         self._diagnostics.pop(f"/{node}", None)
 
@@ -207,7 +209,7 @@ class Graph:
             good = status is not None and status.level == level and text in status.message
             return status if good else None
 
-        return self.spin_until(found, what=f"the level {level!r} with '{text}' of {node}")
+        return self.spin_until(found, timeout, f"the level {level!r} with '{text}' of {node}")
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         self._diagnostics.update({status.name: status for status in message.status})

@@ -70,7 +70,9 @@ def process(shared_graph):
 
 @pytest.fixture(scope="module")
 def shared_controller(shared_graph, process, swimmer):
-    return Controller(shared_graph, swimmer)
+    controller = Controller(shared_graph, swimmer)
+    shared_graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
+    return controller
 
 
 @pytest.fixture
@@ -270,6 +272,7 @@ def test_a_policy_from_a_file_drives_and_is_published(graph, swimmer, random_pol
     graph.start("policy_executor", policy_file=tmp_path / "policy.json")
     published = graph.messages(GaussianPolicyMsg, "policy", LATCHED)
     controller = Controller(graph, swimmer)
+    graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
     graph.spin_until(lambda: published, what="the policy of the file")
     np.testing.assert_array_equal(controller.answer(ONES), random_policy(3).mean(ONES))
 

@@ -1,6 +1,7 @@
 """What a node says of itself: diagnostics, and what it is waiting for."""
 
 import time
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
@@ -9,9 +10,13 @@ from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.nodes.parameters import declare
+from vgps_ros.nodes.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.nodes.qos import STREAM
 
 _PERIOD = 1.0  # between two diagnostics [s]
+# Between the first ones, so that a second node of a kind is found out before it does anything.
+_FIRST_PERIOD = 0.1
+_FIRST_COUNT = 12
 _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
 
 WAIT_TIMEOUT = Setting(
@@ -24,26 +29,41 @@ WAIT_TIMEOUT = Setting(
 
 
 class Health:
-    """Publishes one DiagnosticStatus a second on /diagnostics.
+    """Publishes one DiagnosticStatus a second on /diagnostics, and a fault at once.
 
     A node says what it waits for once, in a log line; if it still waits after the parameter
     `wait_timeout`, it says so once more as an error, and as the status ERROR until it is there.
+
+    Args:
+        node: the node.
+        owns: topic that only one node of the graph may publish. Of two that say so the one that
+            was started later ends with a sentence.
+
+    Attributes:
+        peers: the other nodes.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, *, owns: str = ""):
         self._node = node
+        self.peers = Peers(node, owns)
         self._timeout = declare(node, WAIT_TIMEOUT)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, float] = {}
         self._late: set[str] = set()
-        self._errors: dict[str, str] = {}  # by what they are about
+        self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()
         self._said: dict[str, tuple[str, float]] = {}
-        self._values: dict[str, str] = {}
+        self._values = {INSTANCE: self.peers.instance, OWNS: self.peers.owns}
+        self._ticks = 0
+        self._when_alone: Callable[[], None] = lambda: None
         # Wall time: simulated time may stand still just when something is wrong.
         self._timer = node.create_timer(
-            _PERIOD, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            _FIRST_PERIOD, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
+
+    def when_alone(self, callback: Callable[[], None]) -> None:
+        """Sets what is called once it is clear that no other node owns the same topic."""
+        self._when_alone = callback
 
     def wait_for(self, what: str) -> None:
         """Notes that the node waits, and says so once. `what` completes 'Waiting for …'."""
@@ -69,17 +89,28 @@ class Health:
             sentence: what is wrong, and what would be right.
             about: faults about different things are reported and cleared on their own.
         """
+        self._report(DiagnosticStatus.ERROR, sentence, about)
+
+    def warn(self, sentence: str, about: str) -> None:
+        """Reports in the same way what is not a fault yet."""
+        self._report(DiagnosticStatus.WARN, sentence, about)
+
+    def _report(self, level: bytes, sentence: str, about: str) -> None:
         said, when = self._said.get(about, ("", 0.0))
         now = time.monotonic()
-        if (about not in self._errors and now - when > _LOG_PERIOD) or sentence != said:
-            self._node.get_logger().error(sentence)
+        before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
+        if (before != level and now - when > _LOG_PERIOD) or sentence != said:
+            log = self._node.get_logger()
+            (log.error if level == DiagnosticStatus.ERROR else log.warning)(sentence)
             self._said[about] = (sentence, now)
-        self._errors[about] = sentence
+        self._faults[about] = (level, sentence)
         self._over.discard(about)
+        if before != level:
+            self._publish()
 
     def clear(self, about: str = "") -> None:
         """Reports that a fault is over; /diagnostics shows it once, however short it was."""
-        if about in self._errors:
+        if about in self._faults:
             self._over.add(about)
 
     def set_value(self, key: str, value: object) -> None:
@@ -87,33 +118,44 @@ class Health:
         self._values[key] = str(value)
 
     def _tick(self) -> None:
+        self._ticks += 1
+        if self._ticks == _FIRST_COUNT:
+            self._timer.timer_period_ns = round(_PERIOD * 1e9)
+            self._when_alone()
         for what, since in list(self._waiting.items()):
             if time.monotonic() - since > self._timeout and what not in self._late:
                 self._late.add(what)
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {self._timeout:g} s; is it running?"
                 )
+        self._publish()
+        over, self._over = self._over, set()
+        for about in over:
+            self._faults.pop(about, None)
+
+    def _publish(self) -> None:
         level, message = self._summary()
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
             message=message,
-            hardware_id="vgps_ros",
+            hardware_id=HARDWARE_ID,
             values=[KeyValue(key=k, value=v) for k, v in sorted(self._values.items())],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-        over, self._over = self._over, set()
-        for about in over:
-            self._errors.pop(about, None)
 
     def _summary(self) -> tuple[bytes, str]:
-        if self._errors:
-            return DiagnosticStatus.ERROR, " ".join(self._errors.values())
-        late = [what for what in self._waiting if what in self._late]
-        if late:
-            return DiagnosticStatus.ERROR, f"Still waiting for {late[0]}; is it running?"
-        if self._waiting:
-            return DiagnosticStatus.OK, f"Waiting for {next(iter(self._waiting))}."
-        return DiagnosticStatus.OK, "Running."
+        """The worst level, and all sentences of that level."""
+        said = list(self._faults.values())
+        said += [(DiagnosticStatus.WARN, sentence) for sentence in self.peers.look()]
+        for what in list(self._waiting):
+            if what in self._late:
+                sentence = f"Still waiting for {what}; is it running?"
+                said.append((DiagnosticStatus.ERROR, sentence))
+            else:
+                said.append((DiagnosticStatus.OK, f"Waiting for {what}."))
+        level = max((level for level, _ in said), default=DiagnosticStatus.OK)
+        sentences = [sentence for own, sentence in said if own == level]
+        return level, " ".join(sentences) or "Running."

@@ -59,7 +59,7 @@ class PolicyExecutor(LifecycleNode):
         declare(self, STOCHASTIC)
         policy_file = declare(self, POLICY_FILE, read_only=True)
         autostart = declare(self, AUTOSTART, read_only=True)
-        self._health = Health(self)
+        self._health = Health(self, owns="joint_command")
         self._active = False
         self._policy: GaussianPolicy | None = None
         # A policy that comes before activation is kept for it.
@@ -73,8 +73,11 @@ class PolicyExecutor(LifecycleNode):
         if policy_file:
             self._publish_policy(Path(policy_file))
         if autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+            self._health.when_alone(self._start)
+
+    def _start(self) -> None:
+        self.trigger_configure()
+        self.trigger_activate()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets torques flow."""

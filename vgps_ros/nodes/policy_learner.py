@@ -43,7 +43,7 @@ class PolicyLearner(Node):
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
         names = declare(self, OPTIMIZERS, read_only=True)
-        self._health = Health(self)
+        self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, names, self._task, self._health)
         self._busy = threading.Lock()
         self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)

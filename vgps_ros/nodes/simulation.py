@@ -77,7 +77,7 @@ class Simulation(Node):
         factor = declare(self, REAL_TIME_FACTOR, read_only=True)
         declare(self, COMMAND_TIMEOUT)
         self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
-        self._health = Health(self)
+        self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
         self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
         self._held_stamp, self._held_since = 0, float("nan")

@@ -1,0 +1,80 @@
+"""What nodes notice of each other: one that dies, hangs, leaves, or is one too many."""
+
+import signal
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.srv import GetSimulationState
+
+NOTICED = 5.0  # what docs/reliability.md promises [s]
+SILENT = "/trajectory_optimizer has been silent for over 3 s: it was killed, or it hangs."
+
+
+@pytest.fixture
+def pair(graph):
+    """A simulation that has heard an optimizer, and the optimizer."""
+    graph.start("simulation", start_paused=True)
+    optimizer = graph.start("trajectory_optimizer")
+    graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK)
+    graph.spin_for(1.5)
+    return optimizer
+
+
+def test_a_killed_node_is_noticed_and_its_return_too(graph, pair):
+    pair.kill()
+    status = graph.diagnosis("simulation", DiagnosticStatus.WARN, timeout=NOTICED)
+    assert status.message == SILENT
+    graph.start("trajectory_optimizer")
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+
+
+def test_a_stopped_node_is_noticed_and_takes_no_one_for_dead_when_it_goes_on(graph, pair):
+    pair.send(signal.SIGSTOP)
+    try:
+        status = graph.diagnosis("simulation", DiagnosticStatus.WARN, timeout=NOTICED)
+        assert status.message == SILENT
+    finally:
+        pair.send(signal.SIGCONT)
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+    assert graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK).message == "Running."
+    assert "silent" not in pair.output
+
+
+def test_a_node_that_ends_properly_is_missed_by_no_one(graph, pair):
+    assert pair.end() == 0
+    graph.spin_for(NOTICED)
+    assert graph.diagnosis("simulation", DiagnosticStatus.OK).message == "Running."
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "topic"),
+    [
+        ("policy_learner", "policy_learner", "learning_progress"),
+        ("policy_executor", "demonstration", "joint_command"),
+    ],
+)
+def test_a_second_node_that_would_do_the_same_is_refused(graph, first, second, topic):
+    kept = graph.start(first)
+    graph.diagnosis(first, DiagnosticStatus.OK)
+    refused = graph.start(second)
+    assert refused.wait() == 1
+    assert f"/{first} (process " in refused.output
+    assert f"publishes /{topic} already" in refused.output
+    assert kept.running
+
+
+def test_of_two_executors_started_at_once_one_stays(graph):
+    both = [graph.start("policy_executor") for _ in range(2)]
+    graph.spin_until(lambda: not all(process.running for process in both), what="a refusal")
+    graph.spin_for(2.0)
+    assert sum(process.running for process in both) == 1
+
+
+def test_one_that_was_killed_can_be_started_again_at_once(graph):
+    killed = graph.start("simulation")
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+    killed.kill()
+    again = graph.start("simulation")
+    graph.spin_for(3.0)
+    assert again.running
+    assert graph.call(GetSimulationState, "simulation/get_simulation_state").result.result == 1
