@@ -12,7 +12,6 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.nodes.health import Health
@@ -25,12 +24,6 @@ from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
 
-OPTIMIZERS = Setting(
-    "optimizers",
-    ("trajectory_optimizer",),
-    "names of the trajectory optimizer nodes that share the solves",
-)
-
 
 class PolicyLearner(Node):
     """Trains one policy at a time; publishes each iteration's policy and progress."""
@@ -42,9 +35,8 @@ class PolicyLearner(Node):
         )
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
-        names = declare(self, OPTIMIZERS, read_only=True)
         self._health = Health(self, owns="learning_progress")
-        self._pool = OptimizerPool(self, names, self._task, self._health)
+        self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()
         self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
         self._progress = self.create_publisher(LearningProgress, "learning_progress", STREAM)

@@ -1,0 +1,87 @@
+"""A training whose optimizer dies or hangs: said, waited for, and not one bit is different."""
+
+import signal
+from dataclasses import replace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.msg import LearningProgress, OptimizerIteration
+
+from tests.nodes.test_training import SHORT, parameters, same_bits, start_training, train_in_process
+from vgps_ros.core.policy_file import load_policy
+
+# More solver iterations in the first solve, so that there is time to strike in the middle of it.
+SETTINGS = {**parameters(SHORT), "initial_ddp_iterations": 40}
+NOTICED = 5.0  # what docs/reliability.md promises [s]
+HANGS = "/trajectory_optimizer has been silent for over 3 s"
+
+
+@pytest.fixture(scope="module")
+def expected(swimmer):
+    return train_in_process(swimmer, replace(SHORT, initial_ddp_iterations=40), 7)[-1].policy
+
+
+class Training:
+    """A training in which one solve is under way."""
+
+    def __init__(self, graph, folder):
+        self.graph = graph
+        self.folder = folder
+        self.optimizer = graph.start("trajectory_optimizer")
+        self.learner = graph.start("policy_learner", **SETTINGS)
+        self.progress = graph.messages(LearningProgress, "learning_progress")
+        self.solver = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
+        graph.diagnosis("policy_learner", DiagnosticStatus.OK, "Running")
+        self.program = start_training(graph, SHORT, 7, folder / "out")
+        graph.spin_until(lambda: len(self.solver) >= 2, what="a solve")
+
+    def end(self):
+        assert self.program.wait() == 0, self.program.output
+        return load_policy(self.folder / "out" / "policy.json")[0]
+
+
+@pytest.fixture
+def training(graph, tmp_path):
+    return Training(graph, tmp_path)
+
+
+def test_one_that_is_killed_and_back_at_once_is_asked_again(graph, training, expected):
+    training.optimizer.kill()
+    graph.start("trajectory_optimizer")
+    assert same_bits(training.end(), expected)
+    assert "is lost with a solve, which is done again" in training.learner.output
+
+
+def test_one_that_is_killed_is_missed_and_waited_for(graph, training, expected):
+    training.optimizer.kill()
+    status = graph.diagnosis("policy_learner", DiagnosticStatus.WARN, timeout=NOTICED)
+    assert HANGS in status.message
+    graph.spin_for(1.0)
+    assert training.program.running
+    graph.start("trajectory_optimizer")
+    assert same_bits(training.end(), expected)
+    graph.diagnosis("policy_learner", DiagnosticStatus.OK)
+
+
+def test_one_that_hangs_is_missed_and_goes_on(graph, training, expected):
+    training.optimizer.send(signal.SIGSTOP)
+    try:
+        status = graph.diagnosis("policy_learner", DiagnosticStatus.WARN, timeout=NOTICED)
+        assert HANGS in status.message
+    finally:
+        training.optimizer.send(signal.SIGCONT)
+    assert same_bits(training.end(), expected)
+
+
+def test_a_learner_that_was_stopped_itself_goes_on(graph, training, expected):
+    training.learner.send(signal.SIGSTOP)
+    graph.spin_for(6.0)
+    training.learner.send(signal.SIGCONT)
+    assert same_bits(training.end(), expected)
+
+
+def test_a_training_without_an_optimizer_fails_when_a_parameter_says_so(graph, tmp_path):
+    graph.start("policy_learner", optimizer_timeout=1.0, **SETTINGS)
+    program = start_training(graph, SHORT, 7, tmp_path / "out")
+    assert program.wait() == 1
+    assert "No optimizer was there for 1 s; start the service of" in program.output
