@@ -1,7 +1,7 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint clean distclean
+.PHONY: help setup demo test faults soak lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -14,6 +14,12 @@ demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITE
 
 test: setup  ## run the tests and check that they leave nothing behind
 	@scripts/run_tests.bash
+
+faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
+	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))
+
+soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, files, bags
+	@scripts/run_faults.bash --minutes $(or $(SOAK_MINUTES),30) $(if $(SEED),--seed $(SEED))
 
 lint: setup  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash

@@ -42,7 +42,7 @@ setup(
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={
-        "console_scripts": [f"{name} = vgps_ros.nodes.{name}:main" for name in NODES]
+        "console_scripts": [f"{name} = vgps_ros.nodes.start:main" for name in NODES]
         + [f"{name} = {module}:main" for name, module in PROGRAMS.items()],
     },
 )

@@ -59,6 +59,10 @@ class Process:
             )
 
     @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
     def output(self) -> str:
         return self._log.read_text(errors="replace")
 
@@ -144,8 +148,12 @@ class Graph:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
-        _remove({segment for process in self.processes for segment in process.orphaned})
+        self.remove_orphaned_memory()
         assert not bad, "\n".join(bad)
+
+    def remove_orphaned_memory(self) -> None:
+        """Removes what killed processes have left, as `fastdds shm clean` does."""
+        _remove({segment for process in self.processes for segment in process.orphaned})
 
     # The test's own node
 

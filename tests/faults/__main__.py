@@ -1,0 +1,61 @@
+"""Command line of the fault campaign and the soak test."""
+
+import argparse
+import random
+import sys
+import tempfile
+import time
+from pathlib import Path
+from random import Random
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.faults.campaign import Tally, choose, run
+from tests.faults.soak import soak
+from tests.faults.system import System
+from tests.nodes.conftest import open_graph
+
+
+def main() -> int:
+    """Runs it; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
+    parser.add_argument("--count", type=int, default=40, help="faults to inject")
+    parser.add_argument("--minutes", type=float, help="soak: inject for as long, and watch growth")
+    parser.add_argument("--seed", type=int, help="of all that is random; printed; default: random")
+    parser.add_argument("--only", default="", help="kinds whose name contains this text")
+    parser.add_argument("--task", default="swimmer", help="what the graph learns")
+    arguments = parser.parse_args()
+    seed = random.randrange(10**6) if arguments.seed is None else arguments.seed
+    print(f"faults: seed {seed}", flush=True)
+    began, tally = time.monotonic(), Tally()
+    with tempfile.TemporaryDirectory(prefix="vgps_ros_faults_") as folder:
+        if arguments.minutes:
+            growth = soak(Path(folder), arguments.task, seed, 60.0 * arguments.minutes, tally)
+        else:
+            rng = Random(seed)
+            kinds = choose(rng, arguments.count, arguments.only)
+            with open_graph(Path(folder)) as graph:
+                system = System(graph, arguments.task, "real_time", iterations=20, rng=rng)
+                run(system, kinds, tally, lambda line: print(line, flush=True))
+            growth = None
+    show(tally)
+    print(f"{tally.recorded} messages recorded, {time.monotonic() - began:.0f} s")
+    if growth:
+        growth.show()
+    for sentence in tally.wrong + tally.lost:
+        print(sentence)
+    print(tally.summary())
+    return 0 if tally.is_good and (growth is None or growth.is_flat) else 1
+
+
+def show(tally: Tally) -> None:
+    """Prints the table of faults by kind."""
+    table = Table("fault", "injected", "survived", "recovered")
+    for kind, count in sorted(tally.injected.items()):
+        table.add_row(kind, str(count), str(tally.survived[kind]), str(tally.recovered[kind]))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

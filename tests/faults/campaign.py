@@ -1,0 +1,146 @@
+"""Strikes a working graph with random faults, and counts what it survives and what it loses.
+
+    python -m tests.faults --count 40 --seed 7
+
+A fault is survived if what is promised for it happens and no other node dies of it; the graph has
+recovered when every node is well and every stream flows again. At the end each training must have
+the policy and the numbers that the same training has undisturbed, and every bag all that was
+published while its recorder ran.
+"""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from random import Random
+
+from tests.faults.kinds import FAULTS
+from tests.faults.system import HIDDEN_UNITS, LEARNING, Recording, System, Training
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.reindex import reindex
+from vgps_ros.core.policy_file import save_policy
+from vgps_ros.search.methods import search
+from vgps_ros.search.result import iteration_entry
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.tasks import make_task
+
+
+@dataclass
+class Tally:
+    """What a campaign counted, and what went wrong in words."""
+
+    injected: Counter[str] = field(default_factory=Counter)
+    survived: Counter[str] = field(default_factory=Counter)
+    recovered: Counter[str] = field(default_factory=Counter)
+    lost: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    recorded: int = 0
+
+    def summary(self) -> str:
+        """Returns the last line."""
+        return (
+            f"faults: injected {self.injected.total()}, survived {self.survived.total()}, "
+            f"recovered {self.recovered.total()}, lost {len(self.lost)}"
+        )
+
+    @property
+    def is_good(self) -> bool:
+        """Whether everything was survived and nothing lost."""
+        counts = {self.injected.total(), self.survived.total(), self.recovered.total()}
+        return len(counts) == 1 and not self.lost and not self.wrong
+
+
+def strike(system: System, kind: str, tally: Tally) -> bool:
+    """Injects one fault; returns whether the graph works afterwards."""
+    tally.injected[kind] += 1
+    try:
+        FAULTS[kind](system)
+        dead = system.dead()
+        assert not dead, f"{', '.join(dead)} ended too: {system.processes[dead[0]].output}"
+        tally.survived[kind] += 1
+        system.wait_until_it_works()
+        tally.recovered[kind] += 1
+    except (AssertionError, TimeoutError) as error:
+        tally.wrong.append(f"{kind}: {error}")
+        return False
+    return True
+
+
+def choose(rng: Random, count: int, only: str = "") -> list[str]:
+    """Returns as many kinds of faults whose names contain a text, each about as often."""
+    possible = [kind for kind in FAULTS if only in kind]
+    kinds: list[str] = []
+    while possible and len(kinds) < count:
+        kinds += rng.sample(possible, len(possible))
+    return kinds[:count]
+
+
+def run(system: System, kinds: Sequence[str], tally: Tally, say: Callable[[str], None]) -> None:
+    """Strikes with each fault at a random time, then looks what was lost."""
+    for number, kind in enumerate(kinds, 1):
+        system.spin(system.rng.uniform(0.0, 2.0))
+        began = time.monotonic()
+        good = strike(system, kind, tally)
+        outcome = "works again" if good else "FAILED"
+        say(
+            f"{number:4d}/{len(kinds)}  {kind:32s} {outcome} after {time.monotonic() - began:.1f} s"
+        )
+        if not good:
+            break
+    verify(system, tally)
+
+
+def verify(system: System, tally: Tally) -> None:
+    """Ends the work, and notes what was lost."""
+    system.finish_training()
+    system.spin(1.0)
+    system.end("recorder")
+    for recording in system.recordings:
+        check_bag(recording, system, tally)
+    for training in system.trainings:
+        check_training(training, system, tally)
+
+
+def check_bag(recording: Recording, system: System, tally: Tally) -> None:
+    """Notes what is missing in a bag."""
+    if recording.killed:
+        reindex(recording.path)
+    with BagReader(recording.path) as bag:
+        recorded = Counter((message.topic, message.data) for message in bag.messages())
+    tally.recorded += recorded.total()
+    for message in system.published:
+        if recording.covers(message.time) and (message.topic, message.data) not in recorded:
+            after = message.time - recording.windows[0][0]
+            tally.lost.append(
+                f"{recording.path.name} lacks {message.topic} {after:.1f} s after it began"
+            )
+
+
+def check_training(training: Training, system: System, tally: Tally) -> None:
+    """Notes where a training is not what it is undisturbed."""
+    task = make_task(system.task)
+    settings = replace(
+        search_settings(task),
+        iterations=system.iterations,
+        hidden_units=(HIDDEN_UNITS,),
+        **LEARNING,
+    )
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    iterations = list(
+        search(
+            "vgps", task, settings, training.seed, lambda rs: [optimizer.optimize(r) for r in rs]
+        )
+    )
+    expected = system.graph.folder / "expected.json"
+    save_policy(iterations[-1].policy, task.name, expected)
+    if (training.folder / "policy.json").read_bytes() != expected.read_bytes():
+        tally.lost.append(f"the policy of seed {training.seed} is another one")
+    result = json.loads((training.folder / "result.json").read_text())
+    if _numbers(result["iterations"]) != _numbers([iteration_entry(i) for i in iterations]):
+        tally.lost.append(f"the history of seed {training.seed} is another one")
+
+
+def _numbers(entries: list[dict[str, float]]) -> list[dict[str, float]]:
+    return [{k: v for k, v in e.items() if not k.endswith("_seconds")} for e in entries]

@@ -1,0 +1,175 @@
+"""The faults: each strikes the graph, checks what is promised for it, and undoes itself.
+
+A promise that is not kept raises AssertionError or TimeoutError; whether the graph works again, and
+whether anything was lost, is checked for all kinds alike by the campaign.
+"""
+
+import resource
+import signal
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.srv import OptimizeTrajectory, ResetSimulation, StepSimulation
+
+from tests.faults.system import NODES, NOTICED, System
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
+from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.tasks import make_task
+
+Fault = Callable[[System], None]
+
+
+def killed(name: str, system: System) -> None:
+    """SIGKILL; the node is back after a while, late enough for the others to miss it, or not."""
+    system.kill(name)
+    if system.rng.random() < 0.5:
+        system.wait_for_word(f"/{name} has been silent", NOTICED)
+    system.spin(system.rng.uniform(0.0, 1.0))
+    system.start(name)
+    if name == "simulation":
+        system.play()
+
+
+def hung(name: str, system: System) -> None:
+    """SIGSTOP, until the others have missed it and a while longer."""
+    process = system.processes[name]
+    process.send(signal.SIGSTOP)
+    try:
+        system.wait_for_word(f"/{name} has been silent", NOTICED)
+        system.spin(system.rng.uniform(0.0, 2.0))
+    finally:
+        process.send(signal.SIGCONT)
+
+
+def ended(name: str, system: System) -> None:
+    """INT, and a start anew."""
+    system.end(name)
+    system.start(name)
+    if name == "simulation":
+        system.play()
+
+
+def broken_checkpoint(system: System) -> None:
+    """SIGKILL of the learner, whose newest checkpoint then turns out to be cut off."""
+    system.kill("policy_learner")
+    files = sorted(system.graph.folder.glob("checkpoints/*"), key=lambda file: file.stat().st_mtime)
+    if files:
+        with files[-1].open("r+b") as file:
+            file.truncate(system.rng.randrange(files[-1].stat().st_size))
+    system.start("policy_learner")
+
+
+def full_disk(system: System) -> None:
+    """The recorder may write no further, as on a disk that is full, for a while."""
+    recording = system.recordings[-1]
+    used = max(file.stat().st_size for file in recording.path.glob("*.mcap"))
+    recording.close(slack=1.0)
+    limit = partial(resource.prlimit, system.processes["recorder"].pid, resource.RLIMIT_FSIZE)
+    limit((used, resource.RLIM_INFINITY))
+    try:
+        system.wait_for_word("File too large")
+    finally:
+        limit((resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+
+def twin(name: str, system: System) -> None:
+    """A second node of a kind that may be there once is refused."""
+    second = system.graph.start(name, task=system.task)
+    system.wait_for(lambda: not second.running, f"the refusal of a second {name}")
+    assert second.wait() == 1, second.output
+    assert "publishes" in second.output, second.output
+
+
+def bad_state(system: System) -> None:
+    """A robot's driver that sends what is no state."""
+    task = make_task(system.task)
+    state = np.zeros(task.dynamics.state_dim)
+    state[system.rng.randrange(len(state))] = system.rng.choice([np.nan, np.inf, -np.inf])
+    message = state_to_msg(state, task.joint_names, Time(sec=2**31 - 1))
+    if system.rng.random() < 0.5:
+        message.name = message.name[:-1]
+    _publish(system, JointState, "joint_states", message)
+    system.wait_for_word("joint_states", NOTICED)
+
+
+def bad_command(system: System) -> None:
+    """Torques that the simulation must not take."""
+    task = make_task(system.task)
+    torques = np.full(task.dynamics.control_dim, system.rng.choice([np.nan, 1e300]))
+    message = command_to_msg(torques, task.actuated_joint_names, Time())
+    _publish(system, JointState, "joint_command", message)
+    system.wait_for_word("Ignored a joint_command", NOTICED)
+
+
+def bad_policy(system: System) -> None:
+    """A policy of another robot."""
+    shape = Architecture((0,), (3,), 1)
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
+    _publish(
+        system, GaussianPolicyMsg, "policy", policy_to_msg(policy, "other", 1, Time()), LATCHED
+    )
+    system.wait_for_word("Refused a policy", NOTICED)
+
+
+def bad_request(system: System) -> None:
+    """A request that no solver can take."""
+    request = OptimizeTrajectory.Request(task=system.task, cost_scale=float("nan"))
+    answer = system.graph.call(OptimizeTrajectory, "trajectory_optimizer/optimize", request)
+    assert not answer.success
+    assert answer.message
+
+
+def bad_parameter(system: System) -> None:
+    """A value of the wrong type for a parameter of any node."""
+    name = system.rng.choice(NODES)
+    parameter = Parameter("wait_timeout", value="soon").to_parameter_msg()
+    assert parameter.value.type == ParameterType.PARAMETER_STRING
+    request = SetParameters.Request(parameters=[parameter])
+    result = system.graph.call(SetParameters, f"{name}/set_parameters", request).results[0]
+    assert not result.successful
+    assert result.reason
+
+
+def reset(system: System) -> None:
+    """Time jumps back to zero."""
+    answer = system.graph.call(ResetSimulation, "simulation/reset_simulation")
+    assert answer.result.result == 1, answer.result.error_message
+
+
+def impossible_step(system: System) -> None:
+    """A service that is asked for what it cannot do now."""
+    answer = system.graph.call(StepSimulation, "simulation/step_simulation")
+    assert answer.result.error_message
+
+
+def _publish(system: System, kind: type, topic: str, message: object, qos: object = STREAM) -> None:
+    publisher = system.graph.publisher(kind, topic, qos)
+    publisher.publish(message)
+    system.spin(0.2)
+    system.graph.node.destroy_publisher(publisher)
+
+
+FAULTS: dict[str, Fault] = {
+    **{f"{name} killed": partial(killed, name) for name in NODES},
+    **{f"{name} hangs": partial(hung, name) for name in NODES},
+    **{f"{name} started anew": partial(ended, name) for name in NODES},
+    "checkpoint cut off": broken_checkpoint,
+    "disk full": full_disk,
+    "second policy_learner": partial(twin, "policy_learner"),
+    "second policy_executor": partial(twin, "policy_executor"),
+    "bad state": bad_state,
+    "bad command": bad_command,
+    "bad policy": bad_policy,
+    "bad request": bad_request,
+    "bad parameter": bad_parameter,
+    "time jumps back": reset,
+    "impossible step": impossible_step,
+}

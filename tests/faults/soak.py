@@ -1,0 +1,146 @@
+"""Runs the whole graph for long with random faults, in lock-step and in real time.
+
+Memory, open files and shared memory of each process must be flat: their medians over the last third
+of its life are compared with those over the middle third, for each process that lived long enough.
+"""
+
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from tests.faults.campaign import Tally, strike, verify
+from tests.faults.kinds import FAULTS
+from tests.faults.system import NODES, System
+from tests.nodes.conftest import open_graph
+
+PERIOD = 2.0  # between two samples [s]
+LONG = 60.0  # a shorter life says nothing of growth [s]
+KILLING = ("killed", "started anew", "checkpoint cut off")  # end of kinds that end a life
+FLAT = {"memory [MB/min]": 1.0, "open files [1/min]": 0.5}
+SHARED_FLAT = 8.0  # growth of /dev/shm over the whole time [MB]
+
+
+@dataclass
+class Growth:
+    """What grew.
+
+    Attributes:
+        rates: for each node and quantity, the growth per minute of each long life.
+        shared: size of /dev/shm after each fault [MB].
+    """
+
+    rates: dict[str, dict[str, list[float]]] = field(
+        default_factory=lambda: defaultdict(lambda: defaultdict(list))
+    )
+    shared: list[float] = field(default_factory=list)
+
+    @property
+    def shared_growth(self) -> float:
+        """Growth of /dev/shm from the second third to the last one [MB]."""
+        third = len(self.shared) // 3
+        if not third:
+            return 0.0
+        return float(np.median(self.shared[-third:]) - np.median(self.shared[third : 2 * third]))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether nothing grew."""
+        rates = [
+            np.median(values) <= FLAT[quantity]
+            for quantities in self.rates.values()
+            for quantity, values in quantities.items()
+        ]
+        return bool(self.rates) and all(rates) and self.shared_growth <= SHARED_FLAT
+
+    def show(self) -> None:
+        """Prints the table."""
+        table = Table("node", "long lives", *FLAT)
+        for node, quantities in sorted(self.rates.items()):
+            medians = [f"{np.median(quantities[quantity]):.2f}" for quantity in FLAT]
+            table.add_row(node, str(len(next(iter(quantities.values())))), *medians)
+        Console().print(table)
+        print(f"growth of /dev/shm: {self.shared_growth:.1f} MB")
+
+
+class Lives:
+    """Samples of each process's memory and open files while it lives."""
+
+    def __init__(self, growth: Growth):
+        self._growth = growth
+        self._samples: dict[int, tuple[str, list[tuple[float, float, float]]]] = {}
+
+    def sample(self, system: System) -> None:
+        """Takes a sample of each node."""
+        for name in NODES:
+            pid = system.processes[name].pid
+            try:
+                sample = (time.monotonic(), _memory(pid), float(len(list(_open_files(pid)))))
+            except OSError:  # it is about to be started again
+                continue
+            self._samples.setdefault(pid, (name, []))[1].append(sample)
+
+    def close(self) -> None:
+        """Turns the samples into rates of growth."""
+        for name, samples in self._samples.values():
+            times, *quantities = np.array(samples).T
+            if times[-1] - times[0] < LONG:
+                continue
+            third = len(times) // 3
+            minutes = (np.median(times[-third:]) - np.median(times[third : 2 * third])) / 60.0
+            for quantity, values in zip(FLAT, quantities, strict=True):
+                rise = np.median(values[-third:]) - np.median(values[third : 2 * third])
+                self._growth.rates[name][quantity].append(float(rise / minutes))
+
+
+def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> Growth:
+    """Runs both modes, each for half of the time."""
+    growth, rng = Growth(), Random(seed)
+    for mode in ("lock_step", "real_time"):
+        (folder / mode).mkdir()
+        with open_graph(folder / mode) as graph:
+            system = System(graph, task, mode, iterations=20, rng=rng)
+            lives = Lives(growth)
+            end = time.monotonic() + duration / 2
+            while time.monotonic() < end:
+                kind = _choose(rng)
+                pause = time.monotonic() + rng.uniform(2.0, 20.0)
+                while time.monotonic() < pause:
+                    system.spin(PERIOD)
+                    lives.sample(system)
+                works = strike(system, kind, tally)
+                graph.remove_orphaned_memory()
+                growth.shared.append(_shared_memory())
+                left = max(0.0, end - time.monotonic()) / 60.0
+                outcome = "works again" if works else "FAILED"
+                print(f"{mode}: {kind:32s} {outcome}; {left:.1f} min left", flush=True)
+                if not works:
+                    break
+            lives.close()
+            verify(system, tally)
+    return growth
+
+
+def _choose(rng: Random) -> str:
+    """Chooses a fault, one that ends a process less often: growth needs long lives to be seen."""
+    ending = [kind for kind in FAULTS if kind.endswith(KILLING)]
+    others = [kind for kind in FAULTS if kind not in ending]
+    return rng.choice(ending if rng.random() < 0.2 else others)
+
+
+def _memory(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
+
+
+def _open_files(pid: int) -> list[Path]:
+    return list(Path(f"/proc/{pid}/fd").iterdir())
+
+
+def _shared_memory() -> float:
+    return sum(file.stat().st_blocks for file in Path("/dev/shm").glob("*fastrtps*")) * 512 / 1e6

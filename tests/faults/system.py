@@ -1,0 +1,261 @@
+"""The whole graph at work: a training that never ends, a policy that drives, a recorder.
+
+Real processes in one ROS domain. Faults strike it; what it published meanwhile is kept, to be
+compared with what the bags hold and with what the same training gives undisturbed.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import GaussianPolicy, LearningProgress, OptimizerIteration, SimulationState
+from vgps_msgs.srv import SetSimulationState
+
+from tests.nodes.conftest import Graph, Process
+from vgps_ros.nodes.qos import LATCHED, STREAM
+
+NODES = (
+    "simulation",
+    "trajectory_optimizer",
+    "policy_executor",
+    "policy_learner",
+    "recorder",
+    "visualizer",
+)
+NOTICED = 5.0  # in which the others say that a node is silent, as docs/reliability.md promises [s]
+BACK = 60.0  # generous: the machine may be busy [s]
+LEARNING = {"initial_ddp_iterations": 10, "evaluation_rollouts": 2}
+HIDDEN_UNITS = 4
+
+
+@dataclass
+class Recording:
+    """A bag, and the times between which all that was published must be in it [s]."""
+
+    path: Path
+    windows: list[list[float]] = field(default_factory=list)  # begin and end of each
+    killed: bool = False
+    ended: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        return bool(self.windows) and self.windows[-1][1] == float("inf")
+
+    def close(self, slack: float) -> None:
+        """Ends the window: what came within the last `slack` seconds may be missing [s]."""
+        if self.is_open:
+            self.windows[-1][1] = time.monotonic() - slack
+
+    def covers(self, moment: float) -> bool:
+        return any(begin < moment < end for begin, end in self.windows)
+
+
+@dataclass
+class Training:
+    """A training of the graph: its seed, its folder and the program that asked for it."""
+
+    seed: int
+    folder: Path
+    program: Process
+
+
+@dataclass
+class Published:
+    """A message that the graph published, as CDR, and when it came [s]."""
+
+    time: float
+    topic: str
+    data: bytes
+
+
+@dataclass
+class System:
+    """The graph under test.
+
+    Attributes:
+        graph: its processes.
+        task: what it learns.
+        mode: of the simulation, lock_step or real_time.
+        iterations: of each training.
+        rng: of all that is random.
+    """
+
+    graph: Graph
+    task: str
+    mode: str
+    iterations: int
+    rng: Random
+    processes: dict[str, Process] = field(default_factory=dict)
+    recordings: list[Recording] = field(default_factory=list)
+    trainings: list[Training] = field(default_factory=list)
+    published: list[Published] = field(default_factory=list)
+    said: dict[str, DiagnosticStatus] = field(default_factory=dict)
+    heard: dict[str, float] = field(default_factory=dict)  # when something came from each source
+
+    def __post_init__(self) -> None:
+        self.finishing = False
+        self.learner_ended = False  # with INT, which cancels what it trains
+        self._subscribe(LearningProgress, "/learning_progress", STREAM, keep=True)
+        self._subscribe(GaussianPolicy, "/policy", LATCHED, keep=True)
+        self._subscribe(OptimizerIteration, "/trajectory_optimizer/iterations", STREAM)
+        self._subscribe(JointState, "/joint_states", STREAM)
+        self._subscribe(JointState, "/joint_command", STREAM)
+        self.graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._listen, STREAM)
+        for name in NODES:
+            self.start(name)
+        self.play()
+        self.wait_until_it_works()
+
+    def start(self, name: str) -> None:
+        """Starts a node, for the first time or again."""
+        parameters: dict[str, Any] = {"task": self.task}
+        if name == "simulation":
+            parameters["mode"] = self.mode
+        elif name == "policy_learner":
+            parameters |= {**LEARNING, "checkpoint_folder": self.graph.folder / "checkpoints"}
+        elif name == "recorder":
+            self.recordings.append(Recording(self.graph.folder / f"bag_{len(self.recordings)}"))
+            parameters = {"output": self.recordings[-1].path}
+        elif name == "visualizer":
+            parameters = {"output": self.graph.folder / f"run_{len(self.graph.processes)}.rrd"}
+        self.processes[name] = self.graph.start(name, **parameters)
+
+    def play(self) -> None:
+        """Lets the simulation run."""
+        playing = SimulationState(state=SimulationState.STATE_PLAYING)
+        request = SetSimulationState.Request(state=playing)
+        self.graph.call(SetSimulationState, "simulation/set_simulation_state", request)
+
+    def kill(self, name: str) -> None:
+        """Kills a node with SIGKILL."""
+        if name == "recorder":
+            self.recordings[-1].close(slack=1.0)
+            self.recordings[-1].killed = self.recordings[-1].ended = True
+        self.processes[name].kill()
+
+    def end(self, name: str) -> None:
+        """Ends a node with INT."""
+        if name == "recorder":
+            self.recordings[-1].close(slack=0.5)  # what is on its way
+            self.recordings[-1].ended = True
+        if name == "policy_learner":
+            self.learner_ended = True
+        assert self.processes[name].end() == 0, self.processes[name].output
+
+    # What goes on
+
+    def spin(self, duration: float) -> None:
+        """Lets the graph work."""
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._spin_until(lambda: False, min(0.5, max(0.0, end - time.monotonic())))
+
+    def wait_for(self, condition: Callable[[], object], what: str, timeout: float = BACK) -> None:
+        """Lets it work until the condition holds.
+
+        Raises:
+            AssertionError: it does not in time.
+        """
+        assert self._spin_until(condition, timeout), f"Waited {timeout:g} s for {what}."
+
+    def wait_for_word(self, text: str, timeout: float = BACK) -> None:
+        """Waits until some node says this on /diagnostics, from now on."""
+        self.said.clear()
+        self.wait_for(
+            lambda: any(text in status.message for status in self.said.values()),
+            f"'{text}' on /diagnostics",
+            timeout,
+        )
+
+    def wait_until_it_works(self) -> None:
+        """Waits until every node is well and each stream flows."""
+        self.heard.clear()
+        self.said.clear()
+        assert self._spin_until(lambda: not self._missing(), BACK), (
+            f"After {BACK:g} s: {' '.join(self._missing())}"
+        )
+
+    def _missing(self) -> list[str]:
+        """Returns sentences on what does not work."""
+        silent = {"/joint_states", "/joint_command"} - self.heard.keys()
+        if not {"/learning_progress", "/trajectory_optimizer/iterations"} & self.heard.keys():
+            silent.add("/learning_progress")
+        missing = [f"Nothing comes on {topic}." for topic in sorted(silent)]
+        for name in NODES:
+            status = self.said.get(f"/{name}")
+            if status is None or status.level != DiagnosticStatus.OK:
+                missing.append(f"/{name}: {status.message if status else 'nothing'}")
+        return missing
+
+    def dead(self) -> list[str]:
+        """Returns the nodes that have ended without being asked to."""
+        return [name for name, process in self.processes.items() if not process.running]
+
+    def _spin_until(self, condition: Callable[[], object], timeout: float) -> bool:
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self._keep_training()
+            self.graph.spin_for(0.05)
+        return True
+
+    def _keep_training(self) -> None:
+        if self.finishing or (self.trainings and self.trainings[-1].program.running):
+            return
+        if self.trainings and self.trainings[-1].program.wait():
+            last = self.trainings[-1]
+            assert self.learner_ended, last.program.output  # else nothing may end a training early
+            last.program = self._ask_for_training(last.seed, last.folder)
+            return
+        self.learner_ended = False
+        seed = self.rng.randrange(10**6)
+        folder = self.graph.folder / f"training_{len(self.trainings)}"
+        self.trainings.append(Training(seed, folder, self._ask_for_training(seed, folder)))
+
+    def _ask_for_training(self, seed: int, folder: Path) -> Process:
+        return self.graph.start(
+            "train_through_graph",
+            *("--iterations", str(self.iterations), "--seed", str(seed)),
+            *("--hidden-units", str(HIDDEN_UNITS), "--output", str(folder)),
+            *("--timeout", "60"),
+        )
+
+    def finish_training(self) -> None:
+        """Waits for the end of the training that is under way."""
+        self.finishing = True
+        program = self.trainings[-1].program
+        self.wait_for(lambda: not program.running, "the end of the last training", 300.0)
+        assert program.wait() == 0, program.output
+
+    # What is heard
+
+    def _subscribe(self, kind: type, topic: str, qos: Any, *, keep: bool = False) -> None:
+        def take(message: Any) -> None:
+            self.heard[topic] = time.monotonic()
+            if keep:
+                self.published.append(Published(time.monotonic(), topic, message))
+
+        self.graph.node.create_subscription(kind, topic, take, qos, raw=keep)
+
+    def _listen(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.said[status.name] = status
+            if status.name == "/recorder" and status.level == DiagnosticStatus.OK:
+                self._follow_recorder({value.key: value.value for value in status.values})
+
+    def _follow_recorder(self, values: dict[str, str]) -> None:
+        there = {
+            name
+            for name, _ in self.graph.node.get_topic_names_and_types()
+            if "/_" not in name and self.graph.node.count_publishers(name)
+        }
+        recording = self.recordings[-1]
+        new = not (recording.is_open or recording.ended)
+        if new and int(values.get("topics", 0)) >= len(there):
+            recording.windows.append([time.monotonic(), float("inf")])
