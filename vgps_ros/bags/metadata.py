@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -69,11 +70,20 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
     return yaml.safe_dump(information, sort_keys=False)
 
 
-def metadata_file(information: str) -> str:
-    """Returns the content of `metadata.yaml`."""
-    return yaml.safe_dump(
-        {"rosbag2_bagfile_information": yaml.safe_load(information)}, sort_keys=False
-    )
+def write_metadata(folder: Path, information: str) -> None:
+    """Writes `metadata.yaml`, as a whole or not at all.
+
+    Raises:
+        OSError: it cannot be written; what was there before is still there.
+    """
+    indented = "".join(f"  {line}\n" for line in information.splitlines())
+    partial = folder / f"{FILE_NAME}.partial"
+    try:
+        partial.write_text(f"rosbag2_bagfile_information:\n{indented}")
+        os.replace(partial, folder / FILE_NAME)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def _file_entry(file: FileSummary) -> dict[str, Any]:

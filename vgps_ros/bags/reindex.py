@@ -8,8 +8,9 @@ from pathlib import Path
 
 from mcap.records import Attachment
 
-from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, metadata_file
-from vgps_ros.bags.storage import StorageContent, StorageScan, StorageWriter, is_being_written
+from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, write_metadata
+from vgps_ros.bags.storage import StorageContent, StorageScan, is_being_written
+from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -63,48 +64,58 @@ def reindex(path: Path) -> list[Path]:
         The files that were rebuilt.
 
     Raises:
-        InvalidInputError: the folder has no `.mcap` file, nothing can be read of one, or one is
+        InvalidInputError: the folder has no `.mcap` file, nothing can be read of any, or one is
             still being written.
+        OSError: the disk takes no more; the bag is as it was.
     """
     files = storage_files(path)
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
-    contents = [StorageScan(file).content() for file in files]
-    for file, content in zip(files, contents, strict=True):
-        if not content.topics:
-            raise InvalidInputError(
-                f"'{file}' cannot be rebuilt: not one of its messages can be read."
-            )
+    contents = {file: StorageScan(file).content() for file in files}
+    empty = [file for file, content in contents.items() if not content.topics]
+    if len(empty) == len(files):
+        raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
+    for file in empty:  # its recorder ended before the first message was on the disk
+        del contents[file]
+        os.replace(file, _unfinished(file))
     summaries = [
         FileSummary(file.name, content.start, content.end, content.counts)
-        for file, content in zip(files, contents, strict=True)
+        for file, content in contents.items()
     ]
-    topics = {name: topic for content in contents for name, topic in content.topics.items()}
+    topics = {
+        name: topic for content in contents.values() for name, topic in content.topics.items()
+    }
     information = bag_information(topics.values(), summaries)
     rebuilt = []
-    for file, content in zip(files, contents, strict=True):
+    for file, content in contents.items():
         if not content.is_complete:
             _rebuild(file, content, information)
             rebuilt.append(file)
-    partial = path / f"{FILE_NAME}.partial"
-    partial.write_text(metadata_file(information))
-    os.replace(partial, path / FILE_NAME)
+    write_metadata(path, information)
     return rebuilt
 
 
 def _rebuild(file: Path, content: StorageContent, information: str) -> None:
     partial = file.with_name(f"{file.name}.partial")
-    partial.unlink(missing_ok=True)
-    writer = StorageWriter(partial, content.compression)
-    for topic in content.topics.values():
-        writer.add_topic(topic)
-    for record in StorageScan(file).records():
-        if isinstance(record, Attachment):
-            writer.attach(record.name, record.data, record.log_time)
-        else:
-            topic, message = record
-            writer.write(topic.name, message.log_time, message.data)
-    writer.close(information)
-    os.replace(file, file.with_name(f"{file.name}.unfinished"))
+    try:
+        with partial.open("wb") as output:
+            writer = StorageWriter(output, content.compression)
+            for topic in content.topics.values():
+                writer.add_topic(topic)
+            for record in StorageScan(file).records():
+                if isinstance(record, Attachment):
+                    writer.attach(record.name, record.data, record.log_time)
+                else:
+                    topic, message = record
+                    writer.write(topic.name, message.log_time, message.data)
+            writer.close(information)
+    except OSError:
+        partial.unlink(missing_ok=True)  # nothing is gained by half a file on a full disk
+        raise
+    os.replace(file, _unfinished(file))
     os.replace(partial, file)
+
+
+def _unfinished(file: Path) -> Path:
+    return file.with_name(f"{file.name}.unfinished")

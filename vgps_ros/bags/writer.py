@@ -1,26 +1,45 @@
 """Writes a genuine rosbag2 bag with MCAP storage: `.mcap` files and `metadata.yaml`."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
-from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, metadata_file
-from vgps_ros.bags.storage import StorageWriter, Topic
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.bags.disk import Disk, DiskFault, DiskFile
+from vgps_ros.bags.metadata import FileSummary, bag_information, write_metadata
+from vgps_ros.bags.storage import Topic
+from vgps_ros.bags.storage_writer import StorageWriter
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+
+_PATIENCE = 0.8  # with a disk that does not move, at the end [s]
+
+
+class UnfinishedBagError(VgpsError):
+    """A bag lacks its index or `metadata.yaml`, since the disk did not take them."""
 
 
 class BagWriter:
     """A bag that is being written.
+
+    Messages wait in memory for a disk that is slow or full, up to a limit; those beyond it are
+    counted as lost.
 
     Args:
         path: folder of the bag; it must not exist.
         compression: of the files' chunks: none, lz4 or zstd.
         max_file_size: begin a new file beyond this size [bytes]; 0: never.
         max_file_duration: begin a new file after this time [ns]; 0: never.
+        max_backlog: what may wait for the disk [bytes].
+        min_space: what is left free on the disk until the bag is closed [bytes].
+
+    Attributes:
+        path: the folder.
+        lost: messages that could not be written.
 
     Raises:
-        InvalidInputError: the folder exists, or cannot be made.
+        InvalidInputError: the folder exists, cannot be made or cannot be written to.
     """
 
     def __init__(
@@ -30,26 +49,41 @@ class BagWriter:
         compression: str = "none",
         max_file_size: int = 0,
         max_file_duration: int = 0,
+        max_backlog: float = math.inf,
+        min_space: int = 0,
     ):
         self.path = path
+        self.lost = 0
         self._compression = compression
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
+        self._max_backlog = max_backlog
         self._splits = bool(max_file_size or max_file_duration)
         self._definitions = MessageDefinitions()
         self._topics: dict[str, Topic] = {}
         self._attachments: dict[str, tuple[bytes, int]] = {}
-        self._finished: list[FileSummary] = []
-        self._is_closed = False
+        self._finished: list[FileSummary] = []  # files that are on the disk as a whole
+        self._files: list[_BagFile] = []  # those that are not; the last one takes the messages
         try:
             path.mkdir(parents=True)
-            self._file = self._new_file()
         except FileExistsError as error:
             raise InvalidInputError(
                 f"The bag folder '{path}' exists already; name one that does not."
             ) from error
         except OSError as error:
             raise InvalidInputError(f"The bag folder '{path}' cannot be made: {error}.") from error
+        self._disk = Disk(min_space)
+        self._file = self._begin_file()
+        self._disk.drain(_PATIENCE)
+        if fault := self._disk.fault:
+            self._disk.stop()
+            with suppress(OSError):
+                self._file.on_disk.path.unlink(missing_ok=True)
+                path.rmdir()
+            raise InvalidInputError(
+                f"The bag folder '{path}' cannot be written to: {fault.reason}; {fault.next_step}, "
+                "or name another folder."
+            )
 
     @property
     def topics(self) -> list[str]:
@@ -58,9 +92,18 @@ class BagWriter:
 
     @property
     def message_count(self) -> int:
-        """Messages written so far."""
-        unfinished = 0 if self._is_closed else sum(self._file.counts.values())
-        return sum(summary.message_count for summary in self._finished) + unfinished
+        """Messages written so far, those included that wait for the disk."""
+        return sum(summary.message_count for summary in self._summaries())
+
+    @property
+    def fault(self) -> DiskFault | None:
+        """Why nothing can be written now."""
+        return self._disk.fault
+
+    @property
+    def backlog(self) -> int:
+        """What waits for the disk [bytes]."""
+        return self._disk.backlog
 
     def add_topic(
         self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
@@ -75,13 +118,16 @@ class BagWriter:
         self._file.add_topic(topic)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
-        """Writes one message.
+        """Writes one message, or counts it as lost.
 
         Args:
             topic: a topic that was added.
             stamp: time at which it was received [ns].
             data: the message as CDR.
         """
+        if self._disk.backlog > self._max_backlog:
+            self.lost += 1
+            return
         if self._splits and self._is_full(stamp):
             self._split()
         self._file.write(topic, stamp, data)
@@ -91,19 +137,77 @@ class BagWriter:
         self._attachments[name] = (text.encode(), stamp)
         self._file.attach(name, *self._attachments[name])
 
-    def flush(self) -> None:
-        """Hands all messages so far to the operating system: a killed process loses none of them.
+    def flush(self, *, wait: bool = True) -> None:
+        """Hands all messages so far to the disk; once it has them, a killed process loses none.
 
         The file lacks its index until it is closed, but can be read from its start.
+
+        Args:
+            wait: whether to wait until the disk has them, or a first attempt has failed.
         """
         self._file.flush()
+        if wait:
+            self._disk.drain()
+        self._file.keep(self._file.on_disk.written)
+        while self._files[0].on_disk.is_closed:
+            self._finished.append(self._files.pop(0).summary)
 
-    def close(self) -> None:
-        """Completes the bag: the last file's index and `metadata.yaml`."""
-        self._finish_file()
-        self._is_closed = True
-        information = bag_information(self._topics.values(), self._finished)
-        (self.path / FILE_NAME).write_text(metadata_file(information))
+    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
+        """Completes the bag: the last file's index and `metadata.yaml`.
+
+        What a full disk, or one that hangs, does not take is lost; a slow one is waited for.
+
+        Args:
+            hurried: whether not to wait for more than a moment, even if the disk is but slow.
+
+        Raises:
+            UnfinishedBagError: what is on the disk can be read, but has no index.
+        """
+        self._file.flush()
+        try:
+            if not self._disk.drain(_PATIENCE, hurried):
+                self._give_up_waiting()
+            self._disk.min_space = 0
+            for file in self._files:
+                if not file.on_disk.is_closed:
+                    file.close(self._information())
+            if not self._disk.drain(_PATIENCE, hurried):
+                raise self._unfinished()
+            write_metadata(self.path, self._information())
+        except OSError as error:
+            raise self._unfinished(f"metadata.yaml cannot be written, {error.strerror}") from error
+        finally:
+            self._disk.stop()
+
+    def _give_up_waiting(self) -> None:
+        """Counts what the disk did not take as lost, and goes back to what it took.
+
+        Raises:
+            UnfinishedBagError: the disk hangs, so that nothing more can be done.
+        """
+        is_idle = self._disk.abandon()
+        for file in [file for file in self._files if not file.on_disk.is_closed]:
+            before = file.summary.message_count
+            is_there = file.go_back_to_disk(cut=is_idle)
+            self.lost += before - (file.summary.message_count if is_there else 0)
+            if not is_there:
+                self._files.remove(file)
+        if not is_idle:
+            raise self._unfinished()
+
+    def _unfinished(self, reason: str = "") -> UnfinishedBagError:
+        fault = self._disk.fault
+        reason = reason or (f"{fault.reason}; {fault.next_step}" if fault else "the disk hangs")
+        return UnfinishedBagError(
+            f"The bag '{self.path}' could not be completed: {reason}. What is there can be read; "
+            f"`ros2 run vgps_ros bag reindex {self.path}` completes it, where there is space."
+        )
+
+    def _information(self) -> str:
+        return bag_information(self._topics.values(), self._summaries())
+
+    def _summaries(self) -> list[FileSummary]:
+        return [*self._finished, *(file.summary for file in self._files)]
 
     def _is_full(self, stamp: int) -> bool:
         if self._max_file_size and self._file.size >= self._max_file_size:
@@ -113,19 +217,45 @@ class BagWriter:
         return False
 
     def _split(self) -> None:
-        self._finish_file()
-        self._file = self._new_file()
+        self._file.close(self._information())
+        self._file = self._begin_file()
         for topic in self._topics.values():
             self._file.add_topic(topic)
         for name, attachment in self._attachments.items():
             self._file.attach(name, *attachment)
 
-    def _new_file(self) -> StorageWriter:
-        name = f"{self.path.name}_{len(self._finished)}.mcap"  # as rosbag2 counts them
-        return StorageWriter(self.path / name, self._compression)
+    def _begin_file(self) -> "_BagFile":
+        number = len(self._finished) + len(self._files)
+        name = f"{self.path.name}_{number}.mcap"  # as rosbag2 counts them
+        file = _BagFile(DiskFile(self._disk, self.path / name), self._compression)
+        self._files.append(file)
+        return file
 
-    def _finish_file(self) -> None:
-        file = self._file
-        summary = FileSummary(file.path.name, file.start, file.end, file.counts)
-        self._finished.append(summary)
-        file.close(bag_information(self._topics.values(), self._finished))
+
+class _BagFile(StorageWriter):
+    """One file of the bag, on its way to the disk."""
+
+    def __init__(self, on_disk: DiskFile, compression: str):
+        self.on_disk = on_disk
+        super().__init__(on_disk, compression)
+
+    @property
+    def summary(self) -> FileSummary:
+        """What was written to it, on the disk or not."""
+        return FileSummary(self.on_disk.path.name, self.start, self.end, self.counts)
+
+    def go_back_to_disk(self, *, cut: bool) -> bool:
+        """Forgets what is not on the disk; returns whether there is anything.
+
+        Args:
+            cut: whether to cut the file there; a disk that hangs cannot.
+        """
+        if self.on_disk.written < self._marks[0].position:
+            if cut:
+                with suppress(OSError):
+                    self.on_disk.path.unlink(missing_ok=True)
+            return False
+        position = self.go_back(self.on_disk.written)
+        if cut:
+            self.on_disk.cut(position)
+        return True

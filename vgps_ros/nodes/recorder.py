@@ -1,5 +1,6 @@
 """Node `recorder`: every topic of the graph, also those that appear later, into an MCAP bag."""
 
+import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -13,8 +14,9 @@ from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
 from vgps_ros.bags.environment import environment
-from vgps_ros.bags.storage import COMPRESSIONS
+from vgps_ros.bags.storage_writer import COMPRESSIONS
 from vgps_ros.bags.topic_filter import TopicFilter
+from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
@@ -22,7 +24,7 @@ from vgps_ros.nodes.bag_qos import recording, to_bag
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameter_collector import ParameterCollector
 from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.runner import is_hurried, run
 
 OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
@@ -36,10 +38,26 @@ MAX_FILE_SIZE = Setting(
 MAX_FILE_DURATION = Setting(
     "max_file_duration", 0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
 )
+CACHE_SIZE = Setting(
+    "cache_size",
+    100.0,
+    "what may wait in memory for a slow or full disk; messages beyond it are lost [MB]",
+    minimum=1.0,
+    maximum=1e5,
+)
+MIN_SPACE = Setting(
+    "min_space",
+    16.0,
+    "what is left free on the disk, so that the bag can be completed there [MB]",
+    minimum=0.0,
+    maximum=1e7,
+)
 START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume before recording")
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # what a killed recorder loses at most, beside what is on its way [s]
+_TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
+_DISK, _CACHE = "disk", "cache"  # what faults are about
 
 
 class Recorder(Node):
@@ -53,14 +71,19 @@ class Recorder(Node):
         compression = declare(self, COMPRESSION, read_only=True)
         megabytes = declare(self, MAX_FILE_SIZE, read_only=True)
         seconds = declare(self, MAX_FILE_DURATION, read_only=True)
+        self._cache_size = declare(self, CACHE_SIZE, read_only=True)
+        min_space = declare(self, MIN_SPACE, read_only=True)
         self._paused = declare(self, START_PAUSED, read_only=True)
         self._health = Health(self)
-        self._passed_over: set[str] = set()
+        self._passed_over: dict[str, float] = {}  # topics of unknown type, and when to try again
+        self._lost = 0
         self._writer = BagWriter(
             Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"),
             compression=compression,
             max_file_size=round(megabytes * 1e6),
             max_file_duration=round(seconds * 1e9),
+            max_backlog=round(self._cache_size * 1e6),
+            min_space=round(min_space * 1e6),
         )
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
@@ -73,23 +96,63 @@ class Recorder(Node):
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
     def destroy_node(self) -> None:
-        """Completes the bag."""
+        """Completes the bag, as far as the disk takes it."""
         self._save()
-        self._writer.close()
+        try:
+            self._writer.close(is_hurried)
+        except UnfinishedBagError as error:
+            self.get_logger().error(str(error))
         count, topics = self._writer.message_count, len(self._writer.topics)
-        print(f"Recorded {count} messages of {topics} topics to {self._writer.path}.", flush=True)
+        lost = f" {self._writer.lost} messages are lost." if self._writer.lost else ""
+        path = self._writer.path
+        print(f"Recorded {count} messages of {topics} topics to {path}.{lost}", flush=True)
         super().destroy_node()
 
     def _discover(self) -> None:
-        for topic, kinds in self.get_topic_names_and_types():
-            if topic not in self._writer.topics and topic not in self._passed_over:
+        found = self.get_topic_names_and_types()
+        for topic in self._passed_over.keys() - dict(found).keys():
+            del self._passed_over[topic]
+            self._health.clear(topic)
+        for topic, kinds in found:
+            if topic in self._writer.topics:
+                continue
+            if time.monotonic() >= self._passed_over.get(topic, 0.0):
                 publishers = self.get_publishers_info_by_topic(topic)
                 if publishers and self._is_wanted(topic):
                     self._record(topic, kinds[0], publishers)
         self._collector.look()
-        self._health.set_value("messages", self._writer.message_count)
-        self._health.set_value("topics", len(self._writer.topics))
-        self._health.set_value("paused", self._paused)
+        self._report()
+
+    def _report(self) -> None:
+        writer, health = self._writer, self._health
+        if fault := writer.fault:
+            health.error(
+                f"Cannot write to '{fault.path}': {fault.reason}. Recording waits and goes on by "
+                f"itself; {fault.next_step}.",
+                _DISK,
+            )
+        else:
+            health.clear(_DISK)
+        if writer.lost > self._lost:
+            health.error(
+                f"Messages are being lost: the {self._cache_size:g} MB that may wait for the disk "
+                "(cache_size) are full.",
+                _CACHE,
+            )
+        elif writer.backlog * 1e-6 > 0.5 * self._cache_size:
+            health.warn(
+                f"Of the {self._cache_size:g} MB that may wait for the disk (cache_size) over half "
+                "are full; it takes less than what comes.",
+                _CACHE,
+            )
+        else:
+            health.clear(_CACHE)
+        self._lost = writer.lost
+        health.set_value("messages", writer.message_count)
+        health.set_value("messages_lost", writer.lost)
+        health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
+        health.set_value("topics", len(writer.topics))
+        health.set_value("paused", self._paused)
 
     def _is_wanted(self, topic: str) -> bool:
         hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions
@@ -101,9 +164,10 @@ class Recorder(Node):
             kind_class = message_type(kind)
             self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
         except InvalidInputError as error:
-            self._passed_over.add(topic)
-            self.get_logger().warning(f"Does not record {topic}: {error}")
+            self._passed_over[topic] = time.monotonic() + _TYPE_PERIOD
+            self._health.warn(f"Does not record {topic}: {error}", topic)
             return
+        self._health.clear(topic)
         # rclpy's types do not know that a callback may take the message's times too.
         write: Any = self._write_to(topic)
         self.create_subscription(kind_class, topic, write, recording(offered), raw=True)
@@ -119,7 +183,7 @@ class Recorder(Node):
         if self._collector.is_changed:
             stamp = self._wall_clock.now().nanoseconds
             self._writer.attach("parameters.yaml", self._collector.text(), stamp)
-        self._writer.flush()
+        self._writer.flush(wait=False)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = not self._paused

@@ -2,7 +2,6 @@
 
 import signal
 import sys
-import threading
 from collections.abc import Callable
 
 import rclpy
@@ -10,6 +9,13 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
+
+_signals: list[int] = []  # INT and TERM that have come
+
+
+def is_hurried() -> bool:
+    """Returns whether the end was asked for more than once: a clean-up must then not wait."""
+    return len(_signals) > 1
 
 
 def run(make_node: Callable[[], Node], threads: int = 1) -> None:
@@ -22,13 +28,12 @@ def run(make_node: Callable[[], Node], threads: int = 1) -> None:
     """
     # rclpy ends the spin on INT and TERM, then calls the handler that was there before it: one that
     # only takes note, so that a second signal during the clean-up does no harm.
-    signalled = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: signalled.set())
+        signal.signal(number, lambda number, _: _signals.append(number))
     rclpy.init()
     node = executor = None
     try:
-        if signalled.is_set():
+        if _signals:
             return
         node = make_node()
         executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
