@@ -95,7 +95,7 @@ def test_closed_on_a_full_disk_it_keeps_what_the_disk_took(tmp_path, size, setti
             bag.close()
         except UnfinishedBagError as error:
             sentence = str(error)
-        assert time.monotonic() - start < 2.0
+        assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
     assert bool(missing_parts(bag.path)) == bool(sentence)
     if sentence:
         assert re.search("ulimit -f.*bag reindex", sentence)
@@ -153,7 +153,7 @@ def test_the_end_waits_for_a_slow_disk_unless_it_is_hurried(tmp_path, monkeypatc
     start = time.monotonic()
     with pytest.raises(UnfinishedBagError, match="hangs"):
         hurried.close(lambda: True)
-    assert time.monotonic() - start < 2.0
+    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
     assert 0 < hurried.lost < 2000
     patient.close()
     assert patient.lost == 0
@@ -169,7 +169,7 @@ def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):
     start = time.monotonic()
     with pytest.raises(UnfinishedBagError, match="hangs"):
         bag.close()
-    assert time.monotonic() - start < 2.0
+    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
     assert (bag.message_count, bag.lost) == (500, 500)
     gate.set()
     deadline = time.monotonic() + 10.0

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Attachment
@@ -152,25 +153,51 @@ def test_what_came_a_second_ago_is_in_the_file_before_the_recorder_ends(graph, t
     assert recorder.end(signal.SIGINT) == 0, recorder.output
 
 
-def test_a_topic_whose_type_is_not_installed_is_named_once_and_the_rest_recorded(
+def test_a_topic_of_unknown_type_is_named_and_recorded_once_the_type_is_known(
     monkeypatch, request, tmp_path
 ):
     # The packages' definitions are found through the ament index: one without vgps_msgs.
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(":")
-    kept = [p for p in prefixes if not Path(p, "share", "vgps_msgs").is_dir()]
+    known = next(p for p in prefixes if Path(p, "share", "vgps_msgs").is_dir())
+    kept = [p for p in prefixes if p != known]
     monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join([*kept, str(tmp_path)]))
     graph = request.getfixturevalue("graph")
     recorder = graph.start("recorder", output=tmp_path / "bag")
     graph.spin_until_output(recorder, "Recording to")
-    graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
+    latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
+    latched.publish(policy())
     graph.publisher(JointState, "joint_states", STREAM).publish(joint_state(7))
-    graph.spin_for(1.5)
-    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    said = graph.diagnosis("recorder", DiagnosticStatus.WARN, "Does not record /policy")
+    assert "vgps_msgs/msg/GaussianPolicy is not installed; build or source" in said.message
     assert recorder.output.count("Does not record /policy") == 1
-    assert "vgps_msgs/msg/GaussianPolicy is not installed" in recorder.output
+    index = "share/ament_index/resource_index/packages"
+    (tmp_path / index).mkdir(parents=True)
+    for path in (f"{index}/vgps_msgs", "share/vgps_msgs"):
+        (tmp_path / path).symlink_to(Path(known, path))
+    graph.diagnosis("recorder", DiagnosticStatus.OK)
+    graph.spin_for(0.5)
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
     recorded = rows(tmp_path / "bag")
-    assert len(recorded["/joint_states"]) == 1
-    assert "/policy" not in recorded
+    assert len(recorded["/joint_states"]) == len(recorded["/policy"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("output", "min_space", "sentence"),
+    [
+        ("file/bag", 0.0, "cannot be made: .*Not a directory"),
+        ("/proc/bag", 0.0, "cannot be made: .*No such file"),
+        ("bag", 9e6, "cannot be written to: No space left but .*name another folder"),
+    ],
+)
+def test_a_folder_that_cannot_be_written_is_refused_with_a_sentence(
+    graph, tmp_path, output, min_space, sentence
+):
+    (tmp_path / "file").touch()
+    recorder = graph.start("recorder", output=tmp_path / output, min_space=min_space)
+    assert recorder.wait() == 1
+    assert re.search(sentence, recorder.output)
+    assert "Traceback" not in recorder.output
+    assert not (tmp_path / "bag").exists()
 
 
 def test_files_split_and_are_compressed_as_parameters_say(graph, tmp_path):

@@ -10,9 +10,9 @@ from mcap.opcode import Opcode
 from mcap.records import Message, MessageIndex
 from mcap.writer import CompressionType, Writer
 
-from vgps_ros.bags.disk import DiskFile
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
+from vgps_ros.core.disk import DiskFile
 
 COMPRESSIONS = {
     "none": CompressionType.NONE,

@@ -100,8 +100,11 @@ class Health:
         now = time.monotonic()
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
         if (before != level and now - when > _LOG_PERIOD) or sentence != said:
-            log = self._node.get_logger()
-            (log.error if level == DiagnosticStatus.ERROR else log.warning)(sentence)
+            # On lines of their own: rclpy refuses two severities from one.
+            if level == DiagnosticStatus.ERROR:
+                self._node.get_logger().error(sentence)
+            else:
+                self._node.get_logger().warning(sentence)
             self._said[about] = (sentence, now)
         self._faults[about] = (level, sentence)
         self._over.discard(about)

@@ -125,12 +125,13 @@ class Recorder(Node):
 
     def _report(self) -> None:
         writer, health = self._writer, self._health
+        health.set_value("messages", writer.message_count)
+        health.set_value("messages_lost", writer.lost)
+        health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
+        health.set_value("topics", len(writer.topics))
+        health.set_value("paused", self._paused)
         if fault := writer.fault:
-            health.error(
-                f"Cannot write to '{fault.path}': {fault.reason}. Recording waits and goes on by "
-                f"itself; {fault.next_step}.",
-                _DISK,
-            )
+            health.error(fault.sentence, _DISK)
         else:
             health.clear(_DISK)
         if writer.lost > self._lost:
@@ -148,11 +149,6 @@ class Recorder(Node):
         else:
             health.clear(_CACHE)
         self._lost = writer.lost
-        health.set_value("messages", writer.message_count)
-        health.set_value("messages_lost", writer.lost)
-        health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
-        health.set_value("topics", len(writer.topics))
-        health.set_value("paused", self._paused)
 
     def _is_wanted(self, topic: str) -> bool:
         hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions

@@ -16,14 +16,17 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.runner import is_hurried, run
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
+from vgps_ros.views.recording import UnfinishedRecordingError
 
 OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist")
 
 _STATES, _SOLVES = "joint_states", "iterations"
 _LATCHED = {"robot_description", "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
+_MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
+_DISK = "disk"  # what a fault is about
 _DEPTH = 10_000  # what comes while a message is drawn must not be lost
 
 
@@ -36,18 +39,22 @@ class Visualizer(Node):
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
         self._health.wait_for(f"{_STATES} from simulation")
+        self._left_out = 0
         self._shown: set[str] = set()
         for topic, kind in DRAWN.items():
             if topic != _SOLVES:
                 self._listen(topic, kind)
         self.create_timer(
-            _DISCOVERY_PERIOD, self._find_solvers, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            _DISCOVERY_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self.get_logger().info(f"Recording what is seen to {path}.")
 
     def destroy_node(self) -> None:
-        """Completes the recording."""
-        self._scene.close()
+        """Completes the recording, as far as the disk takes it."""
+        try:
+            self._scene.close(is_hurried)
+        except UnfinishedRecordingError as error:
+            self.get_logger().error(str(error))
         super().destroy_node()
 
     def _listen(self, topic: str, kind: str) -> None:
@@ -57,7 +64,13 @@ class Visualizer(Node):
         self.create_subscription(message_type(kind), topic, self._show(topic), qos)
 
     def _show(self, topic: str) -> Callable[[Any], None]:
-        return lambda message: self._scene.show(topic, message)
+        def show(message: Any) -> None:
+            if self._scene.recording.backlog <= _MAX_BACKLOG:
+                self._scene.show(topic, message)
+            else:
+                self._left_out += 1
+
+        return show
 
     def _report(self, topic: str, sentence: str | None) -> None:
         if sentence:
@@ -66,6 +79,14 @@ class Visualizer(Node):
         self._health.clear(topic)
         if topic == _STATES:
             self._health.arrived(f"{_STATES} from simulation")
+
+    def _look(self) -> None:
+        self._health.set_value("messages_left_out", self._left_out)
+        if fault := self._scene.recording.fault:
+            self._health.error(fault.sentence, _DISK)
+        else:
+            self._health.clear(_DISK)
+        self._find_solvers()
 
     def _find_solvers(self) -> None:
         """Listens to every optimizer there is, whatever its name."""

@@ -59,12 +59,15 @@ class GraphScene:
         path: file of the recording; it must not exist.
         report: takes a topic and a sentence on why its message was left out, or None once one fits.
 
+    Attributes:
+        recording: the file.
+
     Raises:
         InvalidInputError: the file exists, or cannot be written.
     """
 
     def __init__(self, path: Path, report: Callable[[str, str | None], None]):
-        self._recording = Recording(path)
+        self.recording = Recording(path)
         self._report = report
         self._robot: RobotScene | None = None
         self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
@@ -86,11 +89,18 @@ class GraphScene:
         else:
             self._report(name, None)
 
-    def close(self) -> None:
-        """Completes the file; only now are the last solutions' tubes known."""
+    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
+        """Completes the file; only now are the last solutions' tubes known.
+
+        Args:
+            hurried: whether not to wait for more than a moment, even if the disk is but slow.
+
+        Raises:
+            UnfinishedRecordingError: the disk is full, or hangs.
+        """
         if self._robot:
             self._robot.log_tubes()
-        self._recording.close()
+        self.recording.close(hurried)
 
     @property
     def robot(self) -> RobotScene:
@@ -101,8 +111,8 @@ class GraphScene:
     def _show_robot_description(self, message: Any) -> None:
         if self._robot is not None:
             return  # each node that knows the robot says the same
-        self._robot = RobotScene(self._recording, message.data)
-        self._recording.lay_out(blueprint(self._robot.hinge_names))
+        self._robot = RobotScene(self.recording, message.data)
+        self.recording.lay_out(blueprint(self._robot.hinge_names))
         while self._waiting:
             self.show(*self._waiting.popleft())
 
@@ -123,16 +133,16 @@ class GraphScene:
         self.robot.log_command(nanoseconds(message.header.stamp), torques)
 
     def _show_learning_progress(self, message: Any) -> None:
-        self._recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
+        self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
         for name, field in _FIGURES.items():
             if np.isfinite(figure := getattr(message, field)):
-                self._recording.log(f"learning/{name}", rr.Scalars(figure))
+                self.recording.log(f"learning/{name}", rr.Scalars(figure))
 
     def _show_policy(self, message: Any) -> None:
         noise_std = policy_from_msg(message).noise_std
         finite_array("policy.noise_std", noise_std, (len(self.robot.actuated_joint_names),))
-        self._recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
-        self._recording.log("policy/noise_std", rr.Scalars(noise_std))
+        self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
+        self.recording.log("policy/noise_std", rr.Scalars(noise_std))
 
     def _show_trajectory_distribution(self, message: Any) -> None:
         q = distribution_from_msg(message)
@@ -143,5 +153,5 @@ class GraphScene:
             self.robot.log_initial_solution(int(message.trajectory_index), q.mean.states)
 
     def _show_solve(self, solver: str, message: Any) -> None:
-        self._recording.set_iteration(message.search_iteration, nanoseconds(message.header.stamp))
-        self._recording.log(f"solves/{solver}", rr.Scalars(message.cost))
+        self.recording.set_iteration(message.search_iteration, nanoseconds(message.header.stamp))
+        self.recording.log(f"solves/{solver}", rr.Scalars(message.cost))

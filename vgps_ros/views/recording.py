@@ -1,6 +1,8 @@
 """A Rerun recording that is written to a file; no screen, and no port."""
 
-from collections.abc import Sequence
+import os
+import threading
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +10,23 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.disk import Disk, DiskFault, DiskFile
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 
 TIME = "ros2_timestamp"  # stamps of messages, as Rerun's own MCAP reader names it
 WALL_TIME = "wall_time"  # stamps of what does not belong to the robot's time
 ITERATION = "iteration"  # of Algorithm 1
 
+_PIECE = 2**18  # that is written at once [bytes]
+_PATIENCE = 0.8  # with a disk that does not move, at the end [s]
+
+
+class UnfinishedRecordingError(VgpsError):
+    """The disk did not take the end of a recording; what is there can be read."""
+
 
 class Recording:
-    """A file that is being written.
+    """A file that is being written; a slow or full disk is waited for in the background.
 
     Args:
         path: the file; it must not exist.
@@ -37,8 +47,25 @@ class Recording:
             raise InvalidInputError(
                 f"The recording '{path}' cannot be written: {error}."
             ) from error
+        self._disk = Disk()
+        self._file = DiskFile(self._disk, path)
         self._stream = rr.RecordingStream("vgps_ros")
-        self._stream.save(path)
+        # Rerun gives up a file at the first error, and then may never end: it writes to a pipe.
+        source, sink = os.pipe()
+        self._stream.save(f"/proc/self/fd/{sink}")
+        os.close(sink)
+        self._pump = threading.Thread(target=self._take, args=[source], name="pump", daemon=True)
+        self._pump.start()
+
+    @property
+    def fault(self) -> DiskFault | None:
+        """Why nothing can be written now."""
+        return self._disk.fault
+
+    @property
+    def backlog(self) -> int:
+        """What waits for the disk [bytes]."""
+        return self._disk.backlog
 
     def log(self, entity: str, *what: Any) -> None:
         """Shows something at the time that was set last."""
@@ -78,7 +105,28 @@ class Recording:
         """Says what a viewer shows where, when it opens the file."""
         self._stream.send_blueprint(blueprint)
 
-    def close(self) -> None:
-        """Completes the file."""
+    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
+        """Completes the file.
+
+        Args:
+            hurried: whether not to wait for more than a moment, even if the disk is but slow.
+
+        Raises:
+            UnfinishedRecordingError: the disk is full, or hangs.
+        """
         self._stream.flush()
         self._stream.disconnect()
+        self._pump.join()
+        is_whole, fault = self._disk.drain(_PATIENCE, hurried), self._disk.fault
+        self._disk.stop()
+        if not is_whole:
+            reason = f"{fault.reason}; {fault.next_step}" if fault else "the disk hangs"
+            raise UnfinishedRecordingError(
+                f"The recording '{self._file.path}' lacks its end: {reason}."
+            )
+
+    def _take(self, source: int) -> None:
+        with open(source, "rb", buffering=0) as pipe:
+            while piece := pipe.read(_PIECE):
+                self._file.write(piece)
+        self._file.close()

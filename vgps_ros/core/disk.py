@@ -42,12 +42,20 @@ class DiskFault:
     reason: str
     next_step: str
 
+    @property
+    def sentence(self) -> str:
+        """What to tell somebody while the recording goes on."""
+        return (
+            f"Cannot write to '{self.path}': {self.reason}. Recording waits and goes on by itself; "
+            f"{self.next_step}."
+        )
+
 
 class DiskFile:
-    """A new file; what is handed over in one call is on the disk as a whole, or not at all.
+    """A file; what is handed over in one call is on the disk as a whole, or not at all.
 
     Attributes:
-        path: the file, which must not exist; it is made with the first block.
+        path: the file, which is made with the first block, unless it is there.
         written: bytes on the disk.
         is_closed: whether all is on the disk and nothing more can be.
     """
@@ -92,7 +100,7 @@ class DiskFile:
             OSError: it could not be written; nothing of it is left.
         """
         if self._descriptor < 0:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
             self._descriptor = os.open(self.path, flags, 0o666)
             fcntl.flock(self._descriptor, fcntl.LOCK_EX)  # see is_being_written
         if min_space:
