@@ -15,6 +15,10 @@ import numpy as np
 from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 
+# Least standard deviation in each direction where a density or distance needs an inverse
+# [m, rad, m/s, rad/s]: a coordinate of x_1 may be exact.
+LOWEST_STD = 0.01
+
 
 @dataclass(frozen=True)
 class MarginalSettings:
@@ -83,6 +87,12 @@ def sample_rollout_noise(
     roots = np.linalg.cholesky(distribution.control_covariances)
     noise = rng.standard_normal((count, *roots.shape[:2]))
     return np.einsum("tuv,stv->stu", roots, noise)
+
+
+def observed_covariances(distribution: TrajectoryDistribution, observed: tuple[int, ...]) -> Array:
+    """Returns Σ_1 … Σ_T of some coordinates, shape (T, n, n), widened by LOWEST_STD."""
+    chosen = np.ix_(range(distribution.mean.horizon), observed, observed)
+    return distribution.state_covariances[chosen] + LOWEST_STD**2 * np.eye(len(observed))
 
 
 def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from vgps_ros.core.distribution_file import DISTRIBUTION
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.experiments.command_line import add_flags, settings_from
 from vgps_ros.experiments.training import train
@@ -41,8 +42,8 @@ def train_with_progress(
         )
     save(learning_curve(content), output / "learning_curve.png")
     print(
-        f"Wrote result.json, policy.json, {TRAJECTORIES} and learning_curve.png to {output}; "
-        f"`ros2 run vgps_ros plot {output}` draws the rest."
+        f"Wrote result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png to "
+        f"{output}; `ros2 run vgps_ros plot {output}` draws the rest."
     )
 
 
@@ -64,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="train",
         parents=[which],
         description="Learns a policy in this process, and "
-        f"writes result.json, policy.json, {TRAJECTORIES} and learning_curve.png.",
+        f"writes result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png.",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")

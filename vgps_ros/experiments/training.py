@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.ddp import Iteration
+from vgps_ros.core.distribution_file import DISTRIBUTION, save_distributions
 from vgps_ros.core.policy_file import save_policy, write_json
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.search.methods import SearchIteration, search
@@ -34,7 +35,7 @@ def train(
 ) -> dict[str, Any]:
     """Trains a policy; writes result.json and policy.json after each iteration.
 
-    At the end trajectories.npz is written too.
+    At the end trajectories.npz and distribution.npz are written too.
 
     Args:
         method: name of the policy search.
@@ -95,4 +96,6 @@ def train(
         last.state_covariances,
         executed.states[np.isfinite(executed.states).all(axis=1)],  # until it diverged
     ).save_trajectories(output)
+    scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
+    save_distributions(scored, task.name, output / DISTRIBUTION)
     return content

@@ -1,40 +1,38 @@
-"""Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes."""
+"""Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes.
 
-from pathlib import Path
+Where the policy must not drive, the safe action does; `core.safety` decides.
+"""
 
-import numpy as np
-from builtin_interfaces.msg import Time
+import time
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
-from vgps_ros.core.checks import one_of
+from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.execution import executed_control
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_file import load_policy
-from vgps_ros.core.records import Array
+from vgps_ros.core.safety import Command, SafetySettings, Supervisor, model_torque_limits
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
     command_to_msg,
     nanoseconds,
     pack,
-    policy_from_msg,
-    policy_to_msg,
+    stamp_of,
     state_from_msg,
 )
 from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameters import SEED, TASK, declare, value
-from vgps_ros.nodes.qos import LATCHED, NEWEST, STREAM
+from vgps_ros.nodes.parameters import SEED, TASK, declare, declare_settings, value
+from vgps_ros.nodes.qos import NEWEST, STREAM
 from vgps_ros.nodes.runner import run
-from vgps_ros.tasks import make_task
+from vgps_ros.nodes.training_results import TrainingResults
+from vgps_ros.tasks import Task, make_task
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
 AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")
-POLICY_FILE = Setting(
-    "policy_file", "", "policy.json of a training to start with; empty: wait for the topic policy"
-)
 COMMAND_TYPE = Setting(
     "command_type",
     "joint_state",
@@ -44,7 +42,6 @@ COMMAND_TYPE = Setting(
     choices=("joint_state", "float64_multi_array"),
 )
 
-_POLICY = "policy from policy_learner"
 _STATE = "joint_states from simulation"
 
 
@@ -57,23 +54,36 @@ class PolicyExecutor(LifecycleNode):
         self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
         declare(self, SEED)
         declare(self, STOCHASTIC)
-        policy_file = declare(self, POLICY_FILE, read_only=True)
         autostart = declare(self, AUTOSTART, read_only=True)
+        self._settings = self._declare_safety(self._task)
         self._health = Health(self, owns="joint_command")
         self._active = False
-        self._policy: GaussianPolicy | None = None
+        time_step = self._task.dynamics.time_step
+        actuated = [self._task.joint_names.index(n) for n in self._task.actuated_joint_names]
+        self._supervisor = Supervisor(self._settings, actuated, time_step)
         # A policy that comes before activation is kept for it.
-        self.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
+        self._training = TrainingResults(
+            self,
+            self._task,
+            self._health,
+            self._supervisor.marginals.__setitem__ if self._settings.needs_distribution else None,
+        )
         self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
         self._commands = (
             self.create_lifecycle_publisher(Float64MultiArray, "commands", STREAM)
             if self._plain
             else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
         )
-        if policy_file:
-            self._publish_policy(Path(policy_file))
+        # Wall time: simulated time may stand still just when something is wrong.
+        self.create_timer(time_step, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if autostart:
             self._health.when_alone(self._start)
+
+    def _declare_safety(self, task: Task) -> SafetySettings:
+        limits = tuple(model_torque_limits(task.dynamics.model).tolist())
+        settings = declare_settings(self, SafetySettings(torque_limits=limits))
+        finite_array("torque_limits", settings.torque_limits, (task.dynamics.control_dim,))
+        return settings
 
     def _start(self) -> None:
         self.trigger_configure()
@@ -81,76 +91,88 @@ class PolicyExecutor(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets torques flow."""
+        self._supervisor.begin()
         self._active = True
-        if self._policy is None:
-            self._health.wait_for(_POLICY)
+        self._training.wait()
         self._health.wait_for(_STATE)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques."""
+        """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
+        if self._active:
+            self._send(self._supervisor.stop())
         self._active = False
-        self._health.stop_waiting(_POLICY)
+        self._training.stop_waiting()
         self._health.stop_waiting(_STATE)
         self._health.clear("state")
+        self._health.clear("distance")
         return super().on_deactivate(state)
-
-    def _take_policy(self, message: GaussianPolicyMsg) -> None:
-        try:
-            policy = self._checked(policy_from_msg(message), message.task)
-        except InvalidInputError as error:
-            kept = "the one before stays" if self._policy else "there is none before it"
-            self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
-            return
-        self._policy = policy
-        self._health.arrived(_POLICY)
-        self._health.clear("policy")
-        self._health.set_value("policy of iteration", message.iteration)
-
-    def _publish_policy(self, path: Path) -> None:
-        """Publishes the file's policy, for this node and whoever else follows the topic."""
-        policy, task = load_policy(path)
-        self._checked(policy, task)
-        publisher = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-        publisher.publish(policy_to_msg(policy, task, 0, self.get_clock().now().to_msg()))
-
-    def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
-        one_of("the policy's task", task, [self._task.name])
-        policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
-        return policy
 
     def _take_state(self, message: JointState) -> None:
         if not self._active:
             return
         self._health.arrived(_STATE)
-        if self._policy is None:
+        policy = self._training.policy
+        if policy is None:
             return
         try:
-            state = state_from_msg(message, self._task.joint_names)
-            torques = self._torques(self._policy, state, nanoseconds(message.header.stamp))
+            command = self._answer(policy, message)
         except InvalidInputError as error:
-            self._health.error(f"Gave no torques: {error}", "state")
-            return
-        self._health.clear("state")
-        self._publish(torques, message.header.stamp)
+            command = self._supervisor.refuse(str(error), time.monotonic())
+        self._send(command)
+        self._report()
 
-    def _torques(self, policy: GaussianPolicy, state: Array, stamp: int) -> Array:
-        if stamp < 0:
-            raise InvalidInputError(
-                f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
-            )
+    def _answer(self, policy: GaussianPolicy, message: JointState) -> Command | None:
+        state = state_from_msg(message, self._task.joint_names)
+        stamp = nanoseconds(message.header.stamp)
+        age = (self.get_clock().now().nanoseconds - stamp) * 1e-9
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
-        torques = executed_control(policy, state, stamp, seed)
-        if not np.isfinite(torques).all():
-            raise InvalidInputError(f"the policy's output is {torques} in this state.")
-        return torques
-
-    def _publish(self, torques: Array, stamp: Time) -> None:
-        self._commands.publish(
-            Float64MultiArray(data=pack(torques))
-            if self._plain
-            else command_to_msg(torques, self._task.actuated_joint_names, stamp)
+        return self._supervisor.answer(
+            state,
+            stamp,
+            age,
+            time.monotonic(),
+            lambda: executed_control(policy, state, stamp, seed),
         )
+
+    def _watch(self) -> None:
+        """Sends the safe action where it is due without a state, once a control period."""
+        if self._active and (command := self._supervisor.watch(time.monotonic())):
+            self._send(command)
+            self._report()
+
+    def _send(self, command: Command | None) -> None:
+        if command:
+            self._commands.publish(
+                Float64MultiArray(data=pack(command.torques))
+                if self._plain
+                else command_to_msg(
+                    command.torques, self._task.actuated_joint_names, stamp_of(command.stamp)
+                )
+            )
+
+    def _report(self) -> None:
+        """Shows on /diagnostics who drives, and why."""
+        supervisor, settings = self._supervisor, self._settings
+        if supervisor.fault:
+            ends = (
+                " It stays until the node is deactivated and activated."
+                if settings.recovery == "manual"
+                else ""
+            )
+            sentence = (
+                f"Not the policy drives, but the safe action ({settings.safe_action}): "
+                f"{supervisor.fault}{ends}"
+            )
+            self._health.error(sentence, "state")
+        else:
+            self._health.clear("state")
+        if supervisor.warning:
+            self._health.warn(supervisor.warning, "distance")
+        else:
+            self._health.clear("distance")
+        if supervisor.distance is not None:
+            self._health.set_value("distance from training", f"{supervisor.distance:.2f}")
 
 
 def main() -> None:

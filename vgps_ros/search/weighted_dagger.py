@@ -16,14 +16,11 @@ in each direction.
 from collections.abc import Iterator
 from functools import partial
 
-import numpy as np
-
 from vgps_ros.core.gaussians import squared_distance
+from vgps_ros.core.marginals import observed_covariances
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.search.dagger import imitate
 from vgps_ros.search.workspace import Update, Workspace
-
-_LOWEST_STD = 0.01  # [m, rad, m/s, rad/s]; a coordinate of x_1 may be exact
 
 
 def weighted_dagger(work: Workspace) -> Iterator[Update]:
@@ -42,7 +39,5 @@ def marginal_log_weights(
         states: x_1 … x_T of each rollout.
         observed: the n coordinates that count.
     """
-    chosen = np.ix_(range(q.mean.horizon), observed, observed)
-    covariances = q.state_covariances[chosen] + _LOWEST_STD**2 * np.eye(len(observed))
     deviations = (states - q.mean.states[:-1])[..., observed]
-    return -0.5 * squared_distance(deviations, covariances) / len(observed)
+    return -0.5 * squared_distance(deviations, observed_covariances(q, observed)) / len(observed)

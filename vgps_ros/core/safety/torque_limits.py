@@ -1,0 +1,71 @@
+"""Limits of torques, and of their change."""
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.records import Array
+
+
+def model_torque_limits(model: mujoco.MjModel) -> Array:
+    """Returns the largest control of each actuator that the model allows, shape (n_u,), [N·m].
+
+    MuJoCo limits an actuator's control, its force, and the forces on its joint; of a range, the
+    smaller side counts. A joint without any has CONTROL_BOUND.
+    """
+    gain, gear = np.abs(model.actuator_gainprm[:, 0]), np.abs(model.actuator_gear[:, 0])
+    joints = model.actuator_trnid[:, 0]
+    limits = np.full(model.nu, CONTROL_BOUND)
+    for limited, ranges, force_per_control in (
+        (model.actuator_ctrllimited, model.actuator_ctrlrange, np.ones(model.nu)),
+        (model.actuator_forcelimited, model.actuator_forcerange, gain),
+        (model.jnt_actfrclimited[joints], model.jnt_actfrcrange[joints], gain * gear),
+    ):
+        largest = np.minimum(-ranges[:, 0], ranges[:, 1]).clip(min=0.0)
+        limits = np.where(limited, np.minimum(limits, largest / force_per_control), limits)
+    return limits
+
+
+class TorqueLimiter:
+    """Clips torques, also to what the torques of the state before allow.
+
+    The change counts from the last torques that an earlier state led to, so that a state that is
+    sent twice gets the same answer twice. Where there are none, or time went back, torques start
+    from zero.
+
+    Args:
+        limits: shape (n_u,), [N·m].
+        rate: largest change over time [N·m/s]; 0: no limit.
+        period: of the control [s]; a longer silence allows no larger change.
+    """
+
+    def __init__(self, limits: Array, rate: float, period: float):
+        self._limits, self._rate, self._period = limits, rate, period
+        # Stamp [ns] and torques of the latest command, and of the one before it.
+        start = (-1, np.zeros_like(limits))
+        self._start = self._latest = self._earlier = start
+
+    def clipped(self, torques: Array) -> Array:
+        """Returns torques within the limits, shape (n_u,), [N·m]."""
+        return np.clip(torques, -self._limits, self._limits)
+
+    def limited(self, torques: Array, stamp: int) -> Array:
+        """Returns torques within all limits, shape (n_u,), [N·m], for the state of a stamp [ns]."""
+        torques = self.clipped(torques)
+        if not self._rate:
+            return torques
+        before_stamp, before = self._before(stamp)
+        elapsed = self._period
+        if before_stamp >= 0:
+            elapsed = min(elapsed, (stamp - before_stamp) * 1e-9)
+        return np.clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
+
+    def note(self, torques: Array, stamp: int) -> None:
+        """Takes note of torques that were sent, from which the next ones may change."""
+        self._earlier = self._before(stamp)
+        self._latest = (stamp, torques)
+
+    def _before(self, stamp: int) -> tuple[int, Array]:
+        if stamp > self._latest[0]:
+            return self._latest
+        return self._earlier if stamp == self._latest[0] else self._start
