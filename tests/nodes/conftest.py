@@ -247,7 +247,7 @@ def shared_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
         yield opened
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def random_policy(swimmer: Task) -> Callable[[int], GaussianPolicy]:
     """Returns a function that draws a policy for the swimmer, with torques of some N·m."""
 

@@ -113,22 +113,6 @@ def test_an_invalid_policy_is_refused_and_the_old_one_stays(
     np.testing.assert_array_equal(controller.answer(ONES), random_policy(0).mean(ONES))
 
 
-@pytest.mark.parametrize(
-    ("state", "names", "sentence"),
-    [
-        ([*ONES[:9], np.nan], None, "joint_states.velocity is nan at index 4"),
-        ([np.inf, *ONES[:9]], None, "joint_states.position is inf at index 0"),
-        (ONES, ["a", "b", "c", "d", "e"], "['a', 'b', 'c', 'd', 'e']"),
-        (ONES[:8], ["root_x", "root_y", "root_yaw", "front_joint"], "back_joint"),
-    ],
-)
-def test_a_bad_state_gets_no_torques_but_the_next_good_one_does(controller, state, names, sentence):
-    controller.send(state, names=names)
-    controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)
-    assert not controller.commands
-    controller.answer(ONES)
-
-
 def test_after_a_fault_it_reports_that_all_is_well(controller):
     controller.send([np.nan] * 10)
     controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR)

@@ -48,7 +48,8 @@ REAL_TIME_FACTOR = Setting(
 COMMAND_TIMEOUT = Setting(
     "command_timeout",
     0.5,
-    "in real_time mode, torques are zero after this time without a command [s of the wall clock]",
+    "in real_time mode, torques are zero after this time without a command, and one that answers "
+    "an older state is refused [s of the wall clock]",
     minimum=0.01,
     maximum=86400.0,
 )
@@ -74,7 +75,7 @@ class Simulation(Node):
         )
         start = declare(self, self._initial_state, also_check=self._to_state)
         self._lock_step = declare(self, MODE, read_only=True) == "lock_step"
-        factor = declare(self, REAL_TIME_FACTOR, read_only=True)
+        self._factor = factor = declare(self, REAL_TIME_FACTOR, read_only=True)
         declare(self, COMMAND_TIMEOUT)
         self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
         self._health = Health(self, owns="joint_states")
@@ -128,8 +129,7 @@ class Simulation(Node):
 
     def _take_command(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
-        oldest = self._robot.stamp if self._lock_step else self._held_stamp
-        in_time = oldest <= stamp <= self._robot.stamp
+        in_time = self._oldest_answered() <= stamp <= self._robot.stamp
         if not in_time and stamp == self._robot.previous_stamp:
             return  # the second answer to a state that was sent twice
         try:
@@ -138,7 +138,7 @@ class Simulation(Node):
             if not in_time:
                 raise InvalidInputError(
                     f"its stamp is {stamp * 1e-9:g} s, but it must be that of the state that it "
-                    f"answers, {self._robot.stamp * 1e-9:g} s."
+                    f"answers, now {self._robot.stamp * 1e-9:g} s."
                 )
         except InvalidInputError as error:
             self._health.error(f"Ignored a joint_command: {error}", "command")
@@ -149,6 +149,13 @@ class Simulation(Node):
             self._held, self._held_stamp, self._held_since = command, stamp, time.monotonic()
         elif self._control.running:
             self._advance(command)
+
+    def _oldest_answered(self) -> int:
+        """The oldest stamp of a state that a command may still answer [ns]."""
+        if self._lock_step:
+            return self._robot.stamp
+        timeout = round(value(self, COMMAND_TIMEOUT) * self._factor * 1e9)
+        return max(self._held_stamp, self._robot.stamp - timeout)
 
     def _step_in_real_time(self) -> None:
         if not self._control.running:
