@@ -1,6 +1,6 @@
 """A whole training in this process, and the folder that it leaves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +9,9 @@ import numpy as np
 from vgps_ros.core.ddp import Iteration
 from vgps_ros.core.distribution_file import DISTRIBUTION, save_distributions
 from vgps_ros.core.policy_file import save_policy, write_json
-from vgps_ros.core.records import TrajectoryDistribution
-from vgps_ros.search.methods import SearchIteration, search
+from vgps_ros.search.checkpoints import Checkpoints
+from vgps_ros.search.iteration import SearchIteration
+from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry, result_content
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimizer import (
@@ -32,6 +33,7 @@ def train(
     *,
     on_iteration: Callable[[SearchIteration], None] = lambda _: None,
     on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
+    checkpoints: Checkpoints | None = None,
 ) -> dict[str, Any]:
     """Trains a policy; writes result.json and policy.json after each iteration.
 
@@ -45,30 +47,26 @@ def train(
         output: folder for the files; made if it is missing.
         on_iteration: called at the end of each iteration.
         on_initial_ddp: called at the end of each iteration of the initial solve.
+        checkpoints: what a training that was stopped goes on from, with the same numbers.
 
     Returns:
         The content of result.json.
 
     Raises:
-        VgpsError: a setting is out of range, or the first rollout diverges.
+        VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints are
+            those of another training.
     """
     output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
-    entries = []
-    solutions: dict[str, TrajectoryDistribution] = {}  # of the first initial state
 
     def optimize(request: OptimizationRequest) -> OptimizationResult:
         report = on_initial_ddp if request.iteration == 0 else lambda _: None
-        result = optimizer.optimize(request, on_iteration=report)
-        if request.trajectory_index == 0:
-            which = "last" if request.iteration else "initial"
-            solutions[which] = result.distribution.first(task.horizon)
-        return result
+        return optimizer.optimize(request, on_iteration=report)
 
-    for iteration in search(
-        method, task, settings, seed, lambda requests: [optimize(request) for request in requests]
-    ):
-        entries.append(iteration_entry(iteration))
+    def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
+        return [optimize(request) for request in requests]
+
+    for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         content = result_content(
             task=task.name,
             method=method,
@@ -76,14 +74,16 @@ def train(
             hidden_units=settings.hidden_units,
             num_parameters=iteration.policy.architecture.num_parameters,
             initial_ddp_cost=iteration.initial_ddp_cost,
-            iterations=entries,
+            iterations=[iteration_entry(figures) for figures in iteration.history],
         )
         write_json(output / "result.json", content)
         save_policy(iteration.policy, task.name, output / "policy.json")
         on_iteration(iteration)
     policy = iteration.policy
-    initial = solutions["initial"]
-    last = solutions.get("last", initial)  # some methods keep the initial solution
+    initial, last = (  # of the first initial state
+        solutions[0].distribution.first(task.horizon)
+        for solutions in (iteration.initial_solutions, iteration.solutions)
+    )
     executed = task.dynamics.rollout(
         initial.mean.states[0], lambda t, x: policy.mean(x), task.horizon
     )

@@ -6,12 +6,11 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.messages.conversions import pack
-from vgps_ros.search.methods import SearchIteration
+from vgps_ros.search.iteration import Figures
 
 
 def progress_to_msg(
-    iteration: SearchIteration,
+    iteration: Figures,
     *,
     task: str,
     method: str,
@@ -21,7 +20,6 @@ def progress_to_msg(
     stamp: Time,
 ) -> LearningProgress:
     """Returns one iteration's outcome as a message."""
-    evaluation = iteration.evaluation
     message = LearningProgress(
         task=task,
         method=method,
@@ -31,12 +29,12 @@ def progress_to_msg(
         alpha=iteration.alpha,
         initial_ddp_cost=iteration.initial_ddp_cost,
         ddp_cost=iteration.ddp_cost,
-        deterministic_cost=evaluation.deterministic_cost,
-        deterministic_survival=evaluation.deterministic_survival,
-        stochastic_cost_mean=evaluation.stochastic_mean,
-        stochastic_cost_median=evaluation.stochastic_median,
-        stochastic_survival=evaluation.stochastic_survival,
-        noise_std=pack(iteration.policy.noise_std),
+        deterministic_cost=iteration.deterministic_cost,
+        deterministic_survival=iteration.deterministic_survival,
+        stochastic_cost_mean=iteration.stochastic_cost_mean,
+        stochastic_cost_median=iteration.stochastic_cost_median,
+        stochastic_survival=iteration.stochastic_survival,
+        noise_std=iteration.noise_std,
         policy_kl=iteration.policy_kl,
         policy_entropy=iteration.policy_entropy,
         q_step_seconds=iteration.q_step_seconds,

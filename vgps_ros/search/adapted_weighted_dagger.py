@@ -7,15 +7,14 @@ match the policy (in addition to weighting)." The solutions are those of line 6 
 the same α; the current one names actions and weights of the whole dataset.
 """
 
-from collections.abc import Iterator
 from functools import partial
 
-from vgps_ros.search.dagger import imitate
+from vgps_ros.search.dagger import Imitation, imitate
 from vgps_ros.search.weighted_dagger import marginal_log_weights
-from vgps_ros.search.workspace import Update, Workspace
+from vgps_ros.search.workspace import Workspace
 
 
-def adapted_weighted_dagger(work: Workspace) -> Iterator[Update]:
-    """Runs DAGGER on a weighted dataset with a DDP solution that adapts to the policy."""
+def adapted_weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
+    """Does iteration k of DAGGER on a weighted dataset, with solutions that adapt to the policy."""
     weigh = partial(marginal_log_weights, observed=work.task.observed)
-    return imitate(work, weigh, adapts=True)
+    return imitate(work, last, k, weigh, adapts=True)

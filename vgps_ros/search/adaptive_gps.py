@@ -8,12 +8,10 @@ importance sampling". The solutions are those of line 6 of Algorithm 1, with the
 rollouts join the initial ones and are kept as long as those of the policies.
 """
 
-from collections.abc import Iterator
-
-from vgps_ros.search.gps import guided_search
-from vgps_ros.search.workspace import Update, Workspace
+from vgps_ros.search.gps import GuidedUpdate, guided_search
+from vgps_ros.search.workspace import Workspace
 
 
-def adaptive_gps(work: Workspace) -> Iterator[Update]:
-    """Runs guided policy search with a DDP solution that adapts to the policy."""
-    return guided_search(work, adapt=work.reoptimize)
+def adaptive_gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
+    """Does iteration k of guided policy search with a DDP solution that adapts to the policy."""
+    return guided_search(work, last, k, adapts=True)

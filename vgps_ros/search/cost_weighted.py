@@ -9,8 +9,7 @@ resemble the initial DDP solution." α falls as in Algorithm 1; a rollout that d
 nothing, and where all did the policy stays.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import count
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import softmax
@@ -19,23 +18,26 @@ from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
 
 
-def cost_weighted(work: Workspace, samples: int | None = None) -> Iterator[Update]:
-    """Runs cost-weighted search.
+def cost_weighted(
+    work: Workspace, last: Update | None, k: int, samples: int | None = None
+) -> Update:
+    """Does iteration k of cost-weighted search.
 
     Args:
         work: problem and settings.
+        last: what iteration k − 1 ended with; None at k = 1.
+        k: the iteration.
         samples: rollouts per initial state and iteration; None for what the settings say.
     """
-    settings = work.settings
-    policy = work.supervised_policy()
-    for k in count(1):
-        if k > 1:
-            draws = work.sample_policy(policy, samples or settings.policy_rollouts, k)
-            sound = [rollouts.sound() for rollouts in draws]
-            if any(len(rollouts.costs) for rollouts in sound):
-                targets, weights = weighted_targets(sound, settings.alpha(k))
-                policy = work.fit_samples(policy, targets, weights, k)
-        yield Update(policy, work.initial_solutions)
+    if last is None:
+        return Update(work.supervised_policy(), work.initial_solutions)
+    policy, settings = last.policy, work.settings
+    draws = work.sample_policy(policy, samples or settings.policy_rollouts, k)
+    sound = [rollouts.sound() for rollouts in draws]
+    if any(len(rollouts.costs) for rollouts in sound):
+        targets, weights = weighted_targets(sound, settings.alpha(k))
+        policy = work.fit_samples(policy, targets, weights, k)
+    return Update(policy, work.initial_solutions)
 
 
 def cost_weights(costs: np.ndarray, alpha: float) -> np.ndarray:

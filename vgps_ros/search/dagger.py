@@ -12,53 +12,78 @@ marginals; a fit draws as many of its states as ours draws from the marginals; w
 after it has diverged is left out.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import count
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import softmax
 
+from vgps_ros.core.checks import check_array
 from vgps_ros.core.marginals import control_means, sample_deviations
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.workspace import Update, Workspace
+from vgps_ros.tasks import Task
 
 LogWeights = Callable[[TrajectoryDistribution, Array], Array]
 """Maps q and states (N, T, n_x) to log w of each, shape (N, T)."""
 
 
-def dagger(work: Workspace) -> Iterator[Update]:
-    """Runs plain DAGGER."""
-    return imitate(work, log_weights=None, adapts=False)
+@dataclass(frozen=True)
+class Imitation(Update):
+    """What one iteration ends with.
+
+    Attributes:
+        visited: the dataset's states of each initial state, shape (N, T, n_x), NaN where a rollout
+            had diverged.
+    """
+
+    visited: tuple[Array, ...]
+
+    def check(self, task: Task) -> None:
+        """Checks the dataset, after it was read from a file."""
+        for states in self.visited:
+            shape = (len(states), task.horizon, task.dynamics.state_dim)
+            check_array("visited", np.nan_to_num(states), shape)
 
 
-def imitate(work: Workspace, log_weights: LogWeights | None, *, adapts: bool) -> Iterator[Update]:
-    """Runs DAGGER or one of its variants.
+def dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
+    """Does iteration k of plain DAGGER."""
+    return imitate(work, last, k, log_weights=None, adapts=False)
+
+
+def imitate(
+    work: Workspace, last: Imitation | None, k: int, log_weights: LogWeights | None, *, adapts: bool
+) -> Imitation:
+    """Does iteration k of DAGGER or of one of its variants.
 
     Args:
         work: problem and settings.
+        last: what iteration k − 1 ended with; None at k = 1.
+        k: the iteration.
         log_weights: weighs the dataset's states; None if all count alike.
         adapts: whether the DDP solutions are optimised anew against the policy (line 6).
     """
     settings = work.settings
-    solutions, policy = work.initial_solutions, work.supervised_policy()
-    visited = [
-        [_around(q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i))]
-        for i, q in enumerate(work.scored(solutions))
-    ]
-    for k in count(1):
-        if k > 1:
-            draws = work.sample_policy(policy, settings.policy_rollouts, k)
-            for states, rollouts in zip(visited, draws, strict=True):
-                states.append(rollouts.states)
-            targets, weights = oracle_targets(
-                work.scored(solutions), [np.concatenate(v) for v in visited], log_weights
-            )
-            policy = work.fit_samples(policy, targets, weights, k)
-        if adapts:
-            solutions = work.reoptimize(solutions, policy, k)
-        yield Update(policy, solutions)
+    if last is None:
+        solutions, policy = work.initial_solutions, work.supervised_policy()
+        visited = tuple(
+            _around(q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i))
+            for i, q in enumerate(work.scored(solutions))
+        )
+    else:
+        solutions = last.solutions
+        draws = work.sample_policy(last.policy, settings.policy_rollouts, k)
+        visited = tuple(
+            np.concatenate([states, rollouts.states])
+            for states, rollouts in zip(last.visited, draws, strict=True)
+        )
+        targets, weights = oracle_targets(work.scored(solutions), visited, log_weights)
+        policy = work.fit_samples(last.policy, targets, weights, k)
+    if adapts:
+        solutions = work.reoptimize(solutions, policy, k)
+    return Imitation(policy, solutions, visited)
 
 
 def oracle_targets(

@@ -12,10 +12,8 @@ policies are kept; Φ is maximised from the best policy so far, by the mean cost
 rollouts; where a policy becomes the best one w_r falls by a factor of ten, and rises where not.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 
@@ -31,12 +29,9 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.trajectory_optimizer import OptimizationResult
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
+from vgps_ros.tasks import Task
 
 _STEP = 10.0  # factor by which w_r changes
-
-Solutions = tuple[OptimizationResult, ...]
-Adapt = Callable[[Solutions, GaussianPolicy, int], Solutions]
-"""Maps solutions, the policy and k to the solutions that guide next."""
 
 
 @dataclass(frozen=True)
@@ -45,55 +40,117 @@ class Batch:
 
     Attributes:
         rollouts: those that did not diverge.
-        log_density: maps states (N, T, n_x) and controls (N, T, n_u) to log q(u_t|x_t), (N, T).
+        source: what they were drawn from.
     """
 
     rollouts: Rollouts
-    log_density: Callable[[Array, Array], Array]
+    source: GaussianPolicy | TrajectoryDistribution
+
+    def log_density(self, states: Array, controls: Array) -> Array:
+        """Returns log q(u_t|x_t) of states (N, T, n_x) and controls (N, T, n_u), shape (N, T)."""
+        if isinstance(self.source, GaussianPolicy):
+            return self.source.log_density(states, controls)
+        return control_log_density(self.source, states, controls)
 
 
-def gps(work: Workspace) -> Iterator[Update]:
-    """Runs guided policy search, whose guiding rollouts are those of the initial solutions."""
-    return guided_search(work, adapt=None)
+Batches = tuple[tuple[Batch, ...], ...]
+"""Some batches from each initial state."""
 
 
-def guided_search(work: Workspace, adapt: Adapt | None) -> Iterator[Update]:
-    """Runs guided policy search.
+@dataclass(frozen=True)
+class GuidedUpdate(Update):
+    """What one iteration ends with; the policy is the best one so far.
+
+    Attributes:
+        lowest: mean cost of its rollouts; inf if one diverged.
+        regularization: w_r.
+        guiding: rollouts of the initial solutions, one batch from each initial state.
+        recent: rollouts of the latest policies.
+        adapted: rollouts of the latest adapted solutions.
+    """
+
+    lowest: float
+    regularization: float
+    guiding: Batches
+    recent: Batches
+    adapted: Batches
+
+    def check(self, task: Task) -> None:
+        """Checks the rollouts, after they were read from a file."""
+        for batches in (*self.guiding, *self.recent, *self.adapted):
+            for batch in batches:
+                batch.rollouts.check(task)
+
+
+def gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
+    """Does iteration k of guided policy search, guided by rollouts of the initial solutions."""
+    return guided_search(work, last, k, adapts=False)
+
+
+def guided_search(
+    work: Workspace, last: GuidedUpdate | None, k: int, *, adapts: bool
+) -> GuidedUpdate:
+    """Does iteration k of guided policy search or of its adaptive variant.
 
     Args:
         work: problem and settings.
-        adapt: yields new solutions at the end of an iteration, whose rollouts guide too.
+        last: what iteration k − 1 ended with; None at k = 1.
+        k: the iteration.
+        adapts: whether the solutions are adapted at its end, and their rollouts guide too.
 
     Raises:
         DivergenceError: all rollouts from an initial state diverged.
     """
-    settings, starts = work.settings.gps, range(len(work.starts))
-    scaling, solutions = work.standardization(), work.initial_solutions
+    settings, scaling = work.settings.gps, work.standardization()
+    if last is None:
+        last = _first(work)
+        latest = last.policy
+    else:
+        kept = zip(last.guiding, last.adapted, last.recent, strict=True)
+        samples = [combined([*guiding, *adapted, *recent]) for guiding, adapted, recent in kept]
+        latest = maximize(
+            last.policy, samples, last.regularization, scaling, work.settings.fit.iterations
+        )
+    draws = work.sample_policy(latest, work.settings.policy_rollouts, k)
+    new = [Batch(rollouts.sound(), latest) for rollouts in draws]
+    recent = _joined(last.recent, new, settings.recent)
+    cost = mean_cost(draws)
+    improves = cost < last.lowest
+    w_r = last.regularization
+    if k > 1:
+        w_r *= 1.0 / _STEP if improves else _STEP
+        w_r = max(settings.lowest_regularization, min(w_r, settings.highest_regularization))
+    best, lowest = (latest, cost) if improves else (last.policy, last.lowest)
+    solutions, adapted = last.solutions, last.adapted
+    if adapts:
+        solutions = work.reoptimize(solutions, best, k)
+        guides = guiding_distributions(work, solutions)
+        new = [_guide(work, q, i, work.settings.policy_rollouts, k) for i, q in enumerate(guides)]
+        adapted = _joined(adapted, new, settings.recent)
+    return GuidedUpdate(best, solutions, lowest, w_r, last.guiding, recent, adapted)
+
+
+def _first(work: Workspace) -> GuidedUpdate:
+    """The state before the first iteration, whose policy is a copy of the guides."""
+    settings, solutions = work.settings.gps, work.initial_solutions
     guides = guiding_distributions(work, solutions)
-    best = latest = work.supervised_policy(guides)
-    lowest, w_r = np.inf, settings.initial_regularization
-    guiding = [_guide(work, guides[i], i, settings.guiding_samples, k=0) for i in starts]
-    recent: list[deque[Batch]] = [deque(maxlen=settings.recent) for _ in starts]
-    adapted: list[deque[Batch]] = [deque(maxlen=settings.recent) for _ in starts]
-    for k in count(1):
-        if k > 1:
-            samples = [combined([guiding[i], *adapted[i], *recent[i]]) for i in starts]
-            latest = maximize(best, samples, w_r, scaling, work.settings.fit.iterations)
-        draws = work.sample_policy(latest, work.settings.policy_rollouts, k)
-        for i, rollouts in enumerate(draws):
-            recent[i].append(Batch(rollouts.sound(), latest.log_density))
-        cost = mean_cost(draws)
-        if k > 1:
-            w_r *= 1.0 / _STEP if cost < lowest else _STEP
-            w_r = max(settings.lowest_regularization, min(w_r, settings.highest_regularization))
-        if cost < lowest:
-            best, lowest = latest, cost
-        if adapt is not None:
-            solutions = adapt(solutions, best, k)
-            guides = guiding_distributions(work, solutions)
-            for i in starts:
-                adapted[i].append(_guide(work, guides[i], i, work.settings.policy_rollouts, k))
-        yield Update(best, solutions)
+    none: Batches = tuple(() for _ in guides)
+    return GuidedUpdate(
+        policy=work.supervised_policy(guides),
+        solutions=solutions,
+        lowest=float("inf"),
+        regularization=settings.initial_regularization,
+        guiding=tuple(
+            (_guide(work, q, i, settings.guiding_samples, k=0),) for i, q in enumerate(guides)
+        ),
+        recent=none,
+        adapted=none,
+    )
+
+
+def _joined(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
+    """The latest `count` batches from each initial state."""
+    return tuple((*old, batch)[-count:] for old, batch in zip(batches, new, strict=True))
 
 
 def combined(batches: Sequence[Batch]) -> ImportanceSamples:
@@ -115,7 +172,9 @@ def combined(batches: Sequence[Batch]) -> ImportanceSamples:
     return ImportanceSamples(states, controls, costs, mixture_log_density(densities, counts))
 
 
-def guiding_distributions(work: Workspace, solutions: Solutions) -> list[TrajectoryDistribution]:
+def guiding_distributions(
+    work: Workspace, solutions: Sequence[OptimizationResult]
+) -> list[TrajectoryDistribution]:
     """Returns q(ζ) of the solutions with the noise that guiding rollouts are drawn with."""
     factor = work.settings.gps.guiding_noise**2
     return [
@@ -133,7 +192,7 @@ def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k
         return q.mean.controls[t] + (x - q.mean.states[t]) @ q.gains[t].T + noise[:, t]
 
     rollouts = work.roll_out(start, count, rng, law).sound()
-    return Batch(rollouts, lambda x, u: control_log_density(q, x, u))
+    return Batch(rollouts, q)
 
 
 def mean_cost(draws: Sequence[Rollouts]) -> float:

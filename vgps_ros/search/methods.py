@@ -5,81 +5,72 @@ a policy to these solutions, and is evaluated alike.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.gaussians import entropy, kl_divergence
-from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import TrajectoryDistribution
+from vgps_ros.core.gaussians import entropy
 from vgps_ros.core.settings import Setting
 from vgps_ros.search.adapted_weighted_dagger import adapted_weighted_dagger
 from vgps_ros.search.adaptive_gps import adaptive_gps
+from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
-from vgps_ros.search.dagger import dagger
+from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
-from vgps_ros.search.gps import gps
+from vgps_ros.search.gps import GuidedUpdate, gps
+from vgps_ros.search.iteration import (
+    Figures,
+    SearchIteration,
+    SearchState,
+    mean_cost,
+    policy_kl,
+)
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimizer import OptimizationResult
 from vgps_ros.search.vgps import vgps
 from vgps_ros.search.weighted_dagger import weighted_dagger
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
 
-METHODS: dict[str, Callable[[Workspace], Iterator[Update]]] = {
-    "vgps": vgps,
-    "gps": gps,
-    "adaptive_gps": adaptive_gps,
-    "dagger": dagger,
-    "weighted_dagger": weighted_dagger,
-    "adapted_weighted_dagger": adapted_weighted_dagger,
-    "cost_weighted": cost_weighted,
-    "cost_weighted_1000": partial(cost_weighted, samples=1000),
+
+@dataclass(frozen=True)
+class Method:
+    """A policy search method.
+
+    Attributes:
+        iterate: does iteration k: maps the workspace, what iteration k − 1 ended with (None at
+            k = 1) and k to what this one ends with.
+        update: the type of that.
+    """
+
+    iterate: Callable[[Workspace, Any, int], Update]
+    update: type[Update]
+
+
+METHODS = {
+    "vgps": Method(vgps, Update),
+    "gps": Method(gps, GuidedUpdate),
+    "adaptive_gps": Method(adaptive_gps, GuidedUpdate),
+    "dagger": Method(dagger, Imitation),
+    "weighted_dagger": Method(weighted_dagger, Imitation),
+    "adapted_weighted_dagger": Method(adapted_weighted_dagger, Imitation),
+    "cost_weighted": Method(cost_weighted, Update),
+    "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
 }
 
 METHOD = Setting("method", "vgps", "policy search method", choices=tuple(METHODS))
 
 
-@dataclass(frozen=True)
-class SearchIteration:
-    """Outcome of iteration k.
-
-    Attributes:
-        k: 1 … K.
-        alpha: α_k.
-        policy: π_θ after the k-th update.
-        evaluation: its costs.
-        policy_kl: KL(q(u|x) ‖ π_θ(u|x)) along the trajectories before they were adapted to the
-            policy, mean over steps [nat].
-        policy_entropy: entropy of π_θ(u|x) [nat].
-        solutions: q(ζ) of each initial state at the end of the iteration.
-        initial_ddp_cost: cost of the solution of line 1, mean over initial states.
-        ddp_cost: cost of the current solution, mean over initial states.
-        q_step_seconds: wall time of trajectory optimisation.
-        m_step_seconds: wall time of the rest of the update.
-        simulator_steps: that learning has taken so far, finite differences included.
-    """
-
-    k: int
-    alpha: float
-    policy: GaussianPolicy
-    evaluation: Evaluation
-    policy_kl: float
-    policy_entropy: float
-    solutions: tuple[OptimizationResult, ...]
-    initial_ddp_cost: float
-    ddp_cost: float
-    q_step_seconds: float
-    m_step_seconds: float
-    simulator_steps: int
-
-
 def search(
-    method: str, task: Task, settings: SearchSettings, seed: int, optimize_all: OptimizeAll
+    method: str,
+    task: Task,
+    settings: SearchSettings,
+    seed: int,
+    optimize_all: OptimizeAll,
+    checkpoints: Checkpoints | None = None,
 ) -> Iterator[SearchIteration]:
     """Runs a method, yielding each iteration as it ends.
 
@@ -89,49 +80,71 @@ def search(
         settings: of the search.
         seed: of all random draws, at least 0.
         optimize_all: solves the trajectory optimisations.
+        checkpoints: where each iteration is kept as it ends, and where a run that was stopped goes
+            on from: it yields the last iteration that was kept once more, then the next ones.
 
     Raises:
-        InvalidInputError: the method is unknown, or a setting is out of range.
+        InvalidInputError: the method is unknown, a setting is out of range, or the checkpoints are
+            those of another run.
         DivergenceError: the first rollout of line 1 diverges.
+        OSError: a checkpoint cannot be written.
     """
-    run = METHODS[one_of("method", method, METHODS)]
-    work = Workspace(task, settings, seed, optimize_all)
-    solutions = work.initial_solutions
-    initial_cost = _mean_cost(solutions)
-    updates = islice(run(work), settings.iterations)
-    for k in range(1, settings.iterations + 1):
+    chosen = METHODS[one_of("method", method, METHODS)]
+    run = Run(method, task, settings, seed)
+    found = checkpoints.latest(run, chosen.update) if checkpoints else None
+    known = found.initial_solutions if found else None
+    work = Workspace(task, settings, seed, optimize_all, known)
+
+    def evaluated(update: Update, k: int) -> Evaluation:
+        rollouts = settings.evaluation_rollouts
+        return evaluate(task, update.policy, work.starts, rollouts, seed, k)
+
+    if found:
+        state, work.simulator_steps = found, found.simulator_steps
+        if found.last:
+            yield SearchIteration.of(found, found.last, evaluated(found.last, found.k))
+    else:
+        state = SearchState(work.initial_solutions, work.simulator_steps, (), None)
+        if checkpoints:
+            checkpoints.save(run, state)
+    for k in range(state.k + 1, settings.iterations + 1):
         began, optimized = time.perf_counter(), work.optimization_seconds
-        update = next(updates)
+        update = chosen.iterate(work, state.last, k)
         q_step = work.optimization_seconds - optimized
         m_step = time.perf_counter() - began - q_step
-        policy = update.policy
-        yield SearchIteration(
-            k=k,
-            alpha=settings.alpha(k),
-            policy=policy,
-            evaluation=evaluate(task, policy, work.starts, settings.evaluation_rollouts, seed, k),
-            policy_kl=_policy_kl(policy, work.scored(solutions)),
-            policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
-            solutions=update.solutions,
-            initial_ddp_cost=initial_cost,
-            ddp_cost=_mean_cost(update.solutions),
-            q_step_seconds=q_step,
-            m_step_seconds=m_step,
-            simulator_steps=work.simulator_steps,
-        )
-        solutions = update.solutions
+        evaluation = evaluated(update, k)
+        figures = _figures(work, state, update, evaluation, q_step, m_step)
+        history = (*state.history, figures)
+        state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
+        if checkpoints:
+            checkpoints.save(run, state)
+        yield SearchIteration.of(state, update, evaluation)
 
 
-def _policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribution]) -> float:
-    noise = np.diag(policy.noise_std**2)
-    divergences = [
-        kl_divergence(
-            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
-        )
-        for q in distributions
-    ]
-    return float(np.mean(divergences))
-
-
-def _mean_cost(solutions: Sequence[OptimizationResult]) -> float:
-    return float(np.mean([s.cost for s in solutions]))
+def _figures(
+    work: Workspace,
+    before: SearchState,
+    update: Update,
+    evaluation: Evaluation,
+    q_step_seconds: float,
+    m_step_seconds: float,
+) -> Figures:
+    policy, k = update.policy, before.k + 1
+    solutions = before.last.solutions if before.last else before.initial_solutions
+    return Figures(
+        k=k,
+        alpha=work.settings.alpha(k),
+        initial_ddp_cost=mean_cost(before.initial_solutions),
+        ddp_cost=mean_cost(update.solutions),
+        deterministic_cost=evaluation.deterministic_cost,
+        deterministic_survival=evaluation.deterministic_survival,
+        stochastic_cost_mean=evaluation.stochastic_mean,
+        stochastic_cost_median=evaluation.stochastic_median,
+        stochastic_survival=evaluation.stochastic_survival,
+        noise_std=tuple(policy.noise_std.tolist()),
+        policy_kl=policy_kl(policy, work.scored(solutions)),
+        policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
+        q_step_seconds=q_step_seconds,
+        m_step_seconds=m_step_seconds,
+        simulator_steps=work.simulator_steps,
+    )

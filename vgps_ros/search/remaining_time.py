@@ -2,7 +2,7 @@
 
 import time
 
-from vgps_ros.search.methods import SearchIteration
+from vgps_ros.search.iteration import Figures
 
 
 class RemainingTime:
@@ -10,13 +10,14 @@ class RemainingTime:
 
     def __init__(self, iterations: int):
         self._iterations = iterations
-        self._first = 0.0
+        self._first: tuple[int, float] | None = None  # k and time of the first call
 
-    def after(self, iteration: SearchIteration) -> float:
+    def after(self, iteration: Figures) -> float:
         """Returns the time left [s]; call it once as each iteration ends."""
         now = time.monotonic()
         left = self._iterations - iteration.k
-        if iteration.k == 1:
-            self._first = now
+        if self._first is None:
+            self._first = (iteration.k, now)
             return left * (iteration.q_step_seconds + iteration.m_step_seconds)
-        return left * (now - self._first) / (iteration.k - 1)
+        k, began = self._first
+        return left * (now - began) / (iteration.k - k)

@@ -7,21 +7,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from vgps_ros.search.methods import SearchIteration
+from vgps_ros.search.iteration import Figures
 
 
-def iteration_entry(iteration: SearchIteration) -> dict[str, Any]:
+def iteration_entry(iteration: Figures) -> dict[str, Any]:
     """Returns one entry of result.json's `iterations`."""
-    evaluation = iteration.evaluation
     return {
         "k": iteration.k,
         "alpha": iteration.alpha,
         "ddp_cost": _finite(iteration.ddp_cost),
-        "deterministic_cost": _finite(evaluation.deterministic_cost),
-        "deterministic_survival": evaluation.deterministic_survival,
-        "stochastic_cost_mean": _finite(evaluation.stochastic_mean),
-        "stochastic_cost_median": _finite(evaluation.stochastic_median),
-        "stochastic_survival": evaluation.stochastic_survival,
+        "deterministic_cost": _finite(iteration.deterministic_cost),
+        "deterministic_survival": iteration.deterministic_survival,
+        "stochastic_cost_mean": _finite(iteration.stochastic_cost_mean),
+        "stochastic_cost_median": _finite(iteration.stochastic_cost_median),
+        "stochastic_survival": iteration.stochastic_survival,
         "q_step_seconds": iteration.q_step_seconds,
         "m_step_seconds": iteration.m_step_seconds,
         "simulator_steps": iteration.simulator_steps,

@@ -145,19 +145,7 @@ class TrajectoryOptimizer:
         if request.guess is not None:
             check_array("guess.controls", request.guess, (self.task.planned_horizon, n_u))
         if request.previous is not None:
-            q, horizon = request.previous, self.task.planned_horizon
-            check_array("previous.mean.states", q.mean.states, (horizon + 1, n_x))
-            check_array("previous.mean.controls", q.mean.controls, (horizon, n_u))
-            check_array("previous.gains", q.gains, (horizon, n_u, n_x))
-            check_array("previous.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
-            check_array("previous.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
-            check_array("previous.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
-            check_array("previous.control_covariances", q.control_covariances, (horizon, n_u, n_u))
-            if not np.array_equal(q.mean.states[0], request.initial_state):
-                raise InvalidInputError(
-                    f"initial_state is {request.initial_state.tolist()}, but it must be where "
-                    f"previous starts, {q.mean.states[0].tolist()}."
-                )
+            check_distribution("previous", request.previous, self.task, request.initial_state)
         if request.policy is not None:
             request.policy.check_fits(n_x, n_u)
             if request.previous is None:
@@ -214,6 +202,27 @@ class TrajectoryOptimizer:
             control_covariances=covariances,
             linear_dynamics=linear,
             state_covariances=state_covariances(linear, gains, covariances, noise),
+        )
+
+
+def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: Array) -> None:
+    """Checks that q(ζ) has finite values, is one of the task, and begins at x_1.
+
+    Raises:
+        InvalidInputError: it is not.
+    """
+    n_x, n_u, horizon = task.dynamics.state_dim, task.dynamics.control_dim, task.planned_horizon
+    check_array(f"{name}.mean.states", q.mean.states, (horizon + 1, n_x))
+    check_array(f"{name}.mean.controls", q.mean.controls, (horizon, n_u))
+    check_array(f"{name}.gains", q.gains, (horizon, n_u, n_x))
+    check_array(f"{name}.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
+    check_array(f"{name}.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
+    check_array(f"{name}.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
+    check_array(f"{name}.control_covariances", q.control_covariances, (horizon, n_u, n_u))
+    if not np.array_equal(q.mean.states[0], start):
+        raise InvalidInputError(
+            f"initial_state is {start.tolist()}, but it must be where {name} starts, "
+            f"{q.mean.states[0].tolist()}."
         )
 
 

@@ -11,17 +11,13 @@ samples are drawn from good parts of the state space" (section 6); the policy is
 Several initial states may be given; each has its own q, and all train one policy (section 5).
 """
 
-from collections.abc import Iterator
-from itertools import count
-
 from vgps_ros.search.workspace import Update, Workspace
 
 
-def vgps(work: Workspace) -> Iterator[Update]:
-    """Runs Algorithm 1, yielding at the end of each iteration."""
-    solutions, policy = work.initial_solutions, work.random_policy()  # line 1
-    for k in count(1):  # line 2
-        # Line 3 is part of lines 1 and 6: a solution comes with its marginals.
-        policy = work.fit(policy, solutions, k)  # line 4
-        solutions = work.reoptimize(solutions, policy, k)  # lines 5 and 6
-        yield Update(policy, solutions)
+def vgps(work: Workspace, last: Update | None, k: int) -> Update:
+    """Does iteration k of Algorithm 1."""
+    last = last or Update(work.random_policy(), work.initial_solutions)  # line 1
+    # Line 3 is part of lines 1 and 6: a solution comes with its marginals.
+    policy = work.fit(last.policy, last.solutions, k)  # line 4
+    solutions = work.reoptimize(last.solutions, policy, k)  # lines 5 and 6
+    return Update(policy, solutions)

@@ -13,20 +13,19 @@ weight beside rollouts close to the mean; the marginals have a standard deviatio
 in each direction.
 """
 
-from collections.abc import Iterator
 from functools import partial
 
 from vgps_ros.core.gaussians import squared_distance
 from vgps_ros.core.marginals import observed_covariances
 from vgps_ros.core.records import Array, TrajectoryDistribution
-from vgps_ros.search.dagger import imitate
-from vgps_ros.search.workspace import Update, Workspace
+from vgps_ros.search.dagger import Imitation, imitate
+from vgps_ros.search.workspace import Workspace
 
 
-def weighted_dagger(work: Workspace) -> Iterator[Update]:
-    """Runs DAGGER on a weighted dataset."""
+def weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
+    """Does iteration k of DAGGER on a weighted dataset."""
     weigh = partial(marginal_log_weights, observed=work.task.observed)
-    return imitate(work, weigh, adapts=False)
+    return imitate(work, last, k, weigh, adapts=False)
 
 
 def marginal_log_weights(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgps_ros.core.checks import check_array
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
@@ -30,7 +31,10 @@ OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationRes
 
 @dataclass(frozen=True)
 class Update:
-    """What one iteration of a method ends with.
+    """What one iteration of a method ends with, and all that the next one needs of it.
+
+    A method that remembers more adds fields. Every random draw has a generator of its own, named by
+    seed, purpose and place, so that no generator's state is part of it.
 
     Attributes:
         policy: π_θ.
@@ -39,6 +43,13 @@ class Update:
 
     policy: GaussianPolicy
     solutions: tuple[OptimizationResult, ...]
+
+    def check(self, task: Task) -> None:
+        """Checks what a method remembers beside these, after it was read from a file.
+
+        Raises:
+            InvalidInputError: an array does not fit the task, or is not finite.
+        """
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,17 @@ class Rollouts:
     controls: Array
     costs: Array
 
+    def check(self, task: Task) -> None:
+        """Checks that sound rollouts fit the task.
+
+        Raises:
+            InvalidInputError: they do not, or are not finite.
+        """
+        count, n_x, n_u = len(self.states), task.dynamics.state_dim, task.dynamics.control_dim
+        check_array("states", self.states, (count, task.horizon, n_x))
+        check_array("controls", self.controls, (count, task.horizon, n_u))
+        check_array("costs", self.costs, (count, task.horizon))
+
     def sound(self) -> "Rollouts":
         """Returns those that did not diverge."""
         kept = np.isfinite(self.costs).all(axis=1)
@@ -69,6 +91,7 @@ class Workspace:
         settings: of the search.
         seed: of all random draws, at least 0.
         optimize_all: solves the trajectory optimisations.
+        initial_solutions: those of this run where they are known already.
 
     Attributes:
         starts: x_1 of each trajectory.
@@ -81,7 +104,14 @@ class Workspace:
         DivergenceError: the first rollout diverges.
     """
 
-    def __init__(self, task: Task, settings: SearchSettings, seed: int, optimize_all: OptimizeAll):
+    def __init__(
+        self,
+        task: Task,
+        settings: SearchSettings,
+        seed: int,
+        optimize_all: OptimizeAll,
+        initial_solutions: tuple[OptimizationResult, ...] | None = None,
+    ):
         check_settings(settings)
         if seed < 0:
             raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
@@ -92,17 +122,21 @@ class Workspace:
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self._optimize_all = optimize_all
-        self.initial_solutions = self._optimize(
+        self.initial_solutions = initial_solutions or self._solve_cost_alone()
+
+    def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
+        guess = self.task.guess
+        return self._optimize(
             [
                 OptimizationRequest(
                     trajectory_index=i,
                     iteration=0,
-                    seed=seed,
-                    cost_scale=settings.alpha(0),
-                    max_iterations=settings.initial_ddp_iterations,
+                    seed=self.seed,
+                    cost_scale=self.settings.alpha(0),
+                    max_iterations=self.settings.initial_ddp_iterations,
                     initial_state=start,
-                    guess=task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
-                    if task.guess
+                    guess=guess(generator(self.seed, Stream.INITIAL_CONTROLS, i))
+                    if guess
                     else None,
                 )
                 for i, start in enumerate(self.starts)

@@ -81,5 +81,6 @@ def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
         hidden_units=sizes[1:-1],
         num_parameters=len(policies[-1].parameters) if policies else 0,
         initial_ddp_cost=last.initial_ddp_cost,
-        iterations=[entry_from_msg(message) for message in progress[begin:]],
+        # A learner that was started again tells once more what it goes on from.
+        iterations=list({m.iteration: entry_from_msg(m) for m in progress[begin:]}.values()),
     )

@@ -27,6 +27,7 @@ class TrainingProgress:
         self._initial = self._bar.add_task("initial DDP", total=initial_ddp_iterations)
         self._learning = self._bar.add_task("learning", total=iterations, visible=False)
         self._iterations = iterations
+        self._has_header = False
 
     def __enter__(self) -> "TrainingProgress":
         """Starts the display."""
@@ -48,8 +49,9 @@ class TrainingProgress:
 
     def iteration(self, entry: dict[str, Any], initial_ddp_cost: float, remaining: float) -> None:
         """Shows an iteration of Algorithm 1, given its entry of result.json."""
-        if entry["k"] == 1:
+        if not self._has_header:
             self._print(_HEADER)
+            self._has_header = True
         costs = (
             entry["stochastic_cost_mean"],
             entry["deterministic_cost"],

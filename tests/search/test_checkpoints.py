@@ -1,0 +1,369 @@
+"""Runs that stop and go on: not one bit is different, and no file can do harm."""
+
+import dataclasses
+import io
+import json
+import os
+import shutil
+import zipfile
+
+import numpy as np
+import pytest
+
+from tests.search.test_methods import solver
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.record_tree import to_tree
+from vgps_ros.search.checkpoints import Checkpoints, Run
+from vgps_ros.search.methods import METHODS, search
+from vgps_ros.search.settings import search_settings
+from vgps_ros.tasks import make_task
+
+ROTOR = make_task("rotor")
+SETTINGS = dataclasses.replace(
+    search_settings(ROTOR),
+    iterations=4,
+    hidden_units=(3,),
+    evaluation_rollouts=2,
+    supervised_iterations=50,
+    policy_rollouts=4,
+    num_initial_states=2,
+)
+RUN = Run("vgps", ROTOR, SETTINGS, 3)
+
+
+def run(folder, said=None, method="vgps", seed=3, **settings):
+    """Yields the iterations of a run that keeps checkpoints in a folder."""
+    tell = (lambda _: None) if said is None else said.append
+    chosen = dataclasses.replace(SETTINGS, **settings)
+    return search(method, ROTOR, chosen, seed, solver(ROTOR), Checkpoints(folder, tell))
+
+
+def bits(iteration):
+    """All that an iteration ends with but wall times, and the bytes of its arrays."""
+    arrays: dict = {}
+    tree = to_tree((iteration.policy, iteration.initial_solutions, iteration.solutions), arrays)
+    history = [
+        {k: v for k, v in vars(figures).items() if not k.endswith("_seconds")}
+        for figures in iteration.history
+    ]
+    return tree, history, {name: array.tobytes() for name, array in arrays.items()}
+
+
+def stopped_after(k, folder, **options):
+    """Leaves what a run leaves that is killed once iteration k is kept."""
+    for iteration in run(folder, **options):
+        if iteration.k == k:
+            return iteration
+    raise AssertionError(f"There was no iteration {k}.")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_run_that_stops_after_any_iteration_ends_with_the_same_bits(method, tmp_path):
+    without = search(method, ROTOR, SETTINGS, 3, solver(ROTOR))
+    *_, undisturbed = without
+    for k in range(1, 5):
+        stopped = stopped_after(k, tmp_path / str(k), method=method)
+        again, *rest = run(tmp_path / str(k), method=method)
+        assert bits(again) == bits(stopped)  # whoever listens gets the last policy at once
+        assert again.evaluation.stochastic_costs.tobytes() == (
+            stopped.evaluation.stochastic_costs.tobytes()
+        )
+        assert [i.k for i in rest] == list(range(k + 1, 5))
+        assert bits(([again, *rest])[-1]) == bits(undisturbed)
+
+
+def test_a_run_that_stops_again_and_again_ends_with_the_same_bits(tmp_path):
+    *_, undisturbed = run(tmp_path / "undisturbed", method="adaptive_gps")
+    said: list[str] = []
+    for k in range(1, 5):
+        last = stopped_after(k, tmp_path / "stopped", said=said, method="adaptive_gps")
+    assert bits(last) == bits(undisturbed)
+    assert said == [f"Going on from iteration {k} of 4." for k in (1, 2, 3)]
+
+
+def test_the_initial_solve_is_not_done_twice(tmp_path):
+    requests = []
+
+    def fails_later(batch):
+        requests.extend(request.iteration for request in batch)
+        if batch[0].iteration > 0:
+            raise InterruptedError
+        return solver(ROTOR)(batch)
+
+    for _ in range(2):
+        with pytest.raises(InterruptedError):
+            next(search("vgps", ROTOR, SETTINGS, 3, fails_later, Checkpoints(tmp_path)))
+    assert requests == [0, 0, 1, 1, 1, 1]
+    *_, last = run(tmp_path)
+    *_, undisturbed = search("vgps", ROTOR, SETTINGS, 3, solver(ROTOR))
+    assert bits(last) == bits(undisturbed)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """The folder of a run that stopped after iteration 3, and what iteration 2 had ended with."""
+    folder = tmp_path_factory.mktemp("kept")
+    stopped_after(2, folder)
+    second = stopped_after(2, folder)
+    stopped_after(3, folder)
+    return folder, second
+
+
+@pytest.fixture
+def folder(kept, tmp_path):
+    return shutil.copytree(kept[0], tmp_path / "copy")
+
+
+NEWEST, OLDER = "checkpoint-1.npz", "checkpoint-0.npz"  # of iterations 3 and 2
+
+
+def test_the_last_two_are_kept(folder):
+    assert sorted(f.name for f in folder.iterdir()) == [OLDER, NEWEST]
+    assert next(run(folder)).k == 3
+    (folder / NEWEST).unlink()
+    assert next(run(folder)).k == 2
+
+
+def truncated(content, rng):
+    return content[: rng.integers(len(content))]
+
+
+def empty(content, rng):
+    return b""
+
+
+def flipped(content, rng):
+    """With one bit changed in each of a thousand places."""
+    found = bytearray(content)
+    for place in rng.integers(len(content), size=1000):
+        found[place] ^= 1 << rng.integers(8)
+    return bytes(found)
+
+
+def overwritten(content, rng):
+    """With a page of the disk lost."""
+    start = rng.integers(len(content) - 4096)
+    return content[:start] + bytes(4096) + content[start + 4096 :]
+
+
+def noise(content, rng):
+    return rng.bytes(len(content))
+
+
+@pytest.mark.parametrize("damage", [truncated, empty, flipped, overwritten, noise])
+@pytest.mark.parametrize("seed", range(5))
+def test_one_that_is_damaged_is_refused_and_the_one_before_is_used(kept, folder, damage, seed):
+    path = folder / NEWEST
+    path.write_bytes(damage(path.read_bytes(), np.random.default_rng(seed)))
+    said: list[str] = []
+    assert bits(next(run(folder, said))) == bits(kept[1])
+    assert said[0].startswith(f"'{path}' is not a whole checkpoint and is left out: ")
+    assert said[1:] == ["Going on from iteration 2 of 4."]
+
+
+def test_one_flipped_bit_anywhere_changes_no_number(kept, folder, rng):
+    """It is found by a check sum, or lies where nothing is read."""
+    path, whole = folder / NEWEST, (folder / NEWEST).read_bytes()
+    third = bits(next(run(folder)))
+    refused = 0
+    for place in rng.integers(len(whole), size=40):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << rng.integers(8)
+        path.write_bytes(flipped)
+        said: list[str] = []
+        found = bits(next(run(folder, said)))
+        refused += len(said) > 1
+        assert found == (third if len(said) == 1 else bits(kept[1]))
+    assert refused > 30
+
+
+def test_if_both_are_damaged_the_training_begins_anew(folder):
+    for path in folder.iterdir():
+        path.write_bytes(b"PK")
+    said: list[str] = []
+    iterations = list(run(folder, said))
+    assert [i.k for i in iterations] == [1, 2, 3, 4]
+    assert said[-1] == "There is no whole checkpoint: the training begins anew."
+    *_, undisturbed = search("vgps", ROTOR, SETTINGS, 3, solver(ROTOR))
+    assert bits(iterations[-1]) == bits(undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("change", "theirs", "ours"),
+    [
+        ({"seed": 4}, "seed 3", "seed 4"),
+        ({"method": "gps"}, "method vgps", "method gps"),
+        ({"hidden_units": (5, 2)}, "hidden_units [3]", "hidden_units [5, 2]"),
+        ({"iterations": 9}, "iterations 4", "iterations 9"),
+        ({"ddp_iterations": 9}, "ddp_iterations 3", "ddp_iterations 9"),
+    ],
+)
+def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours):
+    before = {f.name: f.read_bytes() for f in folder.iterdir()}
+    said: list[str] = []
+    with pytest.raises(InvalidInputError) as refusal:
+        next(run(folder, said, **change))
+    assert f"belongs to a training with {theirs}, but this one has {ours};" in str(refusal.value)
+    assert f"or remove '{folder}' to begin anew" in str(refusal.value)
+    assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
+
+
+def test_that_of_another_task_or_demonstration_is_refused(folder):
+    demonstrated = dataclasses.replace(ROTOR, lookahead=1)
+    for task in (make_task("swimmer"), demonstrated):
+        with pytest.raises(InvalidInputError, match="belongs to a training with"):
+            Checkpoints(folder).latest(dataclasses.replace(RUN, task=task), METHODS["vgps"].update)
+
+
+def test_where_only_the_newest_is_of_another_run_the_one_before_is_used(kept, folder, tmp_path):
+    stopped_after(3, tmp_path / "other", seed=4)
+    shutil.copy(tmp_path / "other" / NEWEST, folder / NEWEST)
+    said: list[str] = []
+    assert bits(next(run(folder, said))) == bits(kept[1])
+    assert "seed 4, but this one has seed 3" in said[0]
+
+
+def edited(path, edit):
+    """Replaces an archive by one whose content was changed, with right check sums."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    content = json.loads(arrays["content"].tobytes())
+    edit(content, arrays)
+    arrays["content"] = np.frombuffer(json.dumps(content).encode(), np.uint8)
+    np.savez(path, **arrays)
+
+
+def to_nan(content, arrays):
+    arrays[content["state"]["last"]["solutions"][0]["distribution"]["gains"]][0] = np.nan
+
+
+def shorter(content, arrays):
+    name = content["state"]["last"]["solutions"][1]["distribution"]["mean"]["states"]
+    arrays[name] = arrays[name][:-1]
+
+
+def other_start(content, arrays):
+    name = content["state"]["last"]["solutions"][1]["distribution"]["mean"]["states"]
+    arrays[name][0] += 1.0
+
+
+def other_record(content, arrays):
+    content["state"]["last"]["record"] = "GuidedUpdate"
+
+
+def without_a_field(content, arrays):
+    del content["state"]["last"]["policy"]["noise_std"]
+
+
+def with_a_text_for_a_number(content, arrays):
+    content["state"]["history"][0]["alpha"] = "1.0"
+
+
+def with_a_wider_policy(content, arrays):
+    policy = content["state"]["last"]["policy"]
+    policy["architecture"]["hidden_units"] = [4]
+    arrays[policy["parameters"]] = np.zeros(4 * 2 + 4 + 4 + 1)
+
+
+def with_a_gap(content, arrays):
+    del content["state"]["history"][1]
+
+
+def without_a_solution(content, arrays):
+    del content["state"]["initial_solutions"][0]
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        to_nan,
+        shorter,
+        other_start,
+        other_record,
+        without_a_field,
+        with_a_text_for_a_number,
+        with_a_wider_policy,
+        with_a_gap,
+        without_a_solution,
+    ],
+)
+def test_one_that_does_not_fit_its_run_is_refused(kept, folder, edit):
+    edited(folder / NEWEST, edit)
+    said: list[str] = []
+    assert bits(next(run(folder, said))) == bits(kept[1])
+    assert "is not a whole checkpoint and is left out: " in said[0]
+
+
+@pytest.mark.parametrize(
+    ("method", "where"),
+    [("dagger", ("visited", 0)), ("gps", ("recent", 0, 0, "rollouts", "states"))],
+)
+def test_what_a_method_remembers_is_checked_too(tmp_path, method, where):
+    def cut(content, arrays):
+        entry = content["state"]["last"]
+        for key in where:
+            entry = entry[key]
+        arrays[entry] = arrays[entry][:, :-1]
+
+    stopped_after(3, tmp_path, method=method)
+    edited(tmp_path / NEWEST, cut)
+    assert next(run(tmp_path, method=method)).k == 2
+
+
+class Trap:
+    """Its pickle makes a folder when it is loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("name", ["content", "array_0"])
+def test_a_pickle_is_refused_and_its_code_does_not_run(kept, folder, tmp_path, name):
+    with np.load(folder / NEWEST) as file:
+        arrays = {key: file[key] for key in file.files}
+    arrays[name] = np.array([Trap(tmp_path / "sprung")], dtype=object)
+    np.savez(folder / NEWEST, **arrays)  # NumPy writes an array of objects as a pickle
+    with zipfile.ZipFile(folder / NEWEST) as archive:
+        assert b"mkdir" in archive.read(f"{name}.npy")
+    said: list[str] = []
+    assert bits(next(run(folder, said))) == bits(kept[1])
+    assert "allow_pickle=False" in said[0]
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_bare_pickle_is_refused(kept, folder, tmp_path):
+    stream = io.BytesIO()
+    np.save(stream, np.array(Trap(tmp_path / "sprung"), dtype=object), allow_pickle=True)
+    for content in (stream.getvalue(), stream.getvalue()[128:]):
+        (folder / NEWEST).write_bytes(content)
+        assert bits(next(run(folder))) == bits(kept[1])
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_that_leaves_no_part(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        next(run(tmp_path / "file"))
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_a_full_disk_keeps_the_two_that_are_there(folder):
+    before = {f.name: f.read_bytes() for f in folder.iterdir()}
+    (folder / OLDER).with_suffix(".part").symlink_to("/dev/full")
+    iterations = run(folder)
+    assert next(iterations).k == 3
+    with pytest.raises(OSError, match="No space left on device"):
+        next(iterations)
+    assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
+
+
+def test_removal_takes_only_what_it_has_made(folder):
+    (folder / "notes.txt").write_text("mine")
+    Checkpoints(folder).remove()
+    assert [f.name for f in folder.iterdir()] == ["notes.txt"]
+    (folder / "notes.txt").unlink()
+    Checkpoints(folder).remove()
+    assert not folder.exists()

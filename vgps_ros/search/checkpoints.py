@@ -1,0 +1,218 @@
+"""Checkpoints of a policy search: a run that was killed goes on and ends with the same bits.
+
+A checkpoint is one NumPy archive: the arrays, and all the rest as JSON text. Reading it can run no
+code. It holds no state of a random generator, for there is none to hold: every draw has a generator
+of its own, named by seed, purpose and place in the run (see `core/seeding.py`).
+
+Iterations of even and odd k are kept in two files by turns, each replaced in one piece. So the last
+two are always there, and what a run went on from is not touched before there is a later one.
+"""
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.record_tree import from_tree, to_tree
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import settings_of
+from vgps_ros.search.iteration import Figures, SearchState
+from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.trajectory_optimizer import OptimizationResult, check_distribution
+from vgps_ros.search.workspace import Update, initial_states
+from vgps_ros.tasks import Task
+
+FORMAT = 1  # of the files; a change of the records that they hold is a new one
+_CONTENT = "content"  # name of the JSON text in the archive
+_PART = ".part"
+
+Solutions = tuple[OptimizationResult, ...]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a checkpoint belongs to."""
+
+    method: str
+    task: Task
+    settings: SearchSettings
+    seed: int
+
+    def identity(self) -> dict[str, Any]:
+        """Returns all that the numbers of the run depend on, as JSON values by name."""
+        return {
+            "format": FORMAT,
+            "task": self.task.name,
+            "problem": _digest_of_problem(self.task),
+            "method": self.method,
+            "seed": self.seed,
+            **json.loads(json.dumps({s.name: s.default for s in settings_of(self.settings)})),
+        }
+
+    def name(self) -> str:
+        """Returns a name for a folder, which no other run has."""
+        digest = hashlib.sha256(json.dumps(self.identity()).encode()).hexdigest()[:12]
+        return f"{self.task.name}-{self.method}-seed-{self.seed}-{digest}"
+
+
+class Checkpoints:
+    """Keeps the last two checkpoints of one run in a folder.
+
+    Args:
+        folder: made with the first checkpoint.
+        tell: takes a sentence on where a run goes on from, and on each file that is refused.
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[str], None] = lambda _: None):
+        self.folder = folder
+        self.tell = tell
+
+    def save(self, run: Run, state: SearchState) -> None:
+        """Writes a checkpoint in one piece.
+
+        Raises:
+            OSError: it cannot be written; the two before it are still there.
+        """
+        arrays: dict[str, Array] = {}
+        content = {"run": run.identity(), "state": to_tree(state, arrays)}
+        text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self._path(state.k)
+        part = path.with_suffix(_PART)
+        try:
+            with part.open("wb") as file:
+                np.savez(file, **{_CONTENT: text}, **arrays)  # type: ignore[arg-type]
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise
+        _sync(self.folder)
+
+    def latest(self, run: Run, kind: type[Update]) -> SearchState | None:
+        """Returns the state to go on from; None if there is none.
+
+        A file that is not whole is refused with a sentence, and the one before it is used.
+
+        Args:
+            run: the run that goes on.
+            kind: what its method's iterations end with.
+
+        Raises:
+            InvalidInputError: there are only checkpoints of another run.
+        """
+        loaded = [
+            self._load(path, run, kind) for path in (self._path(0), self._path(1)) if path.exists()
+        ]
+        found = [one for one in loaded if isinstance(one, SearchState)]
+        if found:
+            state = max(found, key=lambda one: one.k)
+            self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
+            return state
+        for error in loaded:
+            if isinstance(error, ForeignCheckpointError):
+                raise error
+        if loaded:
+            self.tell("There is no whole checkpoint: the training begins anew.")
+        return None
+
+    def _load(self, path: Path, run: Run, kind: type[Update]) -> SearchState | Exception:
+        """The state in a file, or why it is refused."""
+        try:
+            return _load(path, run, kind)
+        except ForeignCheckpointError as error:
+            self.tell(str(error))
+            return error
+        except Exception as error:  # whatever the bytes are, they are no checkpoint
+            self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
+            return error
+
+    def remove(self) -> None:
+        """Removes the files, and the folder if there is nothing else in it."""
+        for k in (0, 1):
+            self._path(k).unlink(missing_ok=True)
+        if self.folder.is_dir() and not any(self.folder.iterdir()):
+            self.folder.rmdir()
+
+    def _path(self, k: int) -> Path:
+        return self.folder / f"checkpoint-{k % 2}.npz"
+
+
+class ForeignCheckpointError(InvalidInputError):
+    """A checkpoint belongs to another run."""
+
+
+def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
+    with zipfile.ZipFile(path) as archive:
+        damaged = archive.testzip()
+    if damaged:
+        raise InvalidInputError(f"the check sum of {damaged} is wrong.")
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    content = json.loads(arrays.pop(_CONTENT).tobytes())
+    _compare(content["run"], run.identity(), path)
+    tree = content["state"]
+    last = None if tree["last"] is None else from_tree(kind, tree["last"], arrays)
+    solutions = from_tree(Solutions, tree["initial_solutions"], arrays)
+    history = from_tree(tuple[Figures, ...], tree["history"], arrays)
+    state = SearchState(solutions, from_tree(int, tree["simulator_steps"], arrays), history, last)
+    _check(state, run)
+    return state
+
+
+def _compare(found: dict[str, Any], wanted: dict[str, Any], path: Path) -> None:
+    differing = [name for name, value in wanted.items() if found.get(name) != value]
+    if differing:
+        theirs, ours = (
+            ", ".join(f"{name} {values.get(name)}" for name in differing)
+            for values in (found, wanted)
+        )
+        raise ForeignCheckpointError(
+            f"'{path}' belongs to a training with {theirs}, but this one has {ours}; name another "
+            f"folder, or remove '{path.parent}' to begin anew."
+        )
+
+
+def _check(state: SearchState, run: Run) -> None:
+    """Checks that the arrays fit the run, and that numbers which must be finite are."""
+    if [figures.k for figures in state.history] != list(range(1, state.k + 1)) or (
+        state.k > run.settings.iterations or (state.last is None) != (state.k == 0)
+    ):
+        raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
+    starts = initial_states(run.task, run.settings, run.seed)
+    for solutions in (state.initial_solutions, *([state.last.solutions] if state.last else [])):
+        for start, solution in zip(starts, solutions, strict=True):
+            check_distribution("q", solution.distribution, run.task, start)
+    if state.last:
+        if state.last.policy.architecture != architecture(run.task, run.settings):
+            raise InvalidInputError("its policy has another shape.")
+        state.last.check(run.task)
+
+
+def _digest_of_problem(task: Task) -> str:
+    """Tells the robot, its demonstration and how it is solved from others."""
+    settings = (task.horizon, task.lookahead, task.observed, task.ddp, task.marginals)
+    digest = hashlib.sha256(task.model_path.read_bytes() + repr(settings).encode())
+    arrays = [task.initial_state, task.varied_state_std]
+    if task.demonstration:
+        arrays += [task.demonstration.states, task.demonstration.controls]
+    for array in arrays:
+        digest.update(array.tobytes())
+    return digest.hexdigest()[:12]
+
+
+def _sync(folder: Path) -> None:
+    """Takes care that a file's new name outlives a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
