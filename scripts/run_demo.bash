@@ -52,7 +52,7 @@ start visualizer -p output:="$output/run.rrd"
 start simulation
 start trajectory_optimizer
 start policy_executor
-start policy_learner -p method:="$method"
+start policy_learner -p method:="$method" -p checkpoint_folder:="$output/checkpoints"
 
 printf 'Learning: task %s, method %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
   "$task" "$method" "$hidden" "$seed" "$iterations" "$output/log"

@@ -1,6 +1,10 @@
 """The program `train`: what it writes, and what it refuses."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -97,3 +101,63 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path, content, sentence):
     with pytest.raises(ValueError, match="policy") as error:
         load_policy(tmp_path / "policy.json")
     assert sentence.split("'")[0] in str(error.value)
+
+
+ROTOR = ["--task", "rotor", "--hidden-units", "3", "--evaluation-rollouts", "4"]
+PROGRAM = "from vgps_ros.experiments.train import main; main()"
+
+
+def start(*arguments):
+    command = [sys.executable, "-c", PROGRAM, *ROTOR, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def outcome(folder):
+    """All that a training leaves but wall times and the picture."""
+    result = json.loads((folder / "result.json").read_text())
+    for entry in result["iterations"]:
+        del entry["q_step_seconds"], entry["m_step_seconds"]
+    with np.load(folder / "trajectories.npz") as file:
+        arrays = {name: file[name].tobytes() for name in file.files}
+    return result, arrays, (folder / "policy.json").read_bytes()
+
+
+def test_killed_at_random_moments_it_goes_on_and_leaves_the_same_bytes(tmp_path, rng):
+    arguments = ["--method", "adaptive_gps", "--iterations", "25", "--seed", "6", "--output"]
+    main([*ROTOR, *arguments, str(tmp_path / "undisturbed")])
+
+    kept = tmp_path / "killed" / "checkpoints"
+    for _ in range(3):
+        before = {path.stat().st_mtime_ns for path in kept.glob("*.npz")}
+        program = start(*arguments, str(tmp_path / "killed"))
+        while {path.stat().st_mtime_ns for path in kept.glob("*.npz")} <= before:
+            assert program.poll() is None, program.communicate()
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 0.3))
+        program.kill()
+        program.communicate()
+        assert program.returncode == -signal.SIGKILL
+        assert not (tmp_path / "killed" / "trajectories.npz").exists()
+    program = start(*arguments, str(tmp_path / "killed"))
+    output, _ = program.communicate(timeout=120)
+    assert program.returncode == 0, output
+    assert " of 25." in output.splitlines()[0]
+    assert output.startswith("Going on from iteration ")
+    assert outcome(tmp_path / "killed") == outcome(tmp_path / "undisturbed")
+    names = {path.name for path in (tmp_path / "undisturbed").iterdir()}
+    assert {path.name for path in (tmp_path / "killed").iterdir()} == names
+    assert "checkpoints" not in names
+
+
+def test_another_training_in_the_folder_of_one_that_has_not_ended_is_refused(tmp_path):
+    program = start("--iterations", "10000", "--output", str(tmp_path / "run"))
+    while len(list((tmp_path / "run").glob("checkpoints/*.npz"))) < 2:
+        assert program.poll() is None, program.communicate()
+        time.sleep(0.05)
+    program.send_signal(signal.SIGINT)
+    output, _ = program.communicate(timeout=60)
+    assert program.returncode == 1
+    assert "the same command goes on after the last whole iteration" in output
+    assert not list((tmp_path / "run" / "checkpoints").glob("*.part"))
+    with pytest.raises(SystemExit, match="with seed 0, but this one has seed 1; name another"):
+        main([*ROTOR, "--seed", "1", "--iterations", "10000", "--output", str(tmp_path / "run")])

@@ -9,6 +9,7 @@ from vgps_ros.core.distribution_file import DISTRIBUTION
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.experiments.command_line import add_flags, settings_from
 from vgps_ros.experiments.training import train
+from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import METHOD, METHODS
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.result import iteration_entry
@@ -24,11 +25,15 @@ def train_with_progress(
 ) -> None:
     """Trains a policy, shows how it goes, and draws the learning curve.
 
+    A training that was stopped goes on; its checkpoints are removed when all else is written.
+
     Raises:
-        VgpsError: a setting is out of range, or the first rollout diverges.
+        VgpsError: a setting is out of range, the first rollout diverges, or the folder holds a
+            training with other settings that has not ended.
     """
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
+        checkpoints = Checkpoints(output / "checkpoints", progress.say)
         content = train(
             method,
             task,
@@ -39,8 +44,10 @@ def train_with_progress(
                 iteration_entry(i), i.initial_ddp_cost, remaining.after(i)
             ),
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
+            checkpoints=checkpoints,
         )
     save(learning_curve(content), output / "learning_curve.png")
+    checkpoints.remove()
     print(
         f"Wrote result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png to "
         f"{output}; `ros2 run vgps_ros plot {output}` draws the rest."
@@ -65,7 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="train",
         parents=[which],
         description="Learns a policy in this process, and "
-        f"writes result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png.",
+        f"writes result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png. "
+        "One that was stopped or killed goes on where it was when the same command is given again.",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
@@ -77,4 +85,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
     except KeyboardInterrupt:
-        sys.exit("train: interrupted; the results up to the last iteration are written.")
+        sys.exit("train: interrupted; the same command goes on after the last whole iteration.")

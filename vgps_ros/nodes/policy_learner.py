@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -12,6 +13,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.nodes.health import Health
@@ -19,10 +21,40 @@ from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
 from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
-from vgps_ros.search.methods import METHOD, SearchIteration, search
+from vgps_ros.search.checkpoints import Checkpoints, Run
+from vgps_ros.search.iteration import SearchIteration, SearchState
+from vgps_ros.search.methods import METHOD, search
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
+
+CHECKPOINT_FOLDER = Setting(
+    "checkpoint_folder",
+    "",
+    "folder in which each training is kept as it goes: where the learner was killed, the same goal "
+    "goes on after the last whole iteration; empty: it begins anew",
+)
+
+
+class KeptTraining(Checkpoints):
+    """Checkpoints whose failure is reported, but stops no training."""
+
+    def __init__(self, folder: Path, node: Node, health: Health):
+        super().__init__(folder, node.get_logger().info)
+        self._health = health
+
+    def save(self, run: Run, state: SearchState) -> None:
+        """Writes a checkpoint if it can."""
+        try:
+            super().save(run, state)
+        except OSError as error:
+            self._health.error(
+                f"The training goes on, but no checkpoint can be written to '{self.folder}' "
+                f"({error.strerror}): make room, or make it writable.",
+                "checkpoints",
+            )
+        else:
+            self._health.clear("checkpoints")
 
 
 class PolicyLearner(Node):
@@ -35,6 +67,7 @@ class PolicyLearner(Node):
         )
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
+        self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER, read_only=True)
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()
@@ -87,6 +120,10 @@ class PolicyLearner(Node):
         def is_cancelled() -> bool:
             return goal.is_cancel_requested or not self.context.ok()
 
+        checkpoints = None
+        if self._checkpoint_folder:
+            name = Run(self._method, self._task, settings, seed).name()
+            checkpoints = KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
         for iteration in search(
             self._method,
@@ -94,6 +131,7 @@ class PolicyLearner(Node):
             settings,
             seed,
             lambda requests: self._pool.optimize_all(requests, is_cancelled),
+            checkpoints,
         ):
             if is_cancelled():
                 raise CancelledError("The training was cancelled.")
@@ -111,21 +149,24 @@ class PolicyLearner(Node):
     ) -> None:
         stamp = self.get_clock().now().to_msg()
         policy = policy_to_msg(iteration.policy, self._task.name, iteration.k, stamp)
-        progress = progress_to_msg(
-            iteration,
-            task=self._task.name,
-            method=self._method,
-            seed=seed,
-            iterations=iterations,
-            remaining_seconds=remaining,
-            stamp=stamp,
-        )
+        news = [  # more than one where the training goes on from a checkpoint
+            progress_to_msg(
+                figures,
+                task=self._task.name,
+                method=self._method,
+                seed=seed,
+                iterations=iterations,
+                remaining_seconds=remaining,
+                stamp=stamp,
+            )
+            for figures in iteration.history[len(result.history) :]
+        ]
         result.policy = policy
         result.num_parameters = iteration.policy.architecture.num_parameters
-        result.history = [*result.history, progress]
+        result.history = [*result.history, *news]
         self._policies.publish(policy)
-        self._progress.publish(progress)
-        goal.publish_feedback(TrainPolicy.Feedback(progress=progress))
+        self._progress.publish(news[-1])
+        goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
         self._health.set_value("iteration", f"{iteration.k} of {iterations}")
 
 

@@ -1,11 +1,12 @@
 """Program `train_through_graph`: asks a policy_learner to train, and shows how it goes."""
 
 import argparse
+import math
 import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.policy_file import save_policy, write_json
 from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.messages.progress import entry_from_msg
+from vgps_ros.nodes.peers import Peers
 from vgps_ros.nodes.qos import STREAM
 from vgps_ros.search.result import result_content
 from vgps_ros.search.settings import SearchSettings
@@ -29,37 +31,46 @@ from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # between two looks whether the user has interrupted [s]
+_ANSWER_TIMEOUT = 10.0  # after which a goal may have gone to a learner that was killed [s]
+
+
+class LostError(VgpsError):
+    """The learner that had the goal is gone, or never got it."""
 
 
 class TrainingClient(Node):
-    """Sends one goal to the learner's action and follows it.
+    """Sends a goal to the learner's action and follows it, through deaths of the learner.
+
+    Args:
+        learner: name of the learner node.
+        lost_timeout: longest time without a learner, once there was one [s].
 
     Attributes:
         interrupted: set by whoever wants an end; an exception at any place, as Python's own handler
             of INT raises it, could be lost within rclpy.
     """
 
-    def __init__(self, learner: str):
+    def __init__(self, learner: str, lost_timeout: float):
         super().__init__("train_through_graph")
         self.interrupted = threading.Event()
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
+        self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
+        self._lost_timeout = lost_timeout
+        self._peers = Peers(self, owns="")
 
     def train(
         self, goal: TrainPolicy.Goal, timeout: float, progress: TrainingProgress
     ) -> TrainPolicy.Result:
-        """Runs one goal to its end.
+        """Runs a goal to its end; it is sent again if the learner dies and another one comes.
 
         Raises:
             VgpsError: the learner does not come, is busy, or fails.
         """
-        end = time.monotonic() + timeout
-        while not self.action.wait_for_server(timeout_sec=_WAKE_PERIOD):
-            self._check_interrupt()
-            if time.monotonic() > end:
-                raise VgpsError(
-                    f"No policy_learner answered within {timeout:g} s; start one with "
-                    "'ros2 run vgps_ros policy_learner'."
-                )
+        self._wait_for_learner(
+            timeout,
+            f"No policy_learner answered within {timeout:g} s; start one with "
+            "'ros2 run vgps_ros policy_learner'.",
+        )
 
         def show_solve(message: OptimizerIteration) -> None:
             if message.search_iteration == 0:
@@ -72,27 +83,112 @@ class TrainingClient(Node):
         for topic, types in self.get_topic_names_and_types():
             if "vgps_msgs/msg/OptimizerIteration" in types:
                 self.create_subscription(OptimizerIteration, topic, show_solve, STREAM)
-        handle = self._wait(self.action.send_goal_async(goal, feedback_callback=show_iteration))
+        again = False
+        while True:
+            try:
+                result = self._run(goal, show_iteration, again=again)
+            except LostError as error:
+                progress.say(str(error))
+                self._wait_for_learner(self._lost_timeout, self._nobody())
+                again = True
+            else:
+                if not result.success:
+                    raise VgpsError(f"The training ended early: {result.message}")
+                return result
+
+    def _wait_for_learner(self, timeout: float, sentence: str) -> None:
+        """Waits until a learner is there and heard.
+
+        Raises:
+            VgpsError: none came in time.
+        """
+        end = time.monotonic() + timeout
+        while (
+            not self.action.server_is_ready()
+            or not self._peers.instance_of(self._learner)
+            or self._peers.is_silent(self._learner)
+        ):
+            self._check_interrupt()
+            if time.monotonic() > end:
+                raise VgpsError(sentence)
+            self._spin()
+
+    def _run(
+        self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], *, again: bool
+    ) -> TrainPolicy.Result:
+        """Sends the goal to the learner that is there now.
+
+        Raises:
+            LostError: that learner died.
+            VgpsError: it is busy.
+        """
+        instance = self._peers.instance_of(self._learner)
+        sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
+        handle = self._wait(sent, instance, timeout=_ANSWER_TIMEOUT)
+        if not handle.accepted and again:  # perhaps with this goal, whose answer was lost
+            raise LostError("The policy_learner is busy; asking it again.")
         if not handle.accepted:
             raise VgpsError("The policy_learner is busy with another training; wait for its end.")
-        result = self._wait(handle.get_result_async(), cancels=handle).result
-        if not result.success:
-            raise VgpsError(f"The training ended early: {result.message}")
-        return result
+        return self._wait(handle.get_result_async(), instance, cancels=handle).result
 
-    def _wait(self, future: Future, cancels: ClientGoalHandle | None = None) -> Any:
-        """Spins until the future is done; an interrupt cancels the goal first."""
+    def _wait(
+        self,
+        future: Future,
+        instance: str,
+        cancels: ClientGoalHandle | None = None,
+        timeout: float = math.inf,
+    ) -> Any:
+        """Spins until the future is done; an interrupt cancels the goal first.
+
+        Args:
+            future: an answer of the learner.
+            instance: the run of the learner that is to answer.
+            cancels: the goal that an interrupt cancels.
+            timeout: longest time without an answer of a learner that is well [s].
+
+        Raises:
+            LostError: that learner will not answer any more.
+            VgpsError: it is silent for too long, or does not confirm the cancellation.
+        """
+        waited = silent = 0.0
         while not future.done():
-            rclpy.spin_until_future_complete(self, future, timeout_sec=_WAKE_PERIOD)
-            if cancels is None:
+            passed = self._spin()
+            if self._peers.is_silent(self._learner):
+                silent += passed
+            else:
+                waited, silent = waited + passed, 0.0
+            if self._peers.instance_of(self._learner) != instance:
+                raise LostError("The policy_learner has died; its goal is for the next one.")
+            if waited > timeout:
+                raise LostError("The policy_learner does not answer; asking it again.")
+            if silent > self._lost_timeout:
+                raise VgpsError(self._nobody())
+            if self.interrupted.is_set() and cancels and not silent:
+                self._cancel(cancels, future)
+            else:
                 self._check_interrupt()
-            elif self.interrupted.is_set():
-                print("Cancelling the training ...", flush=True)
-                rclpy.spin_until_future_complete(self, cancels.cancel_goal_async(), timeout_sec=5.0)
-                rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
-                if not future.done():
-                    raise VgpsError("The policy_learner did not confirm the cancellation.")
         return future.result()
+
+    def _cancel(self, goal: ClientGoalHandle, future: Future) -> None:
+        print("Cancelling the training ...", flush=True)
+        rclpy.spin_until_future_complete(self, goal.cancel_goal_async(), timeout_sec=5.0)
+        rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
+        if not future.done():
+            raise VgpsError("The policy_learner did not confirm the cancellation.")
+
+    def _spin(self) -> float:
+        """Takes what has come, or waits for a moment; returns the time that passed [s]."""
+        began = time.monotonic()
+        rclpy.spin_once(self, timeout_sec=_WAKE_PERIOD)
+        self._peers.look()
+        # Where this process was stopped meanwhile, nobody is to blame for the silence.
+        return min(time.monotonic() - began, 5 * _WAKE_PERIOD)
+
+    def _nobody(self) -> str:
+        return (
+            f"There was no policy_learner for {self._lost_timeout:g} s; start one, and give this "
+            "command again."
+        )
 
     def _check_interrupt(self) -> None:
         if self.interrupted.is_set():
@@ -143,10 +239,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
     parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
     parser.add_argument("--timeout", type=float, default=20.0, help="wait for the learner [s]")
+    parser.add_argument(
+        "--lost-timeout",
+        type=float,
+        default=300.0,
+        help="wait for a learner that was killed or hangs; a new one gets the goal again [s]",
+    )
     parsed = parser.parse_args(arguments)
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
-    node = TrainingClient(parsed.learner)
+    node = TrainingClient(parsed.learner, parsed.lost_timeout)
     signal.signal(signal.SIGINT, lambda *_: node.interrupted.set())
     try:
         goal = TrainPolicy.Goal(

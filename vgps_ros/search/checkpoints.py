@@ -92,9 +92,8 @@ class Checkpoints:
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, path)
-        except OSError:
+        finally:
             part.unlink(missing_ok=True)
-            raise
         _sync(self.folder)
 
     def latest(self, run: Run, kind: type[Update]) -> SearchState | None:
@@ -109,9 +108,7 @@ class Checkpoints:
         Raises:
             InvalidInputError: there are only checkpoints of another run.
         """
-        loaded = [
-            self._load(path, run, kind) for path in (self._path(0), self._path(1)) if path.exists()
-        ]
+        loaded = [self._load(path, run, kind) for path in (self._path(0), self._path(1))]
         found = [one for one in loaded if isinstance(one, SearchState)]
         if found:
             state = max(found, key=lambda one: one.k)
@@ -120,14 +117,16 @@ class Checkpoints:
         for error in loaded:
             if isinstance(error, ForeignCheckpointError):
                 raise error
-        if loaded:
+        if any(loaded):
             self.tell("There is no whole checkpoint: the training begins anew.")
         return None
 
-    def _load(self, path: Path, run: Run, kind: type[Update]) -> SearchState | Exception:
+    def _load(self, path: Path, run: Run, kind: type[Update]) -> SearchState | Exception | None:
         """The state in a file, or why it is refused."""
         try:
             return _load(path, run, kind)
+        except FileNotFoundError:
+            return None
         except ForeignCheckpointError as error:
             self.tell(str(error))
             return error
@@ -137,8 +136,9 @@ class Checkpoints:
 
     def remove(self) -> None:
         """Removes the files, and the folder if there is nothing else in it."""
-        for k in (0, 1):
-            self._path(k).unlink(missing_ok=True)
+        for path in (self._path(0), self._path(1)):
+            path.unlink(missing_ok=True)
+            path.with_suffix(_PART).unlink(missing_ok=True)
         if self.folder.is_dir() and not any(self.folder.iterdir()):
             self.folder.rmdir()
 

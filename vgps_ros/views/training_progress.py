@@ -50,7 +50,7 @@ class TrainingProgress:
     def iteration(self, entry: dict[str, Any], initial_ddp_cost: float, remaining: float) -> None:
         """Shows an iteration of Algorithm 1, given its entry of result.json."""
         if not self._has_header:
-            self._print(_HEADER)
+            self.say(_ROW.format(*_HEADER))
             self._has_header = True
         costs = (
             entry["stochastic_cost_mean"],
@@ -58,8 +58,8 @@ class TrainingProgress:
             entry["ddp_cost"],
             initial_ddp_cost,
         )
-        self._print(
-            (
+        self.say(
+            _ROW.format(
                 f"{entry['k']}/{self._iterations}",
                 f"{entry['alpha']:.2f}",
                 *("diverged" if cost is None else f"{cost:.1f}" for cost in costs),
@@ -69,9 +69,9 @@ class TrainingProgress:
         self._bar.update(self._initial, visible=False)
         self._bar.update(self._learning, completed=entry["k"], visible=True)
 
-    def _print(self, cells: tuple[str, ...]) -> None:
+    def say(self, line: str) -> None:
+        """Prints a line above the bar."""
         # Not the console's own print, which would wrap lines where a log is narrow.
-        line = _ROW.format(*cells)
         if self._console.is_terminal:
             self._console.print(line, highlight=False, soft_wrap=True)
         else:
