@@ -70,6 +70,12 @@ class Process:
     def running(self) -> bool:
         return self._process.poll() is None
 
+    @property
+    def memory(self) -> float:
+        """Resident memory [MB]."""
+        pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
     def wait(self, timeout: float = PATIENCE) -> int:
         """Waits for the process to end by itself; returns its exit code."""
         return self._process.wait(timeout)

@@ -51,9 +51,12 @@ class BagReader:
         try:
             self._reader = AnyReader([path])
             self._reader.open()
-        except (AnyReaderError, OSError, AssertionError) as error:
+        except Exception as error:
+            # A damaged bag fails in many ways, deep inside what reads it.
             raise InvalidInputError(
-                missing_parts(path) or f"'{path}' is not a bag that can be read: {error}"
+                missing_parts(path)
+                or f"'{path}' is not a bag that can be read: {type(error).__name__}: "
+                f"{error!s:.300}."
             ) from error
 
     def __enter__(self) -> "BagReader":

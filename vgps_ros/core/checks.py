@@ -1,12 +1,28 @@
 """Checks of values that come from outside; each raises one sentence a user can act on."""
 
+import math
+import reprlib
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+
+# Of a covariance's largest entry: the inverse of a badly scaled matrix is exact to no more.
+_ROUNDING = 1e-3
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+_SHORT.maxlist = _SHORT.maxtuple = 12
+
+
+def quoted(value: Any) -> str:
+    """Returns a value as a sentence can hold it: on one line, printable, and not too long."""
+    text = ascii(value) if isinstance(value, str) and not value.isprintable() else None
+    return _SHORT.repr(value) if text is None or len(text) > _SHORT.maxstring else text
 
 
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -15,11 +31,13 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     Raises:
         InvalidInputError: the number of values does not fit the shape, or one is not finite.
     """
-    array = np.array(values, dtype=float)
-    if array.size != int(np.prod(shape)):
-        raise InvalidInputError(
-            f"{name} has {array.size} values, but shape {shape} needs {int(np.prod(shape))}."
-        )
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError(f"{name} must hold numbers only: {error}.") from error
+    size = math.prod(shape)  # of whole numbers without bounds, where NumPy's would wrap round
+    if array.size != size:
+        raise InvalidInputError(f"{name} has {array.size} values, but shape {shape} needs {size}.")
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise InvalidInputError(
@@ -41,6 +59,26 @@ def check_array(name: str, array: Array, shape: tuple[int, ...]) -> None:
     finite_array(name, array, shape)
 
 
+def check_covariances(name: str, covariances: Array) -> None:
+    """Checks that finite matrices, shape (N, n, n), are symmetric and positive semidefinite.
+
+    Raises:
+        InvalidInputError: one is not, by more than rounding.
+    """
+    largest = np.abs(covariances).max(axis=(1, 2), keepdims=True)
+    scaled = covariances / np.where(largest > 0.0, largest, 1.0)
+    skew = np.abs(scaled - scaled.transpose(0, 2, 1)).max(axis=(1, 2))
+    smallest = np.linalg.eigvalsh(scaled)[:, 0]
+    for wrong, what in (
+        (skew > _ROUNDING, "symmetric"),
+        (smallest < -_ROUNDING, "positive semidefinite"),
+    ):
+        if wrong.any():
+            raise InvalidInputError(
+                f"{name} is not {what} at step {np.flatnonzero(wrong)[0]}, as a covariance must be."
+            )
+
+
 def positive(name: str, value: float) -> float:
     """Returns `value` if it is finite and above zero.
 
@@ -60,5 +98,7 @@ def one_of(name: str, value: str, choices: Iterable[str]) -> str:
     """
     names = sorted(choices)
     if value not in names:
-        raise InvalidInputError(f"{name} is '{value}', but it must be one of {', '.join(names)}.")
+        raise InvalidInputError(
+            f"{name} is {quoted(value)}, but it must be one of {', '.join(names)}."
+        )
     return value

@@ -10,4 +10,15 @@ class InvalidInputError(VgpsError, ValueError):
 
 
 class DivergenceError(VgpsError, ArithmeticError):
-    """A rollout or a solve left the region in which numbers mean something."""
+    """A rollout or a solve left the region in which numbers mean something.
+
+    Args:
+        sentence: what happened, and what to change.
+        status: a name for the cause, one of STATUSES.
+    """
+
+    STATUSES = ("diverged", "infinite_cost", "indefinite_quu", "exploding_marginals")
+
+    def __init__(self, sentence: str, status: str = "diverged"):
+        super().__init__(sentence)
+        self.status = status

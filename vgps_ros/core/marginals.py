@@ -12,12 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 
 # Least standard deviation in each direction where a density or distance needs an inverse
 # [m, rad, m/s, rad/s]: a coordinate of x_1 may be exact.
 LOWEST_STD = 0.01
+# Beyond it a linearisation says nothing about where the state may be [m, rad, m/s, rad/s].
+STD_BOUND = 1e6
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,11 @@ class MarginalSettings:
 def state_covariances(
     linear: LinearDynamics, gains: Array, control_covariances: Array, settings: MarginalSettings
 ) -> Array:
-    """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_x, n_x), by the recursion of section 4."""
+    """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_x, n_x), by the recursion of section 4.
+
+    Raises:
+        DivergenceError: a standard deviation passes STD_BOUND.
+    """
     horizon, n_x, _ = linear.f_x.shape
     sigma_f = np.diag(settings.dynamics_std**2)
     sigma = np.empty((horizon + 1, n_x, n_x))
@@ -60,6 +67,14 @@ def state_covariances(
             closed_loop @ sigma[t] @ closed_loop.T + f_u @ control_covariances[t] @ f_u.T + sigma_f
         )
         sigma[t + 1] = _capped(following, settings.std_limit)
+        # Written so that NaN counts.
+        if not np.diagonal(sigma[t + 1]).max() <= STD_BOUND**2:
+            raise DivergenceError(
+                f"The marginals explode: at step {t + 1} of {horizon} a coordinate's standard "
+                f"deviation passes {STD_BOUND:g}. Raise cost_scale, give the task a std_limit, or "
+                "shorten its horizon.",
+                "exploding_marginals",
+            )
     return sigma
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import finite_array, one_of, positive
+from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 
@@ -26,6 +26,10 @@ def _softplus(z: Array) -> Array:
 def _sigmoid(z: Array) -> Array:
     return 0.5 * (1.0 + np.tanh(0.5 * z))
 
+
+# Beyond these a message or a goal is a mistake, and would take gigabytes in the fit.
+MAX_LAYERS = 100
+MAX_PARAMETERS = 1_000_000
 
 # Name: the activation and its derivative.
 ACTIVATIONS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
@@ -48,7 +52,8 @@ class Architecture:
         output_bias: whether the output layer has bias terms.
 
     Raises:
-        InvalidInputError: a layer has no units, or the activation is unknown.
+        InvalidInputError: a layer has no units, the activation is unknown, a coordinate is read
+            twice, or the network is larger than MAX_LAYERS and MAX_PARAMETERS allow.
     """
 
     observed: tuple[int, ...]
@@ -61,8 +66,23 @@ class Architecture:
     def __post_init__(self) -> None:
         """Checks the values."""
         one_of("activation", self.activation, ACTIVATIONS)
+        layers = len(self.layer_sizes) - 1
+        if layers > MAX_LAYERS:
+            raise InvalidInputError(
+                f"The policy has {layers} layers, but it must have at most {MAX_LAYERS}."
+            )
         for units in self.layer_sizes:
             positive("the number of units of a layer", units)
+        if self.num_parameters > MAX_PARAMETERS:
+            raise InvalidInputError(
+                f"The policy has {self.num_parameters} parameters, but it must have at most "
+                f"{MAX_PARAMETERS}: use fewer or narrower hidden layers."
+            )
+        if len(set(self.observed)) != len(self.observed):
+            raise InvalidInputError(
+                f"The policy reads the coordinates {quoted(list(self.observed))}, but each only "
+                "once may be read."
+            )
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:

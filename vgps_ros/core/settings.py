@@ -9,10 +9,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from vgps_ros.core.checks import one_of
+from vgps_ros.core.checks import one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
 
 Record = TypeVar("Record")
+
+_LONGEST = 1000  # list of values that a setting takes
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,13 @@ class Setting:
             self._check_one(value, self.default)
             return
         if not isinstance(value, tuple):
-            raise InvalidInputError(f"{self.name} is {value!r}, but it must be a list of values.")
+            raise InvalidInputError(
+                f"{self.name} is {quoted(value)}, but it must be a list of values."
+            )
+        if len(value) > _LONGEST:
+            raise InvalidInputError(
+                f"{self.name} has {len(value)} values, but at most {_LONGEST} are taken."
+            )
         for entry in value:
             self._check_one(entry, self.default[0])
 
@@ -54,8 +62,8 @@ class Setting:
         wanted = (int, float) if kind is float else kind
         if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
             raise InvalidInputError(
-                f"{self.name} is {value!r} of type {type(value).__name__}, but it must be of type "
-                f"{kind.__name__}."
+                f"{self.name} is {quoted(value)} of type {type(value).__name__}, but it must be of "
+                f"type {kind.__name__}."
             )
         if self.choices:
             one_of(self.name, str(value), self.choices)

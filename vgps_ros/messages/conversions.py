@@ -19,7 +19,7 @@ from vgps_msgs.msg import (
     TrajectoryDistribution as TrajectoryDistributionMsg,
 )
 
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
@@ -70,7 +70,7 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
     sizes = [int(size) for size in message.layer_sizes]
     if len(sizes) < 2 or sizes[0] != len(message.observed):
         raise InvalidInputError(
-            f"The policy's layer_sizes are {sizes}, but they must start with the number of "
+            f"The policy's layer_sizes are {quoted(sizes)}, but they must start with the number of "
             f"observed coordinates, {len(message.observed)}, and end with the number of controls."
         )
     shape = Architecture(
@@ -131,6 +131,11 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
             f"The trajectory has n_x={n_x} and n_u={n_u}; both must be above 0."
         )
     horizon = len(message.mean.controls) // n_u
+    if not horizon:
+        raise InvalidInputError(
+            f"The trajectory has {len(message.mean.controls)} control values for n_u={n_u}, but it "
+            "must have a step at least."
+        )
     return TrajectoryDistribution(
         mean=Trajectory(
             finite_array("mean.states", message.mean.states, (horizon + 1, n_x)),
@@ -197,7 +202,7 @@ def _order(message: JointState, joint_names: Sequence[str]) -> list[int]:
     missing = [name for name in joint_names if name not in index]
     if missing or len(index) != len(message.name):
         raise InvalidInputError(
-            f"The message has the joints {list(message.name)}, but each of {list(joint_names)} "
-            "must be there once."
+            f"The message has the joints {quoted(list(message.name))}, but each of "
+            f"{list(joint_names)} must be there once."
         )
     return [index[name] for name in joint_names]

@@ -4,7 +4,7 @@ from builtin_interfaces.msg import Time
 from vgps_msgs.msg import OptimizerIteration, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.messages.conversions import (
@@ -50,7 +50,7 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
     """
     if message.task != task.name:
         raise InvalidInputError(
-            f"The request is for the task '{message.task}', but this optimizer solves "
+            f"The request is for the task {quoted(message.task)}, but this optimizer solves "
             f"'{task.name}'."
         )
     shape = (task.planned_horizon, task.dynamics.control_dim)

@@ -18,6 +18,7 @@ _PERIOD = 1.0  # between two diagnostics [s]
 _FIRST_PERIOD = 0.1
 _FIRST_COUNT = 12
 _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
+_LINE_PERIOD = 0.1  # at least, between two lines about the same thing [s]
 
 WAIT_TIMEOUT = Setting(
     "wait_timeout",
@@ -99,7 +100,8 @@ class Health:
         said, when = self._said.get(about, ("", 0.0))
         now = time.monotonic()
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
-        if (before != level and now - when > _LOG_PERIOD) or sentence != said:
+        quiet = now - when
+        if quiet > _LINE_PERIOD and (sentence != said or (before != level and quiet > _LOG_PERIOD)):
             # On lines of their own: rclpy refuses two severities from one.
             if level == DiagnosticStatus.ERROR:
                 self._node.get_logger().error(sentence)

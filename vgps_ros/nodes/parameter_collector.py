@@ -70,7 +70,10 @@ class ParameterCollector:
                 self._set(event.node, parameter.name, parameter.value)
 
     def _set(self, node: str, name: str, message: Any) -> None:
-        value = parameter_value_to_python(message)
+        try:
+            value = parameter_value_to_python(message)
+        except RuntimeError:  # of a type that does not exist
+            return
         value = value.tolist() if hasattr(value, "tolist") else value
         known = self._values.setdefault(node, {})
         if name not in known or known[name] != value:

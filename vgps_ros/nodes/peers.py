@@ -116,7 +116,7 @@ class Peers:
     def _refuse(self, name: str, instance: str) -> None:
         """Ends this node, unless the other one is but a recording."""
         if self._count(name) > (name == self._name):
-            process = instance.rsplit("-", 1)[1]
+            process = instance.rpartition("-")[2]
             raise TwinError(
                 f"{name} (process {process}) publishes {self.owns} already, which only one node "
                 "of a graph may do: end that one first, or use another ROS_DOMAIN_ID."

@@ -9,7 +9,7 @@ from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
-from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.messages.optimization import (
     iteration_to_msg,
     request_from_msg,
@@ -77,7 +77,7 @@ class TrajectoryOptimizerNode(Node):
         except VgpsError as error:
             self._health.error(f"Refused a request: {error}")
             response.success = False
-            response.status = "refused"
+            response.status = error.status if isinstance(error, DivergenceError) else "refused"
             response.message = str(error)
             return response
         finally:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array, positive
+from vgps_ros.core.checks import check_array, check_covariances, positive
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
@@ -111,7 +111,8 @@ class TrajectoryOptimizer:
 
         Raises:
             InvalidInputError: a value of the request does not fit the task.
-            DivergenceError: the first rollout diverges.
+            DivergenceError: the first rollout diverges, or there is no q(ζ) of finite numbers
+                around what was found; its status names the cause.
         """
         self._check(request)
         steps_before = self.task.dynamics.simulator_steps
@@ -196,12 +197,13 @@ class TrajectoryOptimizer:
         covariances = solution.policy.control_covariances()
         gains, linear = solution.policy.gains, solution.linear_dynamics
         noise = self.task.marginals.at(alpha)
+        marginals = state_covariances(linear, gains, covariances, noise)
         return TrajectoryDistribution(
             mean=solution.trajectory,
             gains=gains,
             control_covariances=covariances,
             linear_dynamics=linear,
-            state_covariances=state_covariances(linear, gains, covariances, noise),
+            state_covariances=marginals,
         )
 
 
@@ -219,6 +221,8 @@ def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: 
     check_array(f"{name}.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
     check_array(f"{name}.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
     check_array(f"{name}.control_covariances", q.control_covariances, (horizon, n_u, n_u))
+    check_covariances(f"{name}.state_covariances", q.state_covariances)
+    check_covariances(f"{name}.control_covariances", q.control_covariances)
     if not np.array_equal(q.mean.states[0], start):
         raise InvalidInputError(
             f"initial_state is {start.tolist()}, but it must be where {name} starts, "

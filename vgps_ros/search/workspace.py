@@ -115,6 +115,7 @@ class Workspace:
         check_settings(settings)
         if seed < 0:
             raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
+        architecture(task, settings)  # a policy that is too large is refused before the first solve
         self.task = task
         self.settings = settings
         self.seed = seed

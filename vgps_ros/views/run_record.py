@@ -75,5 +75,5 @@ def read_results(folder: Path) -> RunRecord:
     except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(
             f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
-            f"{error}"
+            f"{str(error).rstrip('.')}."
         ) from error

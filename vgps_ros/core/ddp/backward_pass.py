@@ -16,6 +16,7 @@ from typing import cast
 import numpy as np
 from numba import njit
 
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
 
 
@@ -45,8 +46,23 @@ class LocalPolicy:
         return -step_size * self.slope - 0.5 * step_size**2 * self.curvature
 
     def control_covariances(self) -> Array:
-        """Returns Quu⁻¹, shape (T, n_u, n_u), the covariance of π_G."""
-        return cast(Array, np.linalg.inv(self.q_uu))
+        """Returns Quu⁻¹, shape (T, n_u, n_u), the covariance of π_G.
+
+        Raises:
+            DivergenceError: a Quu without regularisation is no precision.
+        """
+        try:
+            np.linalg.cholesky(self.q_uu)
+            covariances = np.linalg.inv(self.q_uu)
+        except np.linalg.LinAlgError:
+            covariances = np.full_like(self.q_uu, np.nan)
+        if not np.isfinite(covariances).all():
+            raise DivergenceError(
+                "Quu has no inverse that is a covariance: raise cost_scale, or give controls more "
+                "weight in the cost.",
+                "indefinite_quu",
+            )
+        return cast(Array, covariances)
 
 
 def backward_pass(

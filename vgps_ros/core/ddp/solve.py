@@ -108,7 +108,8 @@ def solve(
         is_cancelled: asked between the parts of an iteration; true ends the solve.
 
     Raises:
-        DivergenceError: the initial trajectory is not finite.
+        DivergenceError: the initial trajectory, its cost or a derivative is not finite, or Quu is
+            indefinite where q is centred.
     """
     if not (np.isfinite(initial.states).all() and np.isfinite(initial.controls).all()):
         raise DivergenceError(
@@ -117,6 +118,7 @@ def solve(
     trajectory = initial
     linear = linear_dynamics or dynamics.linearize(trajectory)
     expansion = cost.expand(trajectory)
+    _check_finite(linear, expansion)
     value = float(np.sum(expansion.c))
     regularization = _Regularization(settings)
     log: list[Iteration] = []
@@ -144,6 +146,7 @@ def solve(
         trajectory, value = step.trajectory, step.cost
         linear = dynamics.linearize(trajectory)
         expansion = cost.expand(trajectory)
+        _check_finite(linear, expansion)
         if log[-1].cost_reduction < settings.cost_tolerance * abs(value):
             status = Status.CONVERGED
             break
@@ -178,6 +181,19 @@ def _search(
     return Status.CANCELLED
 
 
+def _check_finite(linear: LinearDynamics, expansion: CostExpansion) -> None:
+    for record, what in ((expansion, "cost"), (linear, "dynamics")):
+        for name, values in vars(record).items():
+            bad = np.argwhere(~np.isfinite(values))
+            if bad.size:
+                raise DivergenceError(
+                    f"The {what} has a {name} that is not finite, at step {bad[0][0]}: start from "
+                    "smaller controls or another state, or lower cost_scale or the policy's "
+                    "parameters.",
+                    "infinite_cost" if record is expansion else "diverged",
+                )
+
+
 def _distribution_policy(
     linear: LinearDynamics, expansion: CostExpansion, settings: DdpSettings
 ) -> LocalPolicy:
@@ -186,6 +202,7 @@ def _distribution_policy(
     if not policy.complete:
         raise DivergenceError(
             "Quu is not positive definite at distribution_regularization="
-            f"{settings.distribution_regularization}; raise it."
+            f"{settings.distribution_regularization}; raise it.",
+            "indefinite_quu",
         )
     return policy

@@ -1,0 +1,489 @@
+"""Thousands of malformed requests and messages to nodes that run: none may harm them.
+
+MALFORMED_MESSAGES sets how many there are, MALFORMED_SEED what they are.
+"""
+
+import math
+import os
+import uuid
+from collections import deque
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from type_description_interfaces.srv import GetTypeDescription
+from unique_identifier_msgs.msg import UUID
+from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import (
+    GaussianPolicy,
+    LearningProgress,
+    SimulationState,
+    Trajectory,
+    TrajectoryDistribution,
+)
+from vgps_msgs.srv import (
+    CancelOptimization,
+    GetSimulationState,
+    OptimizeTrajectory,
+    ResetSimulation,
+    SetSimulationState,
+    StepSimulation,
+)
+
+from tests.nodes.malformed import STRINGS, broken, cut, huge
+from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy import GaussianPolicy as Policy
+from vgps_ros.messages.conversions import (
+    command_to_msg,
+    distribution_to_msg,
+    pack,
+    policy_to_msg,
+    stamp_of,
+    state_from_msg,
+    state_to_msg,
+)
+from vgps_ros.messages.optimization import request_from_msg
+from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.tasks import make_task
+
+MESSAGES = int(os.environ.get("MALFORMED_MESSAGES", "10500"))
+SEED = int(os.environ.get("MALFORMED_SEED", "0"))
+BATCH = 50
+WINDOW = 5  # calls under way at once: a service of ROS keeps ten and drops the rest
+PROMPT = 1.0  # longest time for an answer [s]
+GROWTH = 16.0  # of a node's memory that counts as none [MB]
+
+SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
+ROTOR = make_task("rotor")
+NAMES = ROTOR.joint_names
+STAMP = stamp_of(0)
+SHAPE = Architecture(ROTOR.observed, (2,), 1)
+POLICY = Policy(SHAPE, np.linspace(-0.5, 0.5, SHAPE.num_parameters), np.ones(1))
+POLICY_MESSAGE = policy_to_msg(POLICY, "rotor", 1, STAMP)
+STATE = state_to_msg(np.array([0.5, -0.5]), NAMES, STAMP)
+COMMAND = command_to_msg(np.array([0.5]), NAMES, STAMP)
+FIRST = OptimizeTrajectory.Request(
+    task="rotor",
+    cost_scale=1.0,
+    max_iterations=2,
+    initial_state=pack(ROTOR.initial_state),
+    guess=[Trajectory(n_x=2, n_u=1, controls=pack(np.zeros(50)))],
+)
+SOLVED = TrajectoryOptimizer(ROTOR, OptimizerSettings(ROTOR.ddp)).optimize(
+    request_from_msg(FIRST, ROTOR)
+)
+DISTRIBUTION = distribution_to_msg(
+    SOLVED.distribution, task="rotor", trajectory_index=0, iteration=1, time_step=0.02, stamp=STAMP
+)
+NEXT = OptimizeTrajectory.Request(
+    task="rotor",
+    iteration=1,
+    cost_scale=0.5,
+    max_iterations=2,
+    initial_state=FIRST.initial_state,
+    previous=[DISTRIBUTION],
+    policy=[POLICY_MESSAGE],
+)
+PROGRESS = LearningProgress(task="rotor", method="vgps", iteration=1, iterations=2, alpha=0.5)
+DIAGNOSIS = DiagnosticArray(
+    status=[
+        DiagnosticStatus(
+            name="/policy_executor",
+            message="Running.",
+            hardware_id="vgps_ros",
+            values=[
+                KeyValue(key="instance", value="1-here-1"),
+                KeyValue(key="owns", value="/joint_command"),
+            ],
+        )
+    ]
+)
+EVENT = ParameterEvent(
+    node="/simulation",
+    changed_parameters=[
+        Parameter(
+            name="task", value=ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="x")
+        )
+    ],
+)
+PAUSED = SimulationState(state=SimulationState.STATE_PAUSED)
+
+
+class World:
+    """The whole graph for the rotor, and whether it is well."""
+
+    def __init__(self, graph, folder):
+        self.graph = graph
+        self.sent = 0
+        self.clients = {}
+        self.publishers = {}
+        self.nodes = {
+            "simulation": graph.start("simulation", task="rotor", start_paused=True),
+            "trajectory_optimizer": graph.start("trajectory_optimizer", task="rotor"),
+            "policy_executor": graph.start("policy_executor", task="rotor", autostart=False),
+            "policy_learner": graph.start(
+                "policy_learner", task="rotor", evaluation_rollouts=2, initial_ddp_iterations=2
+            ),
+            "recorder": graph.start("recorder", output=folder / "bag"),
+            "visualizer": graph.start("visualizer", output=folder / "run.rrd"),
+            "player": graph.start(
+                "player", bag=SAMPLE, start_paused=True, loop=True, include=[".*progress"]
+            ),
+        }
+        self.states = graph.messages(JointState, "joint_states")
+        self.parameters = {name: self._parameters_of(name) for name in self.nodes}
+        self.check()
+
+    def call(self, kind, name, request=None, timeout=30.0):
+        return self.calls([(kind, name, request or kind.Request())], timeout)[0]
+
+    def calls(self, calls, timeout=PROMPT):
+        """Makes calls (kind, name, request), a few at once, and returns their responses.
+
+        Each answer must come in time after the one before.
+        """
+        waiting, responses = deque(), []
+        for call in [*calls, *[None] * WINDOW]:
+            if waiting and (len(waiting) == WINDOW or not call):
+                future, made = waiting.popleft()
+                self.graph.spin_until(future.done, timeout, what=f"an answer to {made!r:.500}")
+                responses.append(future.result())
+            if call:
+                waiting.append((self.send(*call), call))
+        return responses
+
+    def send(self, kind, name, request):
+        if name not in self.clients:
+            self.clients[name] = self.graph.node.create_client(kind, name)
+            self.graph.spin_until(self.clients[name].service_is_ready, what=name)
+        return self.clients[name].call_async(request)
+
+    def publish(self, kind, topic, messages, qos=STREAM):
+        if topic not in self.publishers:
+            self.publishers[topic] = self.graph.publisher(kind, topic, qos)
+        for message in messages:
+            self.publishers[topic].publish(message)
+
+    def is_alive(self, *names):
+        for name in names or self.nodes:
+            request = GetParameters.Request(names=["peer_timeout"])
+            (value,) = self.call(GetParameters, f"{name}/get_parameters", request, PROMPT).values
+            assert value.double_value == 3.0
+
+    def flood(self, strategy, share, send):
+        """Draws a share of all messages and hands them over in batches; memory must stay flat."""
+        memory = []
+
+        @seed(SEED)
+        @settings(
+            max_examples=math.ceil(share * MESSAGES / BATCH),
+            derandomize=False,
+            phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+            verbosity=Verbosity.quiet,
+        )
+        @given(st.lists(strategy, min_size=BATCH, max_size=BATCH))
+        def run(batch):
+            self.sent += len(batch)
+            send(batch)
+            memory.append({name: process.memory for name, process in self.nodes.items()})
+
+        run()
+        self.check()
+        warm, end = memory[len(memory) // 4], memory[-1]
+        growth = {name: end[name] - warm[name] for name in end}
+        assert max(growth.values()) <= GROWTH, growth
+
+    def check(self):
+        """Every node answers a valid request correctly, and no log has a traceback."""
+        self.graph.spin_for(0.2)
+        self.is_alive()
+        for process in self.nodes.values():
+            assert process.running, process.output
+            assert "Traceback" not in process.output, process.output
+        self._check_optimizer()
+        self._check_robot()
+        for node in ("recorder", "player"):
+            self.call(Trigger, f"{node}/resume")
+            assert self.call(Trigger, f"{node}/pause").success
+        assert self.call(Trigger, "recorder/resume").success
+
+    def _check_optimizer(self):
+        response = self.call(OptimizeTrajectory, "trajectory_optimizer/optimize", FIRST)
+        assert response.success, response.message
+        assert response.cost == SOLVED.cost
+        assert response.distribution.gains.tobytes() == SOLVED.distribution.gains.tobytes()
+
+    def _check_robot(self):
+        """Three steps of the simulation under the policy are those of the task's dynamics."""
+        self.publish(GaussianPolicy, "policy", [POLICY_MESSAGE], LATCHED)
+        self.activate()
+        pause = SetSimulationState.Request(state=PAUSED)
+        self.call(SetSimulationState, "simulation/set_simulation_state", pause)
+        self.graph.spin_for(0.1)
+        assert self.call(ResetSimulation, "simulation/reset_simulation").result.result == 1
+        self.graph.spin_for(0.1)
+        self.states.clear()
+        steps = StepSimulation.Request(steps=3)
+        assert self.call(StepSimulation, "simulation/step_simulation", steps).result.result == 1
+        state = ROTOR.initial_state
+        for _ in range(3):
+            state = ROTOR.dynamics.step(state, POLICY.mean(state))
+
+        def arrived():
+            return any(np.array_equal(state_from_msg(m, NAMES), state) for m in self.states)
+
+        self.graph.spin_until(arrived, 5.0, "the state after three steps")
+
+    def activate(self):
+        """Leads the executor to active, wherever it is."""
+        for label, transition in (
+            ("unconfigured", Transition.TRANSITION_CONFIGURE),
+            ("inactive", Transition.TRANSITION_ACTIVATE),
+        ):
+            if self.call(GetState, "policy_executor/get_state").current_state.label == label:
+                request = ChangeState.Request(transition=Transition(id=transition))
+                assert self.call(ChangeState, "policy_executor/change_state", request).success
+
+    def _parameters_of(self, node):
+        names = self.call(ListParameters, f"{node}/list_parameters").result.names
+        request = GetParameters.Request(names=names)
+        values = self.call(GetParameters, f"{node}/get_parameters", request).values
+        return dict(zip(names, values, strict=True))
+
+
+@pytest.fixture(scope="module")
+def world(shared_graph, tmp_path_factory):
+    return World(shared_graph, tmp_path_factory.mktemp("world"))
+
+
+def is_sentence(text):
+    return 10 < len(text) < 1000 and text.endswith(".") and text.isprintable()
+
+
+@pytest.mark.parametrize("valid", [FIRST, NEXT], ids=["first", "next"])
+def test_requests_to_the_optimizer(world, valid):
+    def send(batch):
+        name = "trajectory_optimizer/optimize"
+        for response in world.calls([(OptimizeTrajectory, name, request) for request in batch]):
+            assert is_sentence(response.message), response.message
+            if response.success:
+                assert math.isfinite(response.cost + response.modified_cost)
+                assert np.isfinite(response.distribution.state_covariances).all()
+                assert np.isfinite(response.distribution.gains).all()
+        world.call(CancelOptimization, "trajectory_optimizer/cancel")
+        world.is_alive("trajectory_optimizer")
+
+    world.flood(broken(valid), 0.03, send)
+
+
+TOPICS = {
+    "joint_command": (JointState, COMMAND, STREAM, ("simulation", "visualizer")),
+    "joint_states": (JointState, STATE, STREAM, ("policy_executor", "visualizer")),
+    "policy": (GaussianPolicy, POLICY_MESSAGE, LATCHED, ("policy_executor", "visualizer")),
+    "trajectory_distribution": (TrajectoryDistribution, DISTRIBUTION, LATCHED, ("visualizer",)),
+    "learning_progress": (LearningProgress, PROGRESS, STREAM, ("visualizer",)),
+    "robot_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
+    "/diagnostics": (DiagnosticArray, DIAGNOSIS, STREAM, ()),
+    "/parameter_events": (ParameterEvent, EVENT, STREAM, ("recorder",)),
+}
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_messages(world, topic):
+    kind, valid, qos, takers = TOPICS[topic]
+
+    def send(batch):
+        world.publish(kind, topic, batch, qos)
+        world.is_alive(*takers)
+
+    world.flood(broken(valid) | cut(valid), 0.1, send)
+
+
+@pytest.mark.parametrize("topic", ["joint_command", "joint_states", "policy"])
+def test_huge_messages(world, topic):
+    kind, valid, qos, takers = TOPICS[topic]
+    for message in huge(valid):
+        world.publish(kind, topic, [message], qos)
+        world.is_alive(*takers)
+    world.check()
+
+
+def test_requests_to_the_simulation(world):
+    services = {
+        "reset_simulation": (ResetSimulation, ResetSimulation.Request()),
+        "set_simulation_state": (SetSimulationState, SetSimulationState.Request(state=PAUSED)),
+        "step_simulation": (StepSimulation, StepSimulation.Request(steps=1)),
+        "get_simulation_state": (GetSimulationState, GetSimulationState.Request()),
+    }
+    pause = SetSimulationState.Request(state=PAUSED)
+    requests = [
+        st.tuples(
+            st.just(name), broken(valid) if valid.get_fields_and_field_types() else st.just(valid)
+        )
+        for name, (_, valid) in services.items()
+    ]
+
+    def send(batch):
+        for name, request in batch:
+            future = world.send(services[name][0], f"simulation/{name}", request)
+            while not future.done():  # steps wait for commands until the simulation is paused
+                world.call(SetSimulationState, "simulation/set_simulation_state", pause, PROMPT)
+            result = future.result().result
+            assert result.result == 1 or is_sentence(result.error_message)
+
+    world.flood(st.one_of(requests), 0.04, send)
+
+
+def values_of():
+    texts = st.sampled_from(STRINGS)
+    return {
+        "bool_value": st.booleans(),
+        "integer_value": st.sampled_from((0, -1, 2**63 - 1, -(2**63))),
+        "double_value": st.sampled_from((math.nan, math.inf, -1.0, 1e308)),
+        "string_value": texts,
+        "double_array_value": st.lists(st.sampled_from((math.nan, 1e308, 0.0)), max_size=4),
+        "integer_array_value": st.lists(st.integers(-5, 5), max_size=4),
+        "string_array_value": st.lists(texts, max_size=3),
+        "bool_array_value": st.lists(st.booleans(), max_size=3),
+    }
+
+
+@pytest.mark.parametrize("together", [False, True], ids=["each", "together"])
+def test_values_for_parameters(world, together):
+    values = st.builds(
+        ParameterValue,
+        type=st.sampled_from((*range(10), 10, 200, 255)),
+        **values_of(),
+    )
+
+    @st.composite
+    def request(draw):
+        node = draw(st.sampled_from(sorted(world.nodes)))
+        # Simulated time would stand still, and the periods are how the test sees the nodes.
+        names = sorted(set(world.parameters[node]) - {"use_sim_time", "peer_timeout"})
+        name = st.sampled_from(names) | st.sampled_from(STRINGS)
+        parameters = st.lists(st.builds(Parameter, name=name, value=values), min_size=1, max_size=3)
+        return node, draw(parameters)
+
+    def send(batch):
+        for node, parameters in batch:
+            if together:
+                kind, name = SetParametersAtomically, f"{node}/set_parameters_atomically"
+                (response,) = world.calls([(kind, name, kind.Request(parameters=parameters))])
+                results = [response.result]
+            else:
+                kind, name = SetParameters, f"{node}/set_parameters"
+                (response,) = world.calls([(kind, name, kind.Request(parameters=parameters))])
+                results = response.results
+                assert len(results) == len(parameters)
+            assert all(result.successful or len(result.reason) > 10 for result in results)
+
+    world.flood(request(), 0.03, send)
+
+
+def test_transitions_out_of_order(world):
+    """Those that end the executor for good are right requests, and left out."""
+    labels = ("", "configure", "activate", "deactivate", "cleanup", "transition_success", *STRINGS)
+    ids = st.sampled_from((0, 1, 2, 3, 4, 8, 9, 10, 20, 50, 60, 61, 62, 97, 98, 99, 200, 255))
+    transitions = st.builds(Transition, id=ids, label=st.sampled_from(labels))
+
+    def send(batch):
+        name = "policy_executor/change_state"
+        for transition in batch:
+            world.calls([(ChangeState, name, ChangeState.Request(transition=transition))])
+        world.is_alive("policy_executor")
+
+    world.flood(transitions, 0.03, send)
+
+
+def test_questions_for_types(world):
+    valid = GetTypeDescription.Request(type_name="sensor_msgs/msg/JointState", type_hash="RIHS01_0")
+    nodes = sorted(world.nodes)
+
+    def send(batch):
+        for number, request in enumerate(batch):
+            name = f"{nodes[number % len(nodes)]}/get_type_description"
+            (response,) = world.calls([(GetTypeDescription, name, request)])
+            assert not response.successful
+
+    world.flood(broken(valid), 0.01, send)
+
+
+GOAL = TrainPolicy.Goal(seed=1, iterations=1, hidden_units=[2])
+BAD_GOALS = st.one_of(
+    st.builds(
+        TrainPolicy.Goal,
+        seed=st.integers(0, 2**64 - 1),
+        iterations=st.sampled_from((0, 100_001, 2**32 - 1)),
+        hidden_units=st.lists(st.integers(1, 10), max_size=3),
+    ),
+    st.builds(
+        TrainPolicy.Goal,
+        seed=st.integers(0, 2**64 - 1),
+        iterations=st.integers(1, 100_000),
+        hidden_units=st.sampled_from(
+            [[0], [10**9], [10_001], [10_000, 10_000], [1] * 101, [5] * 100_000, [2**32 - 1] * 3]
+        ),
+    ),
+)
+
+
+def train(world, goal):
+    """Sends a goal and returns its status and result."""
+    name = "policy_learner/train/_action"
+    send = TrainPolicy.Impl.SendGoalService
+    identity = UUID(uuid=list(uuid.uuid4().bytes))
+    request = send.Request(goal_id=identity, goal=goal)
+    (accepted,) = world.calls([(send, f"{name}/send_goal", request)])
+    assert accepted.accepted
+    result = TrainPolicy.Impl.GetResultService
+    (answer,) = world.calls(
+        [(result, f"{name}/get_result", result.Request(goal_id=identity))], 10.0
+    )
+    return answer.status, answer.result
+
+
+def test_goals_for_the_learner(world):
+    def send(batch):
+        for goal in batch:
+            status, result = train(world, goal)
+            assert status == GoalStatus.STATUS_ABORTED
+            assert is_sentence(result.message), result.message
+        world.is_alive("policy_learner")
+
+    world.flood(BAD_GOALS, 0.01, send)
+    for seed_of_a_run in (1, 2**64 - 1):
+        goal = TrainPolicy.Goal(seed=seed_of_a_run, iterations=1, hidden_units=[2])
+        status, result = train(world, goal)
+        assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+        assert np.isfinite(result.policy.parameters).all()
+
+
+def test_orders_for_recorder_and_player(world):
+    orders = st.tuples(
+        st.sampled_from(("recorder/pause", "recorder/resume"))
+        | st.sampled_from(("player/pause", "player/step", "player/resume"))
+    )
+
+    def send(batch):
+        for response in world.calls([(Trigger, name, Trigger.Request()) for (name,) in batch]):
+            assert is_sentence(response.message)
+
+    world.flood(orders, 0.02, send)
+
+
+def test_there_were_as_many_as_promised(world):
+    assert world.sent >= MESSAGES

@@ -1,0 +1,126 @@
+"""Files that were cut short or changed: each is read as it stands, or refused with a sentence."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.joints import compile_model
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_file import load_policy, save_policy
+from vgps_ros.core.records import Trajectory
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.demonstration import load_demonstration, save_demonstration
+from vgps_ros.tasks.task import load_model
+from vgps_ros.views.run_record import RunRecord, read_results
+
+SEED = int(os.environ.get("MALFORMED_SEED", "0"))
+SAMPLE = Path(__file__).parents[1] / "recordings" / "sample"
+ROTOR = make_task("rotor")
+
+
+def write_policy(folder):
+    shape = Architecture((0, 1), (2,), 1)
+    save_policy(
+        GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(1)), "rotor", folder / "file"
+    )
+
+
+def write_demonstration(folder):
+    states, controls = np.zeros((ROTOR.planned_horizon + 1, 2)), np.ones((ROTOR.planned_horizon, 1))
+    save_demonstration(ROTOR, Trajectory(states, controls), folder / "file")
+
+
+def write_model(folder):
+    shutil.copy(ROTOR.model_path, folder / "file")
+
+
+def write_result(folder):
+    (folder / "file").write_text(json.dumps({"task": "rotor", "iterations": [{"k": 1}]}))
+    states = np.zeros((3, 2))
+    run = RunRecord("", 0.05, None, states, states, np.zeros((3, 2, 2)), states)
+    run.save_trajectories(folder)
+
+
+def read_result(path):
+    shutil.copy(path, path.with_name("result.json"))
+    read_results(path.parent)
+
+
+KINDS = {
+    "policy": (write_policy, load_policy),
+    "demonstration": (write_demonstration, lambda path: load_demonstration(ROTOR, path)),
+    "model": (write_model, lambda path: load_model(path, ["rotor"])),
+    "model as text": (write_model, lambda path: compile_model(path.read_text(errors="replace"))),
+    "result": (write_result, read_result),
+}
+PIECES = (b"", b"nan", b"1e999", b"-1", b"null", b"[]", b"{", b"\xff\xfe", b"\x00", b",", b"<body>")
+
+
+def damaged(data):
+    """Draws the bytes with up to three stretches cut out or replaced."""
+    places = st.tuples(
+        st.integers(0, len(data)),
+        st.integers(0, 40),
+        st.sampled_from(PIECES) | st.binary(max_size=8),
+    )
+
+    def damage(changes, length):
+        changed = bytearray(data[:length])
+        for at, count, piece in changes:
+            changed[at : at + count] = piece
+        return bytes(changed)
+
+    cut = st.just(len(data)) | st.integers(0, len(data))
+    return st.builds(damage, st.lists(places, min_size=1, max_size=3), cut)
+
+
+def read_damaged(read, path, original, examples):
+    refused = []
+
+    @seed(SEED)
+    @settings(
+        max_examples=examples,
+        derandomize=False,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(damaged(original))
+    def run(data):
+        path.write_bytes(data)
+        try:
+            read(path)
+        except InvalidInputError as error:
+            refused.append(str(error))
+
+    run()
+    assert refused
+    for sentence in refused:
+        assert len(sentence) < 1000, sentence
+        assert sentence.endswith("."), sentence
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
+    write, read = KINDS[kind]
+    write(tmp_path)
+    read_damaged(read, tmp_path / "file", (tmp_path / "file").read_bytes(), 300)
+
+
+@pytest.mark.parametrize("name", ["metadata.yaml", "bag_0.mcap"])
+def test_damaged_bags_are_opened_or_refused_with_a_sentence(tmp_path, name):
+    bag = tmp_path / "bag"
+    shutil.copytree(SAMPLE, bag)
+
+    def read(_):
+        with BagReader(bag):
+            pass
+
+    read_damaged(read, bag / name, (SAMPLE / name).read_bytes(), 60)
