@@ -123,6 +123,24 @@ def test_what_is_no_whole_bag_is_refused_with_a_sentence(bag, tmp_path, make, se
         BagReader(path)
 
 
+@pytest.mark.parametrize(
+    "path", ["../outside.mcap", "{folder}/outside.mcap", "a/../../outside.mcap"]
+)
+def test_files_outside_the_bags_folder_are_never_read(bag, tmp_path, path):
+    outside = tmp_path / "outside.mcap"
+    outside.write_bytes((bag / "bag_0.mcap").read_bytes())
+    metadata = bag / "metadata.yaml"
+    named = path.format(folder=tmp_path)
+    metadata.write_text(metadata.read_text().replace("bag_0.mcap", named))
+    with pytest.raises(InvalidInputError, match="outside"):
+        BagReader(bag)
+    # A file of that name beside metadata.yaml is the one that is meant.
+    (bag / "bag_0.mcap").rename(bag / "outside.mcap")
+    outside.unlink()
+    with BagReader(bag) as reader:
+        assert len(list(reader.messages())) == 3
+
+
 def test_a_type_that_is_not_installed_is_refused_by_name():
     for kind in ("no_such_msgs/msg/Thing", "vgps_msgs/msg/NoSuchThing"):
         with pytest.raises(InvalidInputError, match=f"{kind} is not installed"):
