@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 
+from vgps_ros.core.distribution_file import load_distributions
 from vgps_ros.core.policy_file import load_policy
 from vgps_ros.experiments.train import main
 
@@ -49,6 +50,11 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         "state_covariances": (501, 10, 10),
         "executed_states": (501, 10),
     }
+    [q], task = load_distributions(tmp_path / "run" / "distribution.npz")
+    assert task == "swimmer"
+    assert q.mean.horizon == 500
+    with np.load(tmp_path / "run" / "trajectories.npz", allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(q.state_covariances, arrays["state_covariances"])
     # A table with one line an iteration, for a person to follow.
     header, *lines = capsys.readouterr().out.splitlines()[:3]
     assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]

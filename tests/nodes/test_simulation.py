@@ -289,6 +289,37 @@ def test_real_time_follows_the_wall_clock_and_drops_torques_without_commands(gra
     graph.diagnosis("simulation", DiagnosticStatus.OK)
 
 
+def test_in_real_time_an_old_command_is_refused_also_after_a_reset(graph, swimmer):
+    graph.start("simulation", mode="real_time", command_timeout=0.3)
+    robot = Robot(graph, swimmer)
+
+    def commanded_after(duration):
+        """Answers the state of a while ago."""
+        first = len(robot.states)
+        graph.spin_until(lambda: len(robot.states) > first)
+        answered = robot.states[first]
+        graph.spin_for(duration)
+        robot.command([1.0, 1.0], answered)
+
+    def moves():
+        return any(robot.states[-1].effort)
+
+    for _ in range(2):
+        commanded_after(1.0)
+        graph.diagnosis("simulation", DiagnosticStatus.ERROR, "it must be that of the state")
+        assert not moves()
+        commanded_after(0.0)
+        graph.spin_until(moves)
+        # The torques end with the command's time, and with a reset at once.
+        graph.spin_until(lambda: not moves())
+        commanded_after(0.0)
+        graph.spin_until(moves)
+        graph.call(ResetSimulation, "simulation/reset_simulation")
+        robot.states.clear()
+        graph.spin_until(lambda: robot.states and robot.states[0].header.stamp.sec == 0)
+        assert not moves()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("twice", [False, True])
 def test_a_signal_ends_it_with_code_0_even_while_it_steps(graph, number, twice):

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from rclpy.serialization import deserialize_message
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader, BagWriter
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
+from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.demonstration import load_demonstration
 from vgps_ros.tools.bag import main
@@ -20,15 +23,21 @@ from vgps_ros.tools.bag import main
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 
 
-def copy(target: Path, change, attachments: bool = True) -> Path:
-    """Writes the sample again, each message as `change` has it; None leaves it out."""
+def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
+    """Writes the sample again, each message as `change` has it; None leaves it out.
+
+    Keyword arguments are added to the executor's recorded parameters.
+    """
     writer = BagWriter(target)
     with BagReader(SAMPLE) as bag:
         for topic, kind in bag.topics.items():
             writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
         if attachments:
             for name, text in bag.attachments().items():
-                writer.attach(name, text, bag.start)
+                content = yaml.safe_load(text) if name == "parameters.yaml" else {}
+                if content:
+                    content["/policy_executor"]["ros__parameters"].update(parameters)
+                writer.attach(name, yaml.safe_dump(content) if content else text, bag.start)
         for message in bag.messages():
             if (data := change(message)) is not None:
                 writer.write(message.topic, message.stamp, data)
@@ -77,6 +86,101 @@ def test_one_bit_of_one_torque_is_found_with_its_time_and_joint(tmp_path, capsys
     time = command.header.stamp.sec + command.header.stamp.nanosec * 1e-9
     fails(["check", str(bag)], f"At {time:.3f} s the torque of {command.name[1]} is")
     assert "1 torques differ" in capsys.readouterr().out
+
+
+def commanded(change):
+    """Returns what `copy` takes: the torques of command i become change(i, stamp, torques)."""
+    count = iter(range(10_000))
+
+    def apply(message):
+        if message.topic != "/joint_command":
+            return message.data
+        command = deserialize_message(message.data, JointState)
+        stamp = command.header.stamp.sec * 10**9 + command.header.stamp.nanosec
+        torques = change(next(count), stamp, np.array(command.effort))
+        return message.data[:-16] + struct.pack("<2d", *torques)  # efforts come last
+
+    return apply
+
+
+def state_at(stamp):
+    """The sample's state of a stamp [ns]."""
+    with BagReader(SAMPLE) as bag:
+        for message in bag.messages(["/joint_states"]):
+            state = bag.decode(message)
+            if state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == stamp:
+                return np.concatenate([state.position, state.velocity])
+    raise AssertionError(stamp)
+
+
+def test_torques_are_compared_within_the_recorded_limits(tmp_path, capsys):
+    limits = [20.0, 30.0]
+    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    safe = {"safe_action": "zero", "torque_limits": [20.0, 20.0]}
+    main(["check", str(copy(tmp_path / "good", change, **safe))])
+    found = capsys.readouterr().out
+    assert "506 torques are bit for bit what the policy gives" in found
+    clipped = int(found.split(" of them are clipped to torque_limits")[0].split()[-1])
+    assert 50 < clipped < 506
+    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    bag = copy(tmp_path / "bad", change, safe_action="zero", torque_limits=limits)
+    fails(["check", str(bag)], "the torque of back_joint is")
+
+
+@pytest.mark.parametrize("bad", [None, 300])
+def test_a_rate_limit_is_followed_from_torque_to_torque(tmp_path, capsys, bad):
+    limiter = TorqueLimiter(np.full(2, 1e9), 200.0, 0.02)
+
+    def change(i, stamp, torques):
+        torques = limiter.limited(torques, stamp)
+        limiter.note(torques, stamp)
+        return torques + (i == bad) * np.array([0.0, 1e-9])
+
+    bag = copy(tmp_path / "bag", commanded(change), safe_action="zero", torque_rate_limit=200.0)
+    if bad is None:
+        main(["check", str(bag)])
+        found = capsys.readouterr().out
+        assert "506 torques are bit for bit" in found
+        assert int(found.split(" of them are held back")[0].split()[-1]) > 50
+    else:
+        fails(["check", str(bag)], "the torque of back_joint is")
+
+
+@pytest.mark.parametrize("action", ["zero", "damping", "feedback"])
+def test_torques_of_the_safe_action_are_counted_apart(tmp_path, capsys, action):
+    settings = SafetySettings(safe_action=action, damping=3.0)
+    swimmer = make_task("swimmer")
+    with BagReader(SAMPLE) as bag:
+        last = list(bag.messages(["/trajectory_distribution"]))[-1]
+        q = distribution_from_msg(bag.decode(last)).first(swimmer.horizon)
+    marginals = TrainingMarginals(q, swimmer.observed, (10, 2))
+
+    def change(i, stamp, torques):
+        if not 200 <= i < 205:
+            return torques
+        return safe_torques(settings, state_at(stamp), [3, 4], [marginals])
+
+    bag = copy(tmp_path / "bag", commanded(change), safe_action=action, damping=3.0)
+    main(["check", str(bag)])
+    found = capsys.readouterr().out
+    assert "501 torques are bit for bit" in found
+    assert "5 other torques are those of the safe action, or zero." in found
+    # The same torques of an executor that had no safe action are wrong.
+    fails(["check", str(copy(tmp_path / "old", commanded(change)))], "but the policy of iteration")
+
+
+def test_a_state_that_is_not_finite_is_counted_and_needs_no_torque(tmp_path, capsys):
+    seen = iter(range(10_000))
+
+    def change(message):
+        if message.topic != "/joint_states" or next(seen):
+            return message.data
+        # The first copy of the first state: the last velocity stands before five efforts.
+        end = len(message.data) - 5 * 8 - 8
+        return message.data[: end - 8] + struct.pack("<d", np.nan) + message.data[end:]
+
+    main(["check", str(copy(tmp_path / "bag", change))])
+    assert "1 states could not be used." in capsys.readouterr().out
 
 
 def test_a_lost_state_is_found(tmp_path, capsys):

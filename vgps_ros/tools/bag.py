@@ -65,6 +65,18 @@ def check(path: Path) -> None:
         f"for their states: {found.deterministic} without noise, {found.stochastic} with the noise "
         f"of the seed. {found.unanswered} states have no torque."
     )
+    for count, sentence in (
+        (found.clipped, "of them are clipped to torque_limits."),
+        (found.rate_limited, "of them are held back by torque_rate_limit."),
+        (found.safe, "other torques are those of the safe action, or zero."),
+        (
+            found.unchecked,
+            "torques follow one that is not in the bag, which torque_rate_limit needs.",
+        ),
+        (found.unusable, "states could not be used."),
+    ):
+        if count:
+            print(f"{count} {sentence}")
     if found.stateless:
         print(f"{found.stateless} torques answer states that are not in the bag.")
     if found.different:

@@ -1,5 +1,8 @@
 """Whether a bag's torques are those that its policy gives for its states, bit for bit.
 
+They are compared within the limits that the executor had, by its recorded parameters. Torques of
+its safe action are told apart from the policy's.
+
 A torque answers the state whose stamp it carries. Topics reach a recorder by ways of their own, so
 a state or policy may stand in the bag somewhat after the torque that it led to.
 """
@@ -10,20 +13,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import yaml
+from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader
 from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.execution import executed_control
 from vgps_ros.core.joints import actuated_joint_names, compile_model, joint_names
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.core.safety import TrainingMarginals
 from vgps_ros.messages.conversions import (
     command_from_msg,
+    distribution_from_msg,
     nanoseconds,
     policy_from_msg,
     state_from_msg,
 )
+from vgps_ros.tools.recorded_executor import RecordedExecutor
 
 _SLACK = 10**9  # by which a message may reach the recorder later than the one it led to [ns]
 _NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
@@ -36,6 +43,11 @@ class TorqueCheck:
     Attributes:
         deterministic: torques that are the policy's mean.
         stochastic: torques that are its mean plus the noise of the recorded seed.
+        clipped: how many of these two are at a limit of their size.
+        rate_limited: how many of these two are at a limit of their change.
+        safe: torques that are not the policy's, but those of the safe action, or zero.
+        unchecked: torques under a limit of their change whose predecessor is not in the bag.
+        unusable: states that no torque may answer, such as one that is not finite.
         unanswered: states without a torque, between the first torque and the last.
         stateless: torques whose state is not in the bag, received after the first state that is.
         different: torques that the policy does not give.
@@ -44,6 +56,11 @@ class TorqueCheck:
 
     deterministic: int = 0
     stochastic: int = 0
+    clipped: int = 0
+    rate_limited: int = 0
+    safe: int = 0
+    unchecked: int = 0
+    unusable: int = 0
     unanswered: int = 0
     stateless: int = 0
     different: int = 0
@@ -51,7 +68,7 @@ class TorqueCheck:
 
     @property
     def is_good(self) -> bool:
-        """Whether every torque has its state and is what the policy gives."""
+        """Whether every torque has its state and is what the policy or the safe action gives."""
         return not (self.different or self.stateless)
 
 
@@ -86,58 +103,102 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     policies = _Timeline()
     for received, message in _decoded(bag, topics["policy"]):
         policies.add(received, (message.iteration, policy_from_msg(message)))
+    joints, actuated = joint_names(model), actuated_joint_names(model)
+    executor = RecordedExecutor(bag, joints, actuated)
+    marginals = _marginals(bag, executor, names)
+    found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
     for received, message in _decoded(bag, topics["joint_states"]):
-        state = state_from_msg(message, joint_names(model))
-        states[nanoseconds(message.header.stamp)].add(received, state)
-    seed = _seed(bag)
-    actuated = actuated_joint_names(model)
-    first_state = min(timeline.received[0] for timeline in states.values())
-    found = TorqueCheck()
-    answered = set()
+        if (state := _usable(message, joints)) is None:
+            found.unusable += 1
+        else:
+            states[nanoseconds(message.header.stamp)].add(received, state)
+    first_state = min((timeline.received[0] for timeline in states.values()), default=0)
+    answered: set[int] = set()
     for received, message in _decoded(bag, topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
         torques = command_from_msg(message, actuated)
-        answered.add(stamp)
         answered_states = states[stamp].around(received) if stamp in states else []
         if answered_states:
             # A policy that was latched long before may be recorded late, but there was one.
             known = policies.around(received) or policies.values[:1]
-            _compare(found, torques, stamp, (known, answered_states), seed, actuated)
+            had = marginals.around(received) or [()]
+            sent = _Sent(torques, stamp, known, answered_states, had, is_first=not answered)
+            _compare(found, sent, executor, actuated)
         elif received > first_state:
             found.stateless += 1
+        executor.limiter.note(torques, stamp)
+        answered.add(stamp)
     between = [stamp for stamp in states if min(answered) <= stamp <= max(answered)]
     found.unanswered = len(set(between) - answered)
     return found
 
 
+@dataclass(frozen=True)
+class _Sent:
+    """Torques, and what they may have come from."""
+
+    torques: Array
+    stamp: int
+    policies: list[tuple[int, GaussianPolicy]]
+    states: list[Array]
+    marginals: list[tuple[TrainingMarginals, ...]]
+    is_first: bool
+
+
 def _compare(
-    found: TorqueCheck,
-    torques: Array,
-    stamp: int,
-    possible: tuple[list[tuple[int, GaussianPolicy]], list[Array]],
-    seed: int,
-    actuated: list[str],
+    found: TorqueCheck, sent: _Sent, executor: RecordedExecutor, actuated: list[str]
 ) -> None:
-    policies, states = possible
-    for state in states:
-        for _, policy in policies:
-            if np.array_equal(torques, executed_control(policy, state, stamp)):
-                found.deterministic += 1
+    limiter = executor.limiter
+    for state in sent.states:
+        for _, policy in sent.policies:
+            for seed in (None, executor.seed):
+                wanted = executed_control(policy, state, sent.stamp, seed)
+                if not np.array_equal(sent.torques, limiter.limited(wanted, sent.stamp)):
+                    continue
+                if seed is None:
+                    found.deterministic += 1
+                else:
+                    found.stochastic += 1
+                clipped = limiter.clipped(wanted)
+                found.clipped += not np.array_equal(clipped, wanted)
+                found.rate_limited += not np.array_equal(clipped, sent.torques)
                 return
-            if np.array_equal(torques, executed_control(policy, state, stamp, seed)):
-                found.stochastic += 1
-                return
+        if executor.is_safe(sent.torques, state, sent.marginals):
+            found.safe += 1
+            return
+    if sent.is_first and executor.limits_rates:
+        found.unchecked += 1
+        return
     found.different += 1
     if not found.first_difference:
-        iteration, policy = policies[0]
-        expected = executed_control(policy, states[0], stamp)
-        joint = int(np.argmax(torques != expected))
+        iteration, policy = sent.policies[0]
+        wanted = executed_control(policy, sent.states[0], sent.stamp)
+        expected = limiter.limited(wanted, sent.stamp)
+        joint = int(np.argmax(sent.torques != expected))
         found.first_difference = (
-            f"At {stamp * 1e-9:.3f} s the torque of {actuated[joint]} is {torques[joint]!r} N·m, "
-            f"but the policy of iteration {iteration} gives {expected[joint]!r} N·m "
-            f"(without noise)."
+            f"At {sent.stamp * 1e-9:.3f} s the torque of {actuated[joint]} is "
+            f"{sent.torques[joint]!r} N·m, but the policy of iteration {iteration} gives "
+            f"{expected[joint]!r} N·m (without noise)."
         )
+
+
+def _marginals(bag: BagReader, executor: RecordedExecutor, names: dict[str, str]) -> _Timeline:
+    """What the executor knew of the training, where its safe action needs it."""
+    timeline, latest = _Timeline(), dict[int, TrainingMarginals]()
+    if executor.follows_distribution and "trajectory_distribution" in names:
+        for received, message in _decoded(bag, names["trajectory_distribution"]):
+            q = distribution_from_msg(message)
+            latest[message.trajectory_index] = executor.marginals(q)
+            timeline.add(received, tuple(latest.values()))
+    return timeline
+
+
+def _usable(message: JointState, joints: list[str]) -> Array | None:
+    try:
+        return state_from_msg(message, joints)
+    except InvalidInputError:
+        return None
 
 
 def _decoded(bag: BagReader, topic: str) -> Iterator[tuple[int, Any]]:
@@ -147,13 +208,3 @@ def _decoded(bag: BagReader, topic: str) -> Iterator[tuple[int, Any]]:
 
 def _first(bag: BagReader, topic: str) -> Any:
     return next(_decoded(bag, topic))[1]
-
-
-def _seed(bag: BagReader) -> int:
-    """The seed of the executor's noise, from the parameters that the bag holds."""
-    nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
-    for node in nodes.values():
-        parameters = node["ros__parameters"]
-        if {"seed", "stochastic"} <= set(parameters):
-            return int(parameters["seed"])
-    return 0
