@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
@@ -329,6 +330,21 @@ def test_a_state_whose_stamp_is_far_from_the_clock_is_refused(graph, swimmer, ra
     robot.diagnosis_while_driven(OK, "Running")
 
 
+def test_with_sim_time_a_clock_that_goes_back_lets_earlier_states_drive(
+    graph, swimmer, random_policy
+):
+    clocks = graph.node.create_publisher(Clock, "/clock", STREAM)
+    robot = Robot(graph, swimmer, random_policy(0), use_sim_time=True)
+    robot.step = 500
+    clocks.publish(Clock(clock=stamp_of(robot.step * PERIOD)))
+    robot.drive()
+    robot.step = 3
+    _, step = robot.send(robot.message(step=robot.step))
+    assert step == 501
+    clocks.publish(Clock(clock=stamp_of(robot.step * PERIOD)))
+    graph.spin_until(lambda: robot.send(robot.message())[1] == robot.step, timeout=2.0)
+
+
 def test_faults_in_lock_step_change_no_bit_of_the_motion(graph, swimmer, random_policy):
     horizon, policy = 60, random_policy(4)
     start = np.linspace(-0.3, 0.3, 10)
@@ -420,7 +436,7 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
     deviation[0] = 0.0
     expected = q.mean.controls[nearest.step] + q.gains[nearest.step] @ deviation
     np.testing.assert_allclose(robot.drive(far), expected, rtol=1e-12)
-    robot.diagnosis(ERROR, "but distance_limit is 10")
+    robot.diagnosis(ERROR, "above distance_limit, 10")
 
     np.testing.assert_array_equal(robot.drive(near), robot.policy.mean(near))
     robot.diagnosis_while_driven(OK, "Running", near)

@@ -5,8 +5,9 @@ Where the policy must not drive, the safe action does; `core.safety` decides.
 
 import time
 
-from rclpy.clock import Clock
+from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -76,6 +77,11 @@ class PolicyExecutor(LifecycleNode):
         )
         # Wall time: simulated time may stand still just when something is wrong.
         self.create_timer(time_step, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # With use_sim_time; the state of the time 0, which says so too, may be lost.
+        self._clock_jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+            post_callback=lambda _: self._supervisor.forget_time(),
+        )
         if autostart:
             self._health.when_alone(self._start)
 

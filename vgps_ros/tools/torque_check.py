@@ -124,10 +124,14 @@ def check_torques(bag: BagReader) -> TorqueCheck:
             known = policies.around(received) or policies.values[:1]
             had = marginals.around(received) or [()]
             sent = _Sent(torques, stamp, known, answered_states, had, is_first=not answered)
-            _compare(found, sent, executor, actuated)
-        elif received > first_state:
-            found.stateless += 1
-        executor.limiter.note(torques, stamp)
+            is_safe = _compare(found, sent, executor, actuated)
+        else:
+            found.stateless += received > first_state
+            is_safe = False
+        if is_safe:
+            executor.limiter.note_safe(torques)
+        else:
+            executor.limiter.note(torques, stamp)
         answered.add(stamp)
     between = [stamp for stamp in states if min(answered) <= stamp <= max(answered)]
     found.unanswered = len(set(between) - answered)
@@ -148,7 +152,8 @@ class _Sent:
 
 def _compare(
     found: TorqueCheck, sent: _Sent, executor: RecordedExecutor, actuated: list[str]
-) -> None:
+) -> bool:
+    """Counts torques as what they are; returns whether they are those of the safe action."""
     limiter = executor.limiter
     for state in sent.states:
         for _, policy in sent.policies:
@@ -163,13 +168,13 @@ def _compare(
                 clipped = limiter.clipped(wanted)
                 found.clipped += not np.array_equal(clipped, wanted)
                 found.rate_limited += not np.array_equal(clipped, sent.torques)
-                return
+                return False
         if executor.is_safe(sent.torques, state, sent.marginals):
             found.safe += 1
-            return
+            return True
     if sent.is_first and executor.limits_rates:
         found.unchecked += 1
-        return
+        return False
     found.different += 1
     if not found.first_difference:
         iteration, policy = sent.policies[0]
@@ -181,6 +186,7 @@ def _compare(
             f"{sent.torques[joint]!r} N·m, but the policy of iteration {iteration} gives "
             f"{expected[joint]!r} N·m (without noise)."
         )
+    return False
 
 
 def _marginals(bag: BagReader, executor: RecordedExecutor, names: dict[str, str]) -> _Timeline:

@@ -128,7 +128,24 @@ def test_the_rate_limit_counts_from_the_safe_action():
     robot = Robot(torque_rate_limit=100.0)  # 2 N·m in a period
     assert [robot.send(step)[0] for step in range(3)] == [[2.0, -2.0], [3.0, -4.0], [3.0, -4.0]]
     assert robot.send(1) == (ZERO, 2)
-    assert robot.send(3) == ([2.0, -2.0], 3)
+    for step in (2, 2, 3):  # the same state comes again, and then another one
+        assert robot.send(step) == (([2.0, -2.0] if step == 2 else [3.0, -4.0]), step)
+
+
+def test_the_latest_cause_is_named_where_recovery_is_automatic():
+    robot = Robot()
+    robot.send(0)
+    robot.supervisor.refuse("it was wrong", robot.now)
+    robot.send(1, torques=np.array([np.nan, 1.0]))
+    assert "the policy's output" in robot.fault
+
+
+def test_a_clock_that_went_back_lets_any_stamp_follow_once():
+    robot = Robot()
+    robot.send(500)
+    robot.supervisor.forget_time()
+    assert robot.send(3) == (DRIVES, 3)
+    assert robot.send(2) == (ZERO, 3)
 
 
 def test_the_last_command_is_zero():
@@ -152,7 +169,7 @@ def test_far_from_the_training_it_warns_and_then_takes_over(random_distribution)
         assert robot.send(step, state=state) == (ZERO if distance > 4 else DRIVES, step)
         assert robot.supervisor.distance == distance
         assert bool(robot.supervisor.warning) == (2 < distance <= 4)
-        assert ("distance_limit is 4" in robot.fault) == (distance > 4)
+        assert ("above distance_limit, 4" in robot.fault) == (distance > 4)
         seen.add((distance > 2) + (distance > 4))
     assert seen == {0, 1, 2}
     assert robot.send(300, state=np.full(4, 1e308)) == (ZERO, 300)

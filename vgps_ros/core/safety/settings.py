@@ -57,14 +57,14 @@ class SafetySettings:
     distance_warning: float = setting(
         0.0,
         "Mahalanobis distance from the training marginals above which the node warns; it needs a "
-        "trajectory_distribution; 12 suits the shipped tasks without noise; 0: off",
+        "trajectory_distribution; 95 suits the shipped tasks; 0: off",
         minimum=0.0,
         maximum=1e9,
     )
     distance_limit: float = setting(
         0.0,
-        "the same distance above which the safe action takes over; 60 suits the shipped tasks, "
-        "where runs that went well stayed below 47 and fallen walkers were beyond 94; 0: off",
+        "the same distance above which the safe action takes over; 120 suits the shipped tasks, "
+        "where runs that went well stayed below 93 and each that fell went beyond 130; 0: off",
         minimum=0.0,
         maximum=1e9,
     )

@@ -2,9 +2,9 @@
 
 The order of states: a state must not be older than the newest one. A state of the same stamp is a
 repeat, and is answered again. The stamp 0 begins a new time, as the reset of a simulation does; any
-other that goes back is refused, until no usable state has come for `state_timeout`, after which the
-order is forgotten. This needs no clock: states and /clock are different topics, and either may come
-first. A robot that sends no stamps (all are 0) is not checked for order.
+other that goes back is refused, until somebody says that time went back, or no usable state has
+come for `state_timeout`. The rule needs no clock, since states and /clock are different topics, and
+either may come first. A robot that sends no stamps (all are 0) is not checked for order.
 """
 
 from collections.abc import Callable
@@ -42,8 +42,7 @@ class Supervisor:
 
     Attributes:
         marginals: training marginals by trajectory index; they may be replaced at any time.
-        fault: why the safe action drives; None if the policy does. The first cause stays until
-            recovery.
+        fault: why the safe action drives; None if the policy does.
         warning: why somebody should look; None if all is well.
         distance: of the newest state from the marginals; None if it was not measured.
     """
@@ -59,13 +58,18 @@ class Supervisor:
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         # The newest usable state.
         self._state: Array | None = None
-        self._stamp = -1
+        self._stamp = self._newest = -1  # the second one counts for the order
         self._received = float("-inf")
 
     def begin(self) -> None:
         """Starts anew, without a fault or a state."""
         self.fault = self.warning = self._state = None
         self._received = float("-inf")
+        self._newest = -1
+
+    def forget_time(self) -> None:
+        """Lets a state of any stamp come next: the clock was set back."""
+        self._newest = -1
 
     def answer(
         self, state: Array, stamp: int, age: float, now: float, law: Callable[[], Array]
@@ -81,15 +85,15 @@ class Supervisor:
         """
         if reason := self._unusable(stamp, age, now):
             return self.refuse(reason, now)
-        self._state, self._stamp, self._received = state, stamp, now
+        self._state, self._received = state, now
+        self._stamp = self._newest = stamp
         torques = law()
-        if reason := self._distrusted(state, torques):
-            self._fail(reason)
-        elif self._settings.recovery == "automatic":
-            self.fault = None
+        self._fail(self._distrusted(state, torques))
         if self.fault:
             return self._safe_command(now)
-        return self._sent(self._limiter.limited(torques, stamp))
+        torques = self._limiter.limited(torques, stamp)
+        self._limiter.note(torques, stamp)
+        return Command(torques, stamp)
 
     def refuse(self, reason: str, now: float) -> Command | None:
         """Notes a state that cannot be used, and returns what goes out instead."""
@@ -101,7 +105,7 @@ class Supervisor:
 
         To be called once a control period.
         """
-        if self._state is not None and not self._is_fresh(now):
+        if self._state is not None and not self.fault and not self._is_fresh(now):
             self._fail(
                 f"no usable joint_states came for {self._settings.state_timeout:g} s; is "
                 "simulation, or the robot's driver, running?"
@@ -112,16 +116,17 @@ class Supervisor:
         """Returns the last command before silence: zero torques."""
         if self._state is None:
             return None
-        return self._sent(np.zeros(len(self._actuated)))
+        return self._sent_safely(np.zeros(len(self._actuated)))
 
     def _unusable(self, stamp: int, age: float, now: float) -> str | None:
         """Why a state cannot be used, from its stamp."""
         if stamp < 0:
             return f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
-        if 0 < stamp < self._stamp and self._is_fresh(now):
+        if 0 < stamp < self._newest and self._is_fresh(now):
+            late = (self._newest - stamp) * 1e-9
             return (
-                f"the state's stamp is {(self._stamp - stamp) * 1e-9:.2g} s older than that of the "
-                "newest one, but states must come in order; is one robot publishing joint_states?"
+                f"the state's stamp is {late:.2g} s older than that of the newest one, but states "
+                "must come in order; is one robot publishing joint_states?"
             )
         allowed = self._settings.max_state_age
         if allowed and not abs(age) <= allowed:
@@ -146,9 +151,9 @@ class Supervisor:
         # Written so that NaN, which is what an overflow leaves, is far away.
         if settings.distance_limit and not self.distance <= settings.distance_limit:
             return (
-                f"the state's Mahalanobis distance from the training marginals is "
-                f"{self.distance:.3g}, but distance_limit is {settings.distance_limit:g}; bring "
-                "the robot back to where the policy was trained."
+                "the state's Mahalanobis distance from the training marginals is above "
+                f"distance_limit, {settings.distance_limit:g}; bring the robot back to where the "
+                "policy was trained."
             )
         if settings.distance_warning and not self.distance <= settings.distance_warning:
             self.warning = (
@@ -157,8 +162,10 @@ class Supervisor:
             )
         return None
 
-    def _fail(self, reason: str) -> None:
-        self.fault = self.fault or reason
+    def _fail(self, reason: str | None) -> None:
+        """Sets or ends the fault; where recovery is by hand, the first cause stays."""
+        if self._settings.recovery == "automatic" or not self.fault:
+            self.fault = reason
 
     def _is_fresh(self, now: float) -> bool:
         return now - self._received <= self._settings.state_timeout
@@ -173,8 +180,8 @@ class Supervisor:
             return None
         state = self._state if self._is_fresh(now) else None
         torques = safe_torques(self._settings, state, self._actuated, self.marginals.values())
-        return self._sent(self._limiter.clipped(torques))
+        return self._sent_safely(self._limiter.clipped(torques))
 
-    def _sent(self, torques: Array) -> Command:
-        self._limiter.note(torques, self._stamp)
+    def _sent_safely(self, torques: Array) -> Command:
+        self._limiter.note_safe(torques)
         return Command(torques, self._stamp)

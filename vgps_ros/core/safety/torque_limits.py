@@ -30,8 +30,8 @@ class TorqueLimiter:
     """Clips torques, also to what the torques of the state before allow.
 
     The change counts from the last torques that an earlier state led to, so that a state that is
-    sent twice gets the same answer twice. Where there are none, or time went back, torques start
-    from zero.
+    sent twice gets the same answer twice, or from those of the safe action since. Where there are
+    none, or time went back, torques start from zero.
 
     Args:
         limits: shape (n_u,), [N·m].
@@ -41,7 +41,8 @@ class TorqueLimiter:
 
     def __init__(self, limits: Array, rate: float, period: float):
         self._limits, self._rate, self._period = limits, rate, period
-        # Stamp [ns] and torques of the latest command, and of the one before it.
+        # Stamp [ns] and torques of the latest command, and of the one before it; the stamp is
+        # -1 of torques that answered no state.
         start = (-1, np.zeros_like(limits))
         self._start = self._latest = self._earlier = start
 
@@ -64,6 +65,10 @@ class TorqueLimiter:
         """Takes note of torques that were sent, from which the next ones may change."""
         self._earlier = self._before(stamp)
         self._latest = (stamp, torques)
+
+    def note_safe(self, torques: Array) -> None:
+        """Takes note of torques of the safe action, from which every next one may change."""
+        self._latest = self._earlier = (-1, torques)
 
     def _before(self, stamp: int) -> tuple[int, Array]:
         if stamp > self._latest[0]:
