@@ -1,7 +1,6 @@
 """Program `train_through_graph`: asks a policy_learner to train, and shows how it goes."""
 
 import argparse
-import math
 import signal
 import sys
 import threading
@@ -31,11 +30,14 @@ from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # between two looks whether the user has interrupted [s]
-_ANSWER_TIMEOUT = 10.0  # after which a goal may have gone to a learner that was killed [s]
+# A request to a learner that was just started again may go to the one that was killed [s].
+_ANSWER_TIMEOUT = 10.0  # after which a goal is sent again
+_RETRY_PERIOD = 1.0  # between two such goals
+_RESULT_PERIOD = 60.0  # between two requests of the result
 
 
 class LostError(VgpsError):
-    """The learner that had the goal is gone, or never got it."""
+    """The learner that had the goal is gone."""
 
 
 class TrainingClient(Node):
@@ -57,6 +59,7 @@ class TrainingClient(Node):
         self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
         self._lost_timeout = lost_timeout
         self._peers = Peers(self, owns="")
+        self._sent_before = False  # to a learner that may be at it
 
     def train(
         self, goal: TrainPolicy.Goal, timeout: float, progress: TrainingProgress
@@ -83,18 +86,12 @@ class TrainingClient(Node):
         for topic, types in self.get_topic_names_and_types():
             if "vgps_msgs/msg/OptimizerIteration" in types:
                 self.create_subscription(OptimizerIteration, topic, show_solve, STREAM)
-        again = False
-        while True:
-            try:
-                result = self._run(goal, show_iteration, again=again)
-            except LostError as error:
-                progress.say(str(error))
-                self._wait_for_learner(self._lost_timeout, self._nobody())
-                again = True
-            else:
-                if not result.success:
-                    raise VgpsError(f"The training ended early: {result.message}")
-                return result
+        result = None
+        while result is None:
+            result = self._attempt(goal, show_iteration, progress)
+        if not result.success:
+            raise VgpsError(f"The training ended early: {result.message}")
+        return result
 
     def _wait_for_learner(self, timeout: float, sentence: str) -> None:
         """Waits until a learner is there and heard.
@@ -113,38 +110,65 @@ class TrainingClient(Node):
                 raise VgpsError(sentence)
             self._spin()
 
-    def _run(
-        self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], *, again: bool
-    ) -> TrainPolicy.Result:
-        """Sends the goal to the learner that is there now.
+    def _attempt(
+        self,
+        goal: TrainPolicy.Goal,
+        show_iteration: Callable[[Any], None],
+        progress: TrainingProgress,
+    ) -> TrainPolicy.Result | None:
+        """Runs the goal on the learner that is there now; returns None if that one is lost."""
+        instance = self._peers.instance_of(self._learner)
+        try:
+            handle = self._send(goal, show_iteration, instance)
+            answer = None
+            while answer is None:  # the request may have been lost, too
+                answer = self._wait(handle.get_result_async(), instance, _RESULT_PERIOD, handle)
+        except LostError as error:
+            progress.say(str(error))
+            self._wait_for_learner(self._lost_timeout, self._nobody())
+            self._sent_before = True
+            return None
+        return answer.result
+
+    def _send(
+        self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], instance: str
+    ) -> ClientGoalHandle:
+        """Sends the goal until it is accepted.
 
         Raises:
-            LostError: that learner died.
-            VgpsError: it is busy.
+            LostError: the learner died.
+            VgpsError: it is busy with the training of somebody else.
         """
-        instance = self._peers.instance_of(self._learner)
-        sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
-        handle = self._wait(sent, instance, timeout=_ANSWER_TIMEOUT)
-        if not handle.accepted and again:  # perhaps with this goal, whose answer was lost
-            raise LostError("The policy_learner is busy; asking it again.")
-        if not handle.accepted:
-            raise VgpsError("The policy_learner is busy with another training; wait for its end.")
-        return self._wait(handle.get_result_async(), instance, cancels=handle).result
+        while True:
+            sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
+            handle = self._wait(sent, instance, _ANSWER_TIMEOUT)
+            if handle and handle.accepted:
+                return handle
+            if handle and not self._sent_before:
+                raise VgpsError(
+                    "The policy_learner is busy with another training; wait for its end."
+                )
+            # It went to the one that died; or this one is at it already, but its answer was lost.
+            self._sent_before = True
+            self._wait(Future(), instance, _RETRY_PERIOD)
 
     def _wait(
         self,
         future: Future,
         instance: str,
+        timeout: float,
         cancels: ClientGoalHandle | None = None,
-        timeout: float = math.inf,
     ) -> Any:
         """Spins until the future is done; an interrupt cancels the goal first.
 
         Args:
             future: an answer of the learner.
             instance: the run of the learner that is to answer.
-            cancels: the goal that an interrupt cancels.
             timeout: longest time without an answer of a learner that is well [s].
+            cancels: the goal that an interrupt cancels.
+
+        Returns:
+            The answer; None if it did not come in time.
 
         Raises:
             LostError: that learner will not answer any more.
@@ -159,10 +183,10 @@ class TrainingClient(Node):
                 waited, silent = waited + passed, 0.0
             if self._peers.instance_of(self._learner) != instance:
                 raise LostError("The policy_learner has died; its goal is for the next one.")
-            if waited > timeout:
-                raise LostError("The policy_learner does not answer; asking it again.")
             if silent > self._lost_timeout:
                 raise VgpsError(self._nobody())
+            if waited > timeout:
+                return None
             if self.interrupted.is_set() and cancels and not silent:
                 self._cancel(cancels, future)
             else:
