@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import (
     MarginalSettings,
     control_log_density,
@@ -13,6 +14,7 @@ from vgps_ros.core.marginals import (
     sample_rollout_noise,
     state_covariances,
 )
+from vgps_ros.core.records import LinearDynamics
 
 COUNT = 200_000
 
@@ -133,3 +135,12 @@ def test_density_of_a_control_is_that_of_the_local_policy(random_distribution, r
         mean = q.mean.controls[t] + q.gains[t] @ (states[s, t] - q.mean.states[t])
         expected = multivariate_normal(mean, q.control_covariances[t]).logpdf(controls[s, t])
         assert_allclose(found[s, t], expected, rtol=1e-9)
+
+
+def test_marginals_that_explode_are_named_with_the_step():
+    """Σ_t = 0.1² · 4^t passes the bound of 10⁶ in the 24th step."""
+    linear = LinearDynamics(np.tile(2 * np.eye(2), (200, 1, 1)), np.zeros((200, 2, 1)))
+    noise = MarginalSettings(np.full(2, 0.1), np.zeros(2), np.full(2, np.inf))
+    with pytest.raises(DivergenceError, match=r"explode: at step 24 of 200.*Raise") as caught:
+        state_covariances(linear, np.zeros((200, 1, 2)), np.ones((200, 1, 1)), noise)
+    assert caught.value.status == "exploding_marginals"

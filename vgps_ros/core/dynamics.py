@@ -9,6 +9,7 @@ with f_x, f_u from centred finite differences. The model must have as many posit
 """
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,16 +20,13 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.simulator_warnings import simulator_warnings
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
 DIVERGENCE_BOUND = 1e4
 # MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
 CONTROL_BOUND = 1e9
 _FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-
-# A state that the simulator finds bad counts as diverged here, and is reported as such; of its own
-# warnings it would keep a file in whatever folder the process was started in.
-mujoco.set_mju_user_warning(lambda _: None)
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
@@ -75,6 +73,11 @@ class Dynamics:
         self.simulator_steps = 0
         self._data = mujoco.MjData(model)
         self._stepper = Rollout(nthread=0)
+
+    @property
+    def warnings(self) -> Counter[str]:
+        """How often MuJoCo warned so far in this process, by kind."""
+        return simulator_warnings()
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""

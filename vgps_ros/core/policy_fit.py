@@ -181,6 +181,8 @@ def fit_to_targets(
         _fit_gradient(theta, scaling, samples, settings)
     parameters = scaling.to_raw(theta.detach().numpy())
     if not np.isfinite(parameters).all():
+        if settings.optimizer == "lbfgs":  # no setting of ours would help: the policy stays
+            return with_best_noise(policy, next(samples))
         raise DivergenceError(
             f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "
             f"{settings.learning_rate:g}."

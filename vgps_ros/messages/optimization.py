@@ -6,7 +6,7 @@ from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.ddp import Iteration, Status
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
 from vgps_ros.messages.conversions import (
     distribution_from_msg,
     distribution_to_msg,
@@ -16,6 +16,14 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
+
+# How a solve may end with a q(ζ) and still not well, and what helps.
+TROUBLE = {
+    Status.NO_DESCENT: "No step lowers the cost: start from other controls, or lower "
+    "ddp.acceptance_ratio.",
+    Status.INDEFINITE_QUU: "Quu is not positive definite up to ddp.regularization_limit: raise it, "
+    "or give controls more weight in the cost.",
+}
 
 
 def request_to_msg(
@@ -96,8 +104,7 @@ def result_to_msg(
     return OptimizeTrajectory.Response(
         success=result.status is not Status.CANCELLED,
         status=result.status.value,
-        message=f"The solve ended after {len(result.iterations)} iterations: "
-        f"{result.status.value.replace('_', ' ')}.",
+        message=_sentence(result),
         cost=result.cost,
         modified_cost=result.modified_cost,
         distribution=_distribution(
@@ -108,14 +115,31 @@ def result_to_msg(
     )
 
 
+def _sentence(result: OptimizationResult) -> str:
+    """What a solve ended with, and what can be done where it is trouble."""
+    words = [
+        f"The solve ended after {len(result.iterations)} iterations: "
+        f"{result.status.value.replace('_', ' ')}."
+    ]
+    if result.status in TROUBLE:
+        words.append(TROUBLE[result.status])
+    if result.simulator_warnings:
+        words.append(f"MuJoCo warned of {result.simulator_warnings}.")
+    return " ".join(words)
+
+
 def result_from_msg(message: OptimizeTrajectory.Response) -> OptimizationResult:
     """Returns the response's result.
 
     Raises:
+        DivergenceError: the solve left the finite numbers.
         VgpsError: the request was refused, the solve was cancelled, or its numbers do not fit.
     """
     if not message.success:
-        raise VgpsError(f"The trajectory optimizer answered '{message.status}': {message.message}")
+        sentence = f"The trajectory optimizer answered '{message.status}': {message.message}"
+        if message.status in DivergenceError.STATUSES:
+            raise DivergenceError(sentence, message.status)
+        raise VgpsError(sentence)
     return OptimizationResult(
         distribution=distribution_from_msg(message.distribution),
         cost=message.cost,

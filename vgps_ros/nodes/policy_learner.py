@@ -168,6 +168,10 @@ class PolicyLearner(Node):
         self._progress.publish(news[-1])
         goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
         self._health.set_value("iteration", f"{iteration.k} of {iterations}")
+        if iteration.warnings:
+            self._health.warn(" ".join(iteration.warnings), "iteration")
+        else:
+            self._health.clear("iteration")
 
 
 def main() -> None:

@@ -22,6 +22,7 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
+from vgps_ros.core.simulator_warnings import in_words
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, value
@@ -80,6 +81,7 @@ class Simulation(Node):
         self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
+        self._warned = self._task.dynamics.warnings
         self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
@@ -120,10 +122,23 @@ class Simulation(Node):
             self._robot.advance(command)
         except DivergenceError as error:
             self._health.error(str(error), "state")
+            self._report_warnings()
             self._control.interrupt(str(error), pause=True)
             return
         self._publish()
         self._control.step_done()
+        self._report_warnings()
+
+    def _report_warnings(self) -> None:
+        new = self._task.dynamics.warnings - self._warned
+        if new:
+            self._warned += new
+            self._health.warn(
+                f"MuJoCo warns of {in_words(new)} at {self._robot.stamp * 1e-9:g} s: the motion "
+                "may be wrong from here; check the torques, and reset the simulation.",
+                "simulator",
+            )
+            self._health.set_value("MuJoCo warnings", in_words(self._warned))
 
     # Commands
 
@@ -205,6 +220,7 @@ class Simulation(Node):
         self._robot.reset(state, time=time_too)
         self._forget_command()
         self._health.clear("state")
+        self._health.clear("simulator")
         self._publish()
 
     def _forget_command(self) -> None:

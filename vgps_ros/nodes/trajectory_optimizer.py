@@ -10,7 +10,9 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, VgpsError
+from vgps_ros.core.simulator_warnings import in_words
 from vgps_ros.messages.optimization import (
+    TROUBLE,
     iteration_to_msg,
     request_from_msg,
     result_to_msg,
@@ -78,6 +80,7 @@ class TrajectoryOptimizerNode(Node):
             self._health.error(f"Refused a request: {error}")
             response.success = False
             response.status = error.status if isinstance(error, DivergenceError) else "refused"
+            self._health.set_value("last status", response.status)
             response.message = str(error)
             return response
         finally:
@@ -86,6 +89,11 @@ class TrajectoryOptimizerNode(Node):
         self._health.set_value("last status", result.status.value)
         stamp = self.get_clock().now().to_msg()
         response = result_to_msg(result, parsed, self._optimizer.task, stamp)
+        if result.status in TROUBLE:
+            self._health.warn(response.message, "solve")
+        else:
+            self._health.clear("solve")
+        self._health.set_value("MuJoCo warnings", in_words(self._optimizer.task.dynamics.warnings))
         if result.status is not Status.CANCELLED and self.context.ok():
             self._distributions.publish(response.distribution)
         return response

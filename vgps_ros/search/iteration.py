@@ -86,6 +86,7 @@ class SearchIteration(Figures):
         solutions: q(ζ) of each at the end of the iteration.
         history: figures of all iterations so far, the last of which are this one's; complete also
             where the run went on from a checkpoint.
+        warnings: what went wrong in it and was got over, in sentences.
     """
 
     policy: GaussianPolicy
@@ -93,9 +94,16 @@ class SearchIteration(Figures):
     initial_solutions: tuple[OptimizationResult, ...]
     solutions: tuple[OptimizationResult, ...]
     history: tuple[Figures, ...]
+    warnings: tuple[str, ...]
 
     @classmethod
-    def of(cls, state: SearchState, update: Update, evaluation: Evaluation) -> "SearchIteration":
+    def of(
+        cls,
+        state: SearchState,
+        update: Update,
+        evaluation: Evaluation,
+        warnings: tuple[str, ...] = (),
+    ) -> "SearchIteration":
         """Returns the outcome of the iteration that has led to a state by an update."""
         return cls(
             **vars(state.history[-1]),
@@ -104,6 +112,7 @@ class SearchIteration(Figures):
             initial_solutions=state.initial_solutions,
             solutions=update.solutions,
             history=state.history,
+            warnings=warnings,
         )
 
 

@@ -118,7 +118,7 @@ def search(
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
         if checkpoints:
             checkpoints.save(run, state)
-        yield SearchIteration.of(state, update, evaluation)
+        yield SearchIteration.of(state, update, evaluation, work.take_warnings())
 
 
 def _figures(

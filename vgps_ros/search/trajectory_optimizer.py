@@ -19,6 +19,7 @@ from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import setting
+from vgps_ros.core.simulator_warnings import in_words
 from vgps_ros.tasks import Task
 
 
@@ -84,6 +85,7 @@ class OptimizationResult:
         status: why the solve ended.
         iterations: its log.
         simulator_steps: that it took, finite differences included.
+        simulator_warnings: what MuJoCo warned of meanwhile, in words; empty if of nothing.
     """
 
     distribution: TrajectoryDistribution
@@ -92,6 +94,7 @@ class OptimizationResult:
     status: Status
     iterations: tuple[Iteration, ...]
     simulator_steps: int
+    simulator_warnings: str = ""
 
 
 class TrajectoryOptimizer:
@@ -116,6 +119,7 @@ class TrajectoryOptimizer:
         """
         self._check(request)
         steps_before = self.task.dynamics.simulator_steps
+        warned_before = self.task.dynamics.warnings
         initial, linear = self._start(request)
         cost = ScaledCost(self.task.cost, request.cost_scale)
         solution = solve(
@@ -135,6 +139,7 @@ class TrajectoryOptimizer:
             status=solution.status,
             iterations=solution.iterations,
             simulator_steps=self.task.dynamics.simulator_steps - steps_before,
+            simulator_warnings=in_words(self.task.dynamics.warnings - warned_before),
         )
 
     def _check(self, request: OptimizationRequest) -> None:

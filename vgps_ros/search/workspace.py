@@ -8,7 +8,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.dynamics import ControlLaw
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import (
     Targets,
@@ -123,6 +123,7 @@ class Workspace:
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self._optimize_all = optimize_all
+        self._warnings: list[str] = []
         self.initial_solutions = initial_solutions or self._solve_cost_alone()
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
@@ -169,7 +170,13 @@ class Workspace:
     ) -> GaussianPolicy:
         """Maximises L(q, θ) from `policy` on (line 4)."""
         rng = generator(self.seed, Stream.POLICY_FIT, k)
-        return fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
+        fitted = fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
+        if np.array_equal(fitted.parameters, policy.parameters):
+            self._warnings.append(
+                f"The M-step of iteration {k} found nothing better, so the network stays: raise "
+                "fit.iterations or fit.samples_per_step if that goes on."
+            )
+        return fitted
 
     def fit_samples(
         self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
@@ -184,22 +191,34 @@ class Workspace:
     def reoptimize(
         self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
     ) -> tuple[OptimizationResult, ...]:
-        """Adapts q(ζ) to the policy (lines 5 and 6)."""
-        return self._optimize(
-            [
-                OptimizationRequest(
-                    trajectory_index=i,
-                    iteration=k,
-                    seed=self.seed,
-                    cost_scale=self.settings.alpha(k),
-                    max_iterations=self.settings.ddp_iterations,
-                    initial_state=self.starts[i],
-                    previous=solution.distribution,
-                    policy=policy,
-                )
-                for i, solution in enumerate(solutions)
-            ]
-        )
+        """Adapts q(ζ) to the policy (lines 5 and 6); where that diverges, all q(ζ) stay."""
+        try:
+            return self._optimize(self._adaptations(solutions, policy, k))
+        except DivergenceError as error:
+            self._warnings.append(f"The solutions of iteration {k} stay as they were: {error}")
+            return tuple(solutions)
+
+    def take_warnings(self) -> tuple[str, ...]:
+        """Returns what went wrong since the last call and was got over, in sentences."""
+        taken, self._warnings = tuple(self._warnings), []
+        return taken
+
+    def _adaptations(
+        self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
+    ) -> list[OptimizationRequest]:
+        return [
+            OptimizationRequest(
+                trajectory_index=i,
+                iteration=k,
+                seed=self.seed,
+                cost_scale=self.settings.alpha(k),
+                max_iterations=self.settings.ddp_iterations,
+                initial_state=self.starts[i],
+                previous=solution.distribution,
+                policy=policy,
+            )
+            for i, solution in enumerate(solutions)
+        ]
 
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
         """Draws rollouts of the policy, with its noise, from each start."""

@@ -6,8 +6,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
 from vgps_ros.core.ddp import DdpSettings, Status, backward_pass, solve
-from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Trajectory
+from vgps_ros.core.settings import check_settings
 
 PLAIN = DdpSettings(initial_regularization=0.0, regularization_floor=0.0)
 
@@ -162,3 +163,51 @@ def test_concave_cost_is_an_error_with_advice(lq_problem):
     concave = dataclasses.replace(problem, hessians=-problem.hessians)
     with pytest.raises(DivergenceError, match=r"Quu is not positive definite .*raise it"):
         solve(concave, concave, concave.at_rest(), DdpSettings(), 5)
+
+
+def test_quu_that_stays_indefinite_ends_by_its_name(lq_problem):
+    problem = lq_problem()
+    concave = dataclasses.replace(problem, hessians=-problem.hessians)
+    settings = DdpSettings(regularization_limit=1e-3, distribution_regularization=1e8)
+    solution = solve(concave, concave, concave.at_rest(), settings, 5)
+    assert solution.status is Status.INDEFINITE_QUU
+    assert_array_equal(solution.trajectory.controls, 0.0)
+    with pytest.raises(DivergenceError, match=r"no inverse that is a covariance.*raise") as caught:
+        solution.policy.control_covariances()
+    assert caught.value.status == "indefinite_quu"
+
+
+@pytest.mark.parametrize("limit", [1e-6, 1e100])
+@pytest.mark.parametrize("factor", [1.01, 100.0])
+def test_a_search_that_finds_nothing_ends_whatever_the_settings(lq_problem, limit, factor):
+    problem = lq_problem()
+
+    class Uphill:
+        values = staticmethod(problem.values)
+
+        def expand(self, trajectory):
+            e = problem.expand(trajectory)
+            return dataclasses.replace(e, c_x=-e.c_x, c_u=-e.c_u)
+
+    settings = DdpSettings(
+        regularization_limit=limit, regularization_factor=factor, line_search_steps=2
+    )
+    check_settings(settings)
+    solution = solve(problem, Uphill(), problem.at_rest(), settings, 2**32 - 1)
+    assert solution.status is Status.NO_DESCENT
+
+
+def test_endless_regularisation_is_no_setting():
+    with pytest.raises(InvalidInputError, match=r"regularization_limit is inf"):
+        check_settings(DdpSettings(regularization_limit=np.inf))
+
+
+def test_cost_that_is_not_finite_is_named(lq_problem):
+    problem = lq_problem()
+    gradients = problem.gradients.copy()
+    gradients[3, 0] = np.inf
+    infinite = dataclasses.replace(problem, gradients=gradients)
+    message = r"The cost has a \w+ that is not finite, at step 3: start from smaller"
+    with np.errstate(invalid="ignore"), pytest.raises(DivergenceError, match=message) as caught:
+        solve(infinite, infinite, problem.at_rest(), DdpSettings(), 5)
+    assert caught.value.status == "infinite_cost"

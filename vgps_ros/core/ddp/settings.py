@@ -21,8 +21,9 @@ class DdpSettings:
         maximum=1e10,
     )  # fmt: skip
     regularization_limit: float = setting(
-        1e10, "mu above which a solve gives up with the status no_descent", minimum=1e-6
-    )
+        1e10, "mu above which a solve gives up, as no_descent or indefinite_quu", minimum=1e-6,
+        maximum=1e100,
+    )  # fmt: skip
     regularization_factor: float = setting(
         1.6, "growth of the factor by which mu changes", minimum=1.01, maximum=100.0
     )

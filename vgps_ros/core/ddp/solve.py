@@ -28,6 +28,7 @@ class Status(str, Enum):
     CONVERGED = "converged"
     ITERATION_LIMIT = "iteration_limit"
     NO_DESCENT = "no_descent"
+    INDEFINITE_QUU = "indefinite_quu"
     CANCELLED = "cancelled"
 
 
@@ -177,7 +178,7 @@ def _search(
             if step is not None:
                 return step
         if not regularization.grow():
-            return Status.NO_DESCENT
+            return Status.NO_DESCENT if policy.complete else Status.INDEFINITE_QUU
     return Status.CANCELLED
 
 

@@ -1,0 +1,77 @@
+"""Numerical trouble has a name in the response, on /diagnostics and in the log."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.msg import Trajectory
+from vgps_msgs.srv import OptimizeTrajectory, StepSimulation
+
+from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
+from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
+from vgps_ros.tasks import make_task
+
+NODE = "trajectory_optimizer"
+ROTOR = make_task("rotor")
+
+
+@pytest.fixture(scope="module")
+def optimizer(shared_graph):
+    return shared_graph.start(NODE, task="rotor")
+
+
+@pytest.mark.parametrize(
+    ("status", "change", "advice"),
+    [
+        ("diverged", {"controls": 1e8}, "start from smaller controls"),
+        ("infinite_cost", {"cost_scale": 1e308}, "lower cost_scale"),
+        ("exploding_marginals", {"cost_scale": 1e-30}, "Raise cost_scale"),
+        ("indefinite_quu", {"cost_scale": 5e-324}, "raise"),
+    ],
+)
+def test_a_solve_that_fails_has_a_named_status(shared_graph, optimizer, status, change, advice):
+    controls = np.full((50, 1), change.get("controls", 1.0))
+    request = OptimizeTrajectory.Request(
+        task="rotor",
+        cost_scale=change.get("cost_scale", 1.0),
+        max_iterations=2**32 - 1,
+        initial_state=pack(ROTOR.initial_state),
+        guess=[Trajectory(n_x=2, n_u=1, controls=pack(controls))],
+    )
+    response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request)
+    assert not response.success
+    assert response.status == status
+    assert advice in response.message
+    found = shared_graph.diagnosis(NODE, DiagnosticStatus.ERROR, response.message)
+    assert ("last status", status) in [(value.key, value.value) for value in found.values]
+    assert response.message in optimizer.output
+    assert "Traceback" not in optimizer.output
+
+
+def test_a_solve_without_descent_warns(graph, request_message):  # noqa: F811
+    strict = {"ddp__acceptance_ratio": 0.99, "ddp__line_search_steps": 1}
+    node = graph.start(NODE, ddp__regularization_limit=1e-6, **strict)
+    request_message.max_iterations = 50
+    response = graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+    assert response.success
+    assert response.status == "no_descent"
+    assert "lower ddp.acceptance_ratio" in response.message
+    graph.diagnosis(NODE, DiagnosticStatus.WARN, "No step lowers the cost")
+    assert "No step lowers the cost" in node.output
+
+
+def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):
+    start = [1e3] * 5 + [9e3] * 5
+    node = graph.start("simulation", start_paused=True, initial_state=start)
+    commands = graph.publisher(type(command_to_msg(np.zeros(2), ["a"] * 2, stamp_of(0))),
+                               "joint_command")  # fmt: skip
+    step = graph.call_async(
+        StepSimulation, "simulation/step_simulation", StepSimulation.Request(steps=1)
+    )
+    graph.spin_for(0.5)
+    torques = np.array([1e8, -1e8])
+    commands.publish(command_to_msg(torques, swimmer.actuated_joint_names, stamp_of(0)))
+    graph.spin_until(step.done)
+    status = graph.diagnosis("simulation", DiagnosticStatus.ERROR, "diverged")
+    values = {value.key: value.value for value in status.values}
+    assert values["MuJoCo warnings"] == "bad acceleration (1)"
+    assert "MuJoCo warns of bad acceleration (1)" in node.output
