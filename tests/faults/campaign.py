@@ -111,7 +111,7 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
         recorded = Counter((message.topic, message.data) for message in bag.messages())
     tally.recorded += recorded.total()
     for message in system.published:
-        if recording.covers(message.time) and (message.topic, message.data) not in recorded:
+        if system.expects(message, recording) and (message.topic, message.data) not in recorded:
             after = message.time - recording.windows[0][0]
             tally.lost.append(
                 f"{recording.path.name} lacks {message.topic} {after:.1f} s after it began"

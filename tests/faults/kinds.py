@@ -60,7 +60,8 @@ def ended(name: str, system: System) -> None:
 def broken_checkpoint(system: System) -> None:
     """SIGKILL of the learner, whose newest checkpoint then turns out to be cut off."""
     system.kill("policy_learner")
-    files = sorted(system.graph.folder.glob("checkpoints/*"), key=lambda file: file.stat().st_mtime)
+    files = [file for file in system.graph.folder.glob("checkpoints/**/*") if file.is_file()]
+    files.sort(key=lambda file: file.stat().st_mtime)
     if files:
         with files[-1].open("r+b") as file:
             file.truncate(system.rng.randrange(files[-1].stat().st_size))

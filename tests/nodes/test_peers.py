@@ -63,11 +63,13 @@ def test_a_second_node_that_would_do_the_same_is_refused(graph, first, second, t
     assert kept.running
 
 
-def test_of_two_executors_started_at_once_one_stays(graph):
+def test_of_two_executors_started_at_once_one_stays_and_nobody_misses_the_other(graph):
+    graph.start("simulation", start_paused=True)
     both = [graph.start("policy_executor") for _ in range(2)]
     graph.spin_until(lambda: not all(process.running for process in both), what="a refusal")
-    graph.spin_for(2.0)
+    graph.spin_for(NOTICED)
     assert sum(process.running for process in both) == 1
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
 
 
 def test_one_that_was_killed_can_be_started_again_at_once(graph):

@@ -20,6 +20,7 @@ from vgps_ros.nodes.qos import STREAM
 
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
+_LAST_WORDS = 1.5  # in which what a node has said still arrives after its end, at most [s]
 OWNS = "owns"  # key of the value that names what only one node may publish
 
 PEER_TIMEOUT = Setting(
@@ -107,11 +108,13 @@ class Peers:
             self._refuse(status.name, instance)
         if status.name == self._name:
             return
-        peer = self._peers.get(status.name)
+        peer, now = self._peers.get(status.name), time.monotonic()
         if peer and peer.silent:
             self._node.get_logger().info(f"{status.name} is heard again.")
-        if not peer or instance >= peer.instance:
-            self._peers[status.name] = _Peer(instance, time.monotonic())
+        # The last words of a run must not stand for the next one, but a second node that was
+        # refused has not replaced the first.
+        if not peer or instance >= peer.instance or now - peer.heard > _LAST_WORDS:
+            self._peers[status.name] = _Peer(instance, now)
 
     def _refuse(self, name: str, instance: str) -> None:
         """Ends this node, unless the other one is but a recording."""
