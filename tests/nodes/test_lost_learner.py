@@ -62,7 +62,7 @@ class Training:
 
     def wait_for_iterations(self, count):
         begin = len(self.progress)
-        self.graph.spin_until(lambda: len(self.progress) >= begin + count, what="iterations")
+        self.graph.spin_until(lambda: len(self.progress) >= begin + count, 120, "iterations")
 
     def outcome(self):
         graph, program = self.graph, self.program
