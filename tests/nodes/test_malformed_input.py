@@ -257,6 +257,15 @@ class World:
                 request = ChangeState.Request(transition=Transition(id=transition))
                 assert self.call(ChangeState, "policy_executor/change_state", request).success
 
+    def put_back(self, node):
+        """Gives the node's parameters the values that it was started with."""
+        parameters = [Parameter(name=n, value=v) for n, v in self.parameters[node].items()]
+        request = SetParameters.Request(parameters=parameters)
+        self.call(SetParameters, f"{node}/set_parameters", request)
+        names = GetParameters.Request(names=list(self.parameters[node]))
+        values = self.call(GetParameters, f"{node}/get_parameters", names).values
+        assert values == list(self.parameters[node].values())
+
     def _parameters_of(self, node):
         names = self.call(ListParameters, f"{node}/list_parameters").result.names
         request = GetParameters.Request(names=names)
@@ -379,6 +388,7 @@ def test_values_for_parameters(world, together):
         return node, draw(parameters)
 
     def send(batch):
+        changed = set()
         for node, parameters in batch:
             if together:
                 kind, name = SetParametersAtomically, f"{node}/set_parameters_atomically"
@@ -390,6 +400,10 @@ def test_values_for_parameters(world, together):
                 results = response.results
                 assert len(results) == len(parameters)
             assert all(result.successful or len(result.reason) > 10 for result in results)
+            if any(result.successful for result in results):
+                changed.add(node)
+        for node in changed:  # some values are right ones, such as `stochastic: true`
+            world.put_back(node)
 
     world.flood(request(), 0.03, send)
 
