@@ -68,6 +68,15 @@ def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed,
     assert {file: file.read_bytes() for file in killed.iterdir()} == files
 
 
+def test_a_last_file_without_a_message_is_set_aside(killed):
+    (killed / "bag_3.mcap").write_bytes((killed / "bag_2.mcap").read_bytes()[:40])
+    reindex(killed)
+    assert (killed / "bag_3.mcap.unfinished").is_file()
+    assert missing_parts(killed) == ""
+    with AnyReader([killed]) as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == list(range(1, 26))
+
+
 def test_a_bag_without_one_readable_message_is_refused_and_left_alone(tmp_path):
     (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\nbroken")
     with pytest.raises(InvalidInputError, match="not one of its messages can be read"):

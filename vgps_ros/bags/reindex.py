@@ -66,7 +66,7 @@ def reindex(path: Path) -> list[Path]:
     Raises:
         InvalidInputError: the folder has no `.mcap` file, nothing can be read of any, or one is
             still being written.
-        OSError: the disk takes no more; the bag is as it was.
+        OSError: the disk takes no more; nothing is lost, and it can be called again.
     """
     files = storage_files(path)
     for file in files:
@@ -76,9 +76,8 @@ def reindex(path: Path) -> list[Path]:
     empty = [file for file, content in contents.items() if not content.topics]
     if len(empty) == len(files):
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
-    for file in empty:  # its recorder ended before the first message was on the disk
+    for file in empty:
         del contents[file]
-        os.replace(file, _unfinished(file))
     summaries = [
         FileSummary(file.name, content.start, content.end, content.counts)
         for file, content in contents.items()
@@ -92,6 +91,8 @@ def reindex(path: Path) -> list[Path]:
         if not content.is_complete:
             _rebuild(file, content, information)
             rebuilt.append(file)
+    for file in empty:  # its recorder ended before the first message was on the disk
+        os.replace(file, _unfinished(file))
     write_metadata(path, information)
     return rebuilt
 

@@ -63,8 +63,8 @@ class DiskFile:
     def __init__(self, disk: "Disk", path: Path):
         self.path = path
         self.written = 0
-        self._disk = disk
         self.is_closed = False
+        self._disk = disk
         self._position = 0
         self._descriptor = -1
 
