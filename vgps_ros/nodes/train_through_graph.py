@@ -83,9 +83,16 @@ class TrainingClient(Node):
             p = feedback.feedback.progress
             progress.iteration(entry_from_msg(p), p.initial_ddp_cost, p.remaining_seconds)
 
-        for topic, types in self.get_topic_names_and_types():
-            if "vgps_msgs/msg/OptimizerIteration" in types:
-                self.create_subscription(OptimizerIteration, topic, show_solve, STREAM)
+        shown: set[str] = set()
+
+        def find_solvers() -> None:  # some may be discovered later than the learner
+            for topic, types in self.get_topic_names_and_types():
+                if "vgps_msgs/msg/OptimizerIteration" in types and topic not in shown:
+                    shown.add(topic)
+                    self.create_subscription(OptimizerIteration, topic, show_solve, STREAM)
+
+        find_solvers()
+        self.create_timer(_WAKE_PERIOD, find_solvers)
         result = None
         while result is None:
             result = self._attempt(goal, show_iteration, progress)
