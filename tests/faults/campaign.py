@@ -55,6 +55,7 @@ class Tally:
 def strike(system: System, kind: str, tally: Tally) -> bool:
     """Injects one fault; returns whether the graph works afterwards."""
     tally.injected[kind] += 1
+    system.listen()
     try:
         FAULTS[kind](system)
         dead = system.dead()

@@ -95,6 +95,7 @@ class System:
     trainings: list[Training] = field(default_factory=list)
     published: list[Published] = field(default_factory=list)
     said: dict[str, DiagnosticStatus] = field(default_factory=dict)
+    words: list[tuple[str, str]] = field(default_factory=list)  # who said what on /diagnostics
     heard: dict[str, float] = field(default_factory=dict)  # when something came from each source
 
     def __post_init__(self) -> None:
@@ -127,6 +128,7 @@ class System:
 
     def play(self) -> None:
         """Lets the simulation run, once it is there; a killed one seems to be for a while."""
+        self.listen()
         self.wait_for_word("", BACK, node="simulation")
         playing = SimulationState(state=SimulationState.STATE_PLAYING)
         request = SetSimulationState.Request(state=playing)
@@ -171,11 +173,14 @@ class System:
         """
         assert self._spin_until(condition, timeout), f"Waited {timeout:g} s for {what}."
 
+    def listen(self) -> None:
+        """Forgets what nodes have said so far."""
+        self.words.clear()
+
     def wait_for_word(self, text: str, timeout: float = BACK, node: str = "") -> None:
-        """Waits until some node, or this one, says this on /diagnostics, from now on."""
-        self.said.clear()
+        """Waits until some node, or this one, says this on /diagnostics, or has since `listen`."""
         self.wait_for(
-            lambda: any(text in said.message for name, said in self.said.items() if node in name),
+            lambda: any(text in word for name, word in self.words if node in name),
             f"'{text}' on /diagnostics",
             timeout,
         )
@@ -259,6 +264,7 @@ class System:
     def _listen(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.said[status.name] = status
+            self.words.append((status.name, status.message))
             if status.name == "/recorder" and status.level == DiagnosticStatus.OK:
                 self._follow_recorder({value.key: value.value for value in status.values})
 

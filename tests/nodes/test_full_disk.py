@@ -92,9 +92,9 @@ def value(status: DiagnosticStatus, key: str) -> int:
 
 def test_a_full_disk_is_said_others_notice_nothing_and_it_goes_on_by_itself(graph, tmp_path):
     path = tmp_path / "bag"
-    executor = graph.start("policy_executor", autostart=False)
     recorder = start(graph, path, cache_size=1.0)
     source = Source(graph)
+    executor = graph.start("policy_executor", autostart=False)  # it listens to the states, too
     source.publish(50)
     graph.spin_for(1.0)
     limit(recorder, sum(f.stat().st_size for f in path.iterdir()) + 100_000)

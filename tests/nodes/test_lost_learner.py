@@ -85,6 +85,7 @@ def test_one_that_is_killed_goes_on_where_it_was(graph, tmp_path, expected):
         training.wait_for_iterations(1)
         first = training.progress[-1].iteration
         assert first >= before
+        graph.spin_until(lambda: training.policies, what="the last policy")
         assert training.policies[0].iteration == first  # at once, so that an executor has one
         assert f"Going on from iteration {first} of 40." in training.learner.output
         training.wait_for_iterations(3)

@@ -170,10 +170,10 @@ def test_a_topic_of_unknown_type_is_named_and_recorded_once_the_type_is_known(
     said = graph.diagnosis("recorder", DiagnosticStatus.WARN, "Does not record /policy")
     assert "vgps_msgs/msg/GaussianPolicy is not installed; build or source" in said.message
     assert recorder.output.count("Does not record /policy") == 1
-    index = "share/ament_index/resource_index/packages"
-    (tmp_path / index).mkdir(parents=True)
-    for path in (f"{index}/vgps_msgs", "share/vgps_msgs"):
-        (tmp_path / path).symlink_to(Path(known, path))
+    index = "share/ament_index/resource_index"
+    for path in ("share", f"{index}/packages", f"{index}/rosidl_interfaces"):
+        (tmp_path / path).mkdir(parents=True, exist_ok=True)
+        (tmp_path / path / "vgps_msgs").symlink_to(Path(known, path, "vgps_msgs"))
     graph.diagnosis("recorder", DiagnosticStatus.OK)
     graph.spin_for(0.5)
     assert recorder.end(signal.SIGINT) == 0, recorder.output

@@ -121,8 +121,8 @@ class Simulation(Node):
         try:
             self._robot.advance(command)
         except DivergenceError as error:
-            self._health.error(str(error), "state")
             self._report_warnings()
+            self._health.error(str(error), "state")
             self._control.interrupt(str(error), pause=True)
             return
         self._publish()
@@ -133,12 +133,12 @@ class Simulation(Node):
         new = self._task.dynamics.warnings - self._warned
         if new:
             self._warned += new
+            self._health.set_value("MuJoCo warnings", in_words(self._warned))
             self._health.warn(
                 f"MuJoCo warns of {in_words(new)} at {self._robot.stamp * 1e-9:g} s: the motion "
                 "may be wrong from here; check the torques, and reset the simulation.",
                 "simulator",
             )
-            self._health.set_value("MuJoCo warnings", in_words(self._warned))
 
     # Commands
 
