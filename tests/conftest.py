@@ -1,6 +1,7 @@
 """Fixtures that all unit tests share."""
 
 import dataclasses
+import signal
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from vgps_ros.tasks import Task, make_task
 # The same examples in every run, and no database beside the tests.
 settings.register_profile("vgps", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.load_profile("vgps")
+
+# A run in the background of a script ignores INT, and programs that tests start would, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

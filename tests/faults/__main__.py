@@ -40,7 +40,10 @@ def main() -> int:
                 run(system, kinds, tally, lambda line: print(line, flush=True))
             growth = None
     show(tally)
-    print(f"{tally.recorded} messages recorded, {time.monotonic() - began:.0f} s")
+    print(
+        f"{tally.recorded} messages recorded, {tally.compared} of them looked for in the bags; "
+        f"{tally.trainings} trainings compared; {time.monotonic() - began:.0f} s"
+    )
     if growth:
         growth.show()
     for sentence in tally.wrong + tally.lost:

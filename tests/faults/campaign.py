@@ -37,6 +37,8 @@ class Tally:
     lost: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
     recorded: int = 0
+    compared: int = 0
+    trainings: int = 0
 
     def summary(self) -> str:
         """Returns the last line."""
@@ -49,7 +51,8 @@ class Tally:
     def is_good(self) -> bool:
         """Whether everything was survived and nothing lost."""
         counts = {self.injected.total(), self.survived.total(), self.recovered.total()}
-        return len(counts) == 1 and not self.lost and not self.wrong
+        compared = self.compared > 0 and self.trainings > 0
+        return compared and len(counts) == 1 and not self.lost and not self.wrong
 
 
 def strike(system: System, kind: str, tally: Tally) -> bool:
@@ -95,9 +98,13 @@ def run(system: System, kinds: Sequence[str], tally: Tally, say: Callable[[str],
 
 def verify(system: System, tally: Tally) -> None:
     """Ends the work, and notes what was lost."""
-    system.finish_training()
-    system.spin(1.0)
-    system.end("recorder")
+    try:
+        system.finish_training()
+        system.spin(1.0)
+        system.end("recorder")
+    except (AssertionError, TimeoutError) as error:
+        tally.wrong.append(f"the end: {error}")
+        return
     for recording in system.recordings:
         check_bag(recording, system, tally)
     for training in system.trainings:
@@ -109,10 +116,14 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
     if recording.killed:
         reindex(recording.path)
     with BagReader(recording.path) as bag:
-        recorded = Counter((message.topic, message.data) for message in bag.messages())
-    tally.recorded += recorded.total()
+        topics = sorted({message.topic for message in system.published} & set(bag.topics))
+        recorded = {(message.topic, message.data) for message in bag.messages(topics)}
+        tally.recorded += sum(bag.counts.values())
     for message in system.published:
-        if system.expects(message, recording) and (message.topic, message.data) not in recorded:
+        if not system.expects(message, recording):
+            continue
+        tally.compared += 1
+        if (message.topic, message.data) not in recorded:
             after = message.time - recording.windows[0][0]
             tally.lost.append(
                 f"{recording.path.name} lacks {message.topic} {after:.1f} s after it began"
@@ -121,6 +132,7 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
 
 def check_training(training: Training, system: System, tally: Tally) -> None:
     """Notes where a training is not what it is undisturbed."""
+    tally.trainings += 1
     task = make_task(system.task)
     settings = replace(
         search_settings(task),
