@@ -77,11 +77,11 @@ class TrajectoryOptimizerNode(Node):
                 is_cancelled=lambda: self._cancelled.is_set() or not self.context.ok(),
             )
         except VgpsError as error:
-            self._health.error(f"Refused a request: {error}")
             response.success = False
             response.status = error.status if isinstance(error, DivergenceError) else "refused"
-            self._health.set_value("last status", response.status)
             response.message = str(error)
+            self._health.set_value("last status", response.status)
+            self._health.error(f"Refused a request: {error}")
             return response
         finally:
             self._solving.clear()
