@@ -77,6 +77,7 @@ def test_one_that_was_killed_can_be_started_again_at_once(graph):
     graph.diagnosis("simulation", DiagnosticStatus.OK)
     killed.kill()
     again = graph.start("simulation")
-    graph.spin_for(3.0)
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+    graph.spin_for(3.0)  # in which it would be refused, were the killed one taken for alive
     assert again.running
     assert graph.call(GetSimulationState, "simulation/get_simulation_state").result.result == 1

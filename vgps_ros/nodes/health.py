@@ -97,21 +97,27 @@ class Health:
         self._report(DiagnosticStatus.WARN, sentence, about)
 
     def _report(self, level: bytes, sentence: str, about: str) -> None:
-        said, when = self._said.get(about, ("", 0.0))
-        now = time.monotonic()
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
-        quiet = now - when
-        if quiet > _LINE_PERIOD and (sentence != said or (before != level and quiet > _LOG_PERIOD)):
-            # On lines of their own: rclpy refuses two severities from one.
-            if level == DiagnosticStatus.ERROR:
-                self._node.get_logger().error(sentence)
-            else:
-                self._node.get_logger().warning(sentence)
-            self._said[about] = (sentence, now)
         self._faults[about] = (level, sentence)
         self._over.discard(about)
+        self._log(about, is_new=before != level)
         if before != level:
             self._publish()
+
+    def _log(self, about: str, *, is_new: bool = False) -> None:
+        """Logs a fault, unless it was said already, or another line about it a moment ago."""
+        level, sentence = self._faults[about]
+        said, when = self._said.get(about, ("", 0.0))
+        now = time.monotonic()
+        again = is_new and now - when > _LOG_PERIOD
+        if now - when <= _LINE_PERIOD or (sentence == said and not again):
+            return
+        # On lines of their own: rclpy refuses two severities from one.
+        if level == DiagnosticStatus.ERROR:
+            self._node.get_logger().error(sentence)
+        else:
+            self._node.get_logger().warning(sentence)
+        self._said[about] = (sentence, now)
 
     def clear(self, about: str = "") -> None:
         """Reports that a fault is over; /diagnostics shows it once, however short it was."""
@@ -133,6 +139,8 @@ class Health:
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {self._timeout:g} s; is it running?"
                 )
+        for about in list(self._faults):
+            self._log(about)  # what came too soon after another line
         self._publish()
         over, self._over = self._over, set()
         for about in over:
