@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 233)
-PATIENCE = 30.0  # generous: the machine may be busy [s]
+PATIENCE = 90.0  # generous: the machine may be busy [s]
 
 
 class Process:
