@@ -148,7 +148,7 @@ def test_the_same_goal_again_is_answered_from_what_is_kept(graph, tmp_path, expe
 def test_a_full_disk_is_an_error_and_the_training_goes_on(graph, tmp_path, expected):
     folder = tmp_path / "kept" / Run("vgps", ROTOR, SETTINGS, SEED).name()
     folder.mkdir(parents=True)
-    (folder / "checkpoint-0.part").symlink_to("/dev/full")
+    (folder / "checkpoint-0.npz.part").symlink_to("/dev/full")
     graph.start("trajectory_optimizer", task="rotor")
     graph.start("policy_learner", checkpoint_folder=tmp_path / "kept", **PARAMETERS)
     program = start_training(graph, SETTINGS, SEED, tmp_path / "out")

@@ -12,6 +12,7 @@ import pytest
 
 from tests.search.test_methods import solver
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import part_of
 from vgps_ros.core.record_tree import to_tree
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.methods import METHODS, search
@@ -356,7 +357,7 @@ def test_a_folder_that_cannot_be_written_is_an_error_that_leaves_no_part(tmp_pat
 
 def test_a_full_disk_keeps_the_two_that_are_there(folder):
     before = {f.name: f.read_bytes() for f in folder.iterdir()}
-    (folder / OLDER).with_suffix(".part").symlink_to("/dev/full")
+    part_of(folder / OLDER).symlink_to("/dev/full")
     iterations = run(folder)
     assert next(iterations).k == 3
     with pytest.raises(OSError, match="No space left on device"):

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from vgps_ros.bags.storage import Topic
+from vgps_ros.core.files import replacing
 
 FILE_NAME = "metadata.yaml"
 
@@ -77,13 +78,8 @@ def write_metadata(folder: Path, information: str) -> None:
         OSError: it cannot be written; what was there before is still there.
     """
     indented = "".join(f"  {line}\n" for line in information.splitlines())
-    partial = folder / f"{FILE_NAME}.partial"
-    try:
-        partial.write_text(f"rosbag2_bagfile_information:\n{indented}")
-        os.replace(partial, folder / FILE_NAME)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise
+    with replacing(folder / FILE_NAME) as file:
+        file.write(f"rosbag2_bagfile_information:\n{indented}".encode())
 
 
 def _file_entry(file: FileSummary) -> dict[str, Any]:

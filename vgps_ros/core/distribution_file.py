@@ -1,6 +1,5 @@
 """Trajectory distributions, one for each initial state, as .npz; loading them can run no code."""
 
-import os
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
@@ -10,6 +9,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import replacing
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 
 DISTRIBUTION = "distribution.npz"
@@ -30,8 +30,7 @@ def save_distributions(
     def stack(array_of: Callable[[TrajectoryDistribution], Array]) -> Array:
         return np.stack([array_of(q) for q in distributions])
 
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    with replacing(path) as file:
         np.savez(
             file,
             task=np.array(task),
@@ -43,7 +42,6 @@ def save_distributions(
             f_u=stack(lambda q: q.linear_dynamics.f_u),
             state_covariances=stack(lambda q: q.state_covariances),
         )
-    os.replace(part, path)
 
 
 def load_distributions(path: Path) -> tuple[list[TrajectoryDistribution], str]:

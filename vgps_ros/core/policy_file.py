@@ -5,7 +5,6 @@ digits that read back to the same bits.
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,15 @@ import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import replacing
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 
 
 def write_json(path: Path, content: Any) -> None:
     """Writes a JSON file in one piece: a reader sees the old one or the new one, never a part."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    os.replace(part, path)
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 def save_policy(policy: GaussianPolicy, task: str, path: Path) -> None:

@@ -79,8 +79,16 @@ def train(
         write_json(output / "result.json", content)
         save_policy(iteration.policy, task.name, output / "policy.json")
         on_iteration(iteration)
+    _save_motions(task, iteration, content, output)
+    return content
+
+
+def _save_motions(
+    task: Task, iteration: SearchIteration, content: dict[str, Any], output: Path
+) -> None:
+    """Writes trajectories.npz, of the first initial state, and distribution.npz, of all."""
     policy = iteration.policy
-    initial, last = (  # of the first initial state
+    initial, last = (
         solutions[0].distribution.first(task.horizon)
         for solutions in (iteration.initial_solutions, iteration.solutions)
     )
@@ -98,4 +106,3 @@ def train(
     ).save_trajectories(output)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
     save_distributions(scored, task.name, output / DISTRIBUTION)
-    return content

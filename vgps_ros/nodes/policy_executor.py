@@ -57,7 +57,7 @@ class PolicyExecutor(LifecycleNode):
         declare(self, STOCHASTIC)
         autostart = declare(self, AUTOSTART, read_only=True)
         self._settings = self._declare_safety(self._task)
-        self._health = Health(self, owns="joint_command")
+        self._health = Health(self, owns="commands" if self._plain else "joint_command")
         self._active = False
         time_step = self._task.dynamics.time_step
         actuated = [self._task.joint_names.index(n) for n in self._task.actuated_joint_names]

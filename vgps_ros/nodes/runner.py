@@ -9,6 +9,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.nodes.responses import keep_responses
 from vgps_ros.nodes.service_guard import guard_services
 
 _signals: list[int] = []  # INT and TERM that have come
@@ -38,6 +39,7 @@ def run(make_node: Callable[[], Node], threads: int = 1) -> None:
             return
         node = make_node()
         guard_services(node)
+        keep_responses(node)
         executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()

@@ -10,7 +10,6 @@ two are always there, and what a run went on from is not touched before there is
 
 import hashlib
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import part_of, replacing
 from vgps_ros.core.record_tree import from_tree, to_tree
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import settings_of
@@ -31,7 +31,6 @@ from vgps_ros.tasks import Task
 
 FORMAT = 1  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
-_PART = ".part"
 
 Solutions = tuple[OptimizationResult, ...]
 
@@ -84,17 +83,8 @@ class Checkpoints:
         content = {"run": run.identity(), "state": to_tree(state, arrays)}
         text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
         self.folder.mkdir(parents=True, exist_ok=True)
-        path = self._path(state.k)
-        part = path.with_suffix(_PART)
-        try:
-            with part.open("wb") as file:
-                np.savez(file, **{_CONTENT: text}, **arrays)  # type: ignore[arg-type]
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
-        _sync(self.folder)
+        with replacing(self._path(state.k)) as file:
+            np.savez(file, **{_CONTENT: text}, **arrays)  # type: ignore[arg-type]
 
     def latest(self, run: Run, kind: type[Update]) -> SearchState | None:
         """Returns the state to go on from; None if there is none.
@@ -138,7 +128,7 @@ class Checkpoints:
         """Removes the files, and the folder if there is nothing else in it."""
         for path in (self._path(0), self._path(1)):
             path.unlink(missing_ok=True)
-            path.with_suffix(_PART).unlink(missing_ok=True)
+            part_of(path).unlink(missing_ok=True)
         if self.folder.is_dir() and not any(self.folder.iterdir()):
             self.folder.rmdir()
 
@@ -207,12 +197,3 @@ def _digest_of_problem(task: Task) -> str:
     for array in arrays:
         digest.update(array.tobytes())
     return digest.hexdigest()[:12]
-
-
-def _sync(folder: Path) -> None:
-    """Takes care that a file's new name outlives a loss of power."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -112,19 +112,21 @@ def test_cancelled_solve_keeps_what_it_has(swim, short_swimmer):
     assert solution.policy.complete
 
 
+class Uphill:
+    """A cost whose reported gradient points the wrong way."""
+
+    def __init__(self, problem):
+        self.values = problem.values
+        self._expand = problem.expand
+
+    def expand(self, trajectory):
+        e = self._expand(trajectory)
+        return dataclasses.replace(e, c_x=-e.c_x, c_u=-e.c_u)
+
+
 def test_step_that_no_size_accepts_ends_without_descent(lq_problem):
     problem = lq_problem()
-
-    class Uphill:
-        """A cost whose reported gradient points the wrong way."""
-
-        values = staticmethod(problem.values)
-
-        def expand(self, trajectory):
-            e = problem.expand(trajectory)
-            return dataclasses.replace(e, c_x=-e.c_x, c_u=-e.c_u)
-
-    solution = solve(problem, Uphill(), problem.at_rest(), DdpSettings(), 5)
+    solution = solve(problem, Uphill(problem), problem.at_rest(), DdpSettings(), 5)
     assert solution.status is Status.NO_DESCENT
     assert solution.iterations == ()
     assert_array_equal(solution.trajectory.controls, 0.0)
@@ -181,19 +183,11 @@ def test_quu_that_stays_indefinite_ends_by_its_name(lq_problem):
 @pytest.mark.parametrize("factor", [1.01, 100.0])
 def test_a_search_that_finds_nothing_ends_whatever_the_settings(lq_problem, limit, factor):
     problem = lq_problem()
-
-    class Uphill:
-        values = staticmethod(problem.values)
-
-        def expand(self, trajectory):
-            e = problem.expand(trajectory)
-            return dataclasses.replace(e, c_x=-e.c_x, c_u=-e.c_u)
-
     settings = DdpSettings(
         regularization_limit=limit, regularization_factor=factor, line_search_steps=2
     )
     check_settings(settings)
-    solution = solve(problem, Uphill(), problem.at_rest(), settings, 2**32 - 1)
+    solution = solve(problem, Uphill(problem), problem.at_rest(), settings, 2**32 - 1)
     assert solution.status is Status.NO_DESCENT
 
 

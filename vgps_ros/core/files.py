@@ -1,0 +1,42 @@
+"""Files that are written in one piece."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+
+def part_of(path: Path) -> Path:
+    """Returns the name under which a file stands until it is whole."""
+    return path.with_name(path.name + ".part")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Gives a file that takes the place of `path` at the end of the `with` statement.
+
+    A reader, or whoever comes after a crash, finds the old file or the new one, never a part.
+
+    Raises:
+        OSError: it cannot be written; the old one is still there.
+    """
+    part = part_of(path)
+    try:
+        with part.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    _sync(path.parent)
+
+
+def _sync(folder: Path) -> None:
+    """Takes care that a file's new name outlives a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
