@@ -35,8 +35,87 @@ def test_derivatives_agree_with_finite_differences_of_step(
         x, u = points.states[t], points.controls[t]
         f_x = finite_differences(lambda x, u=u: dynamics.step(x, u), x, eps=1e-5)
         f_u = finite_differences(lambda u, x=x: dynamics.step(x, u), u, eps=1e-3)
-        assert_allclose(linear.f_x[t], f_x, rtol=0, atol=1e-7)
-        assert_allclose(linear.f_u[t], f_u, rtol=0, atol=1e-7)
+        assert_allclose(linear.f_x[t], f_x, rtol=0, atol=5e-7)
+        assert_allclose(linear.f_u[t], f_u, rtol=0, atol=5e-7)
+
+
+def centred_differences(dynamics, trajectory):
+    """MuJoCo's own, by the chain rule over the simulator steps of one control."""
+    model, n_x, n_u = dynamics.model, dynamics.state_dim, dynamics.control_dim
+    data = mujoco.MjData(model)
+    for state, control in zip(trajectory.states, trajectory.controls, strict=False):
+        data.qpos, data.qvel, data.ctrl = state[: n_x // 2], state[n_x // 2 :], control
+        data.qacc_warmstart = 0.0
+        f_x, f_u, a, b = (
+            np.eye(n_x),
+            np.zeros((n_x, n_u)),
+            np.zeros((n_x, n_x)),
+            np.zeros((n_x, n_u)),
+        )
+        for substep in range(dynamics.substeps):
+            if substep:
+                mujoco.mj_step(model, data)
+            mujoco.mjd_transitionFD(model, data, 1e-6, True, a, b, None, None)
+            f_x, f_u = a @ f_x, a @ f_u + b
+        yield np.hstack([f_x, f_u])
+
+
+@pytest.mark.parametrize(("name", "error"), [("swimmer", 1e-6), ("walker", 1e-4)])
+def test_derivatives_along_a_motion_are_those_of_the_simulators_centred_differences(
+    name, error, rng
+):
+    """Relative to the largest entry; where contacts switch, centred differences are no measure."""
+    task = make_task(name)
+    trajectory = task.demonstration or task.dynamics.rollout(
+        task.initial_state, lambda t, _: task.guess(rng)[t], 100
+    )
+    linear = task.dynamics.linearize(trajectory)
+    errors = []
+    for t, expected in enumerate(centred_differences(task.dynamics, trajectory)):
+        found = np.hstack([linear.f_x[t], linear.f_u[t]])
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+    assert np.quantile(errors, 0.9) < error
+
+
+@pytest.mark.parametrize("name", ["swimmer", "walker"])
+def test_nothing_depends_on_the_coordinates_that_a_task_calls_cyclic(name, rng):
+    dynamics = make_task(name).dynamics
+    states = rng.uniform(-0.3, 0.3, (6, dynamics.state_dim))
+    points = Trajectory(states, rng.uniform(-30, 30, (5, dynamics.control_dim)))
+    short = dynamics.linearize(points)
+    full = Dynamics(dynamics.model, dynamics.substeps).linearize(points)
+    assert_allclose(short.f_x, full.f_x, rtol=0, atol=1e-5)  # what differences along contacts bear
+    assert_allclose(short.f_u, full.f_u, rtol=0, atol=1e-9)
+
+
+def test_at_rest_where_drag_has_a_kink_differences_are_centred(swimmer):
+    rest = Trajectory(np.zeros((2, 10)), np.zeros((1, 2)))
+    linear = swimmer.dynamics.linearize(rest)
+    (expected,) = centred_differences(swimmer.dynamics, rest)
+    assert_allclose(np.hstack([linear.f_x[0], linear.f_u[0]]), expected, rtol=0, atol=1e-6)
+
+
+def test_following_is_a_rollout_of_that_feedback(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((20, 2, 10))
+    nominal = Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
+    start = np.full(10, 0.1)
+    followed = dynamics.follow(start, nominal, gains)
+    rollout = dynamics.rollout(
+        start, lambda t, x: nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T, 20
+    )
+    assert_allclose(followed.states, rollout.states, rtol=1e-9, atol=1e-12)
+    assert_allclose(followed.controls, rollout.controls, rtol=1e-9)
+
+
+@pytest.mark.parametrize("control", [np.nan, 1e8, 1e12])
+def test_what_diverges_while_it_follows_is_nan_from_there_on(swimmer, control):
+    nominal = Trajectory(np.zeros((11, 10)), np.full((10, 2), 10.0))
+    nominal.controls[4] = control
+    followed = swimmer.dynamics.follow(np.zeros(10), nominal, np.zeros((10, 2, 10)))
+    assert np.isfinite(followed.states[:5]).all()
+    assert np.isnan(followed.states[5:]).all()
+    assert_array_equal(followed.controls[4], nominal.controls[4])
+    assert np.isnan(followed.controls[5:]).all()
 
 
 def test_number_of_threads_does_not_change_a_bit(swimmer, points):

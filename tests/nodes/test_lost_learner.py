@@ -81,9 +81,10 @@ def test_one_that_is_killed_goes_on_where_it_was(graph, tmp_path, expected):
         graph.spin_for(0.5)  # for what is still on its way
         before = training.progress[-1].iteration
         training.policies.clear()
+        seen = len(training.progress)
         training.start_learner()
         training.wait_for_iterations(1)
-        first = training.progress[-1].iteration
+        first = training.progress[seen].iteration
         assert first >= before
         graph.spin_until(lambda: training.policies, what="the last policy")
         assert training.policies[0].iteration == first  # at once, so that an executor has one

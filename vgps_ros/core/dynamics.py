@@ -4,13 +4,13 @@ A control is held for a number of simulator steps:
 
     x_{t+1} = f(x_t, u_t),    x = (qpos, qvel),
 
-with f_x, f_u from centred finite differences. The model must have as many positions as velocities
-(hinges and slides only), so that states can be subtracted.
+with f_x, f_u from finite differences. The model must have as many positions as velocities (hinges
+and slides only), so that states can be subtracted.
 """
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.simulator import Simulator
 from vgps_ros.core.simulator_warnings import simulator_warnings
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
@@ -42,8 +43,10 @@ class Dynamics:
     Args:
         model: the robot; positions and velocities must have the same dimension.
         substeps: simulator steps for which one control is held.
-        eps: perturbation of the centred differences.
+        eps: perturbation of the finite differences.
         threads: threads that share the differences; their number does not change the result.
+        cyclic_joints: names of joints on whose position nothing depends but that position itself,
+            such as a slide along a level floor; no difference is taken along it.
 
     Raises:
         InvalidInputError: the model has quaternions or actuator states.
@@ -53,8 +56,9 @@ class Dynamics:
         self,
         model: mujoco.MjModel,
         substeps: int = 1,
-        eps: float = 1e-6,
+        eps: float = 1e-7,
         threads: int | None = None,
+        cyclic_joints: Sequence[str] = (),
     ):
         if model.nq != model.nv or model.na:
             raise InvalidInputError(
@@ -71,6 +75,8 @@ class Dynamics:
         self.time_step = model.opt.timestep * substeps
         self.threads = threads or len(os.sched_getaffinity(0))
         self.simulator_steps = 0
+        cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
+        self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
         self._data = mujoco.MjData(model)
         self._stepper = Rollout(nthread=0)
 
@@ -102,20 +108,20 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        alive = np.flatnonzero(_is_sound(initial_states, DIVERGENCE_BOUND))
+        x = np.nan_to_num(states[:, 0])  # the law sees zeros where a rollout has diverged
+        alive = _sound(states[:, 0], DIVERGENCE_BOUND, slice(None))
         for t in range(horizon):
-            # The law sees zeros where a rollout has diverged; one control may serve all.
-            control = np.broadcast_to(
-                control_law(t, np.nan_to_num(states[:, t])), controls[:, t].shape
-            )
-            controls[alive, t] = control[alive]
-            alive = alive[_is_sound(control[alive], CONTROL_BOUND)]
-            if not len(alive):
+            control = control_law(t, x)  # one may serve all
+            controls[alive, t] = control if control.ndim == 1 else control[alive]
+            alive = _sound(controls[:, t], CONTROL_BOUND, alive)
+            if not len(x[alive]):
                 break
             states[alive, t + 1] = self._steps(states[alive, t], controls[alive, t])
-            sound = _is_sound(states[alive, t + 1], DIVERGENCE_BOUND)
-            states[alive[~sound], t + 1] = np.nan
-            alive = alive[sound]
+            x = states[:, t + 1]
+            alive = _sound(x, DIVERGENCE_BOUND, alive)
+            if not isinstance(alive, slice):
+                states[np.setdiff1d(np.arange(n), alive), t + 1] = np.nan
+                x = np.nan_to_num(x)
         return states, controls
 
     def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
@@ -123,41 +129,37 @@ class Dynamics:
         states, controls = self.rollouts(initial_state[None], control_law, horizon)
         return Trajectory(states[0], controls[0])
 
+    def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
+        """Runs one rollout of u = ū + K (x − x̄), many times faster than under a Python law.
+
+        Args:
+            start: x_1, shape (n_x,).
+            nominal: x̄, ū.
+            gains: K, shape (T, n_u, n_x).
+        """
+        bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
+        self.simulator_steps += self.substeps * nominal.horizon
+        return Trajectory(*self._simulators[0].follow(start, nominal, gains, bounds))
+
     def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory, by centred differences over several threads."""
-        horizon = trajectory.horizon
-        f_x = np.empty((horizon, self.state_dim, self.state_dim))
-        f_u = np.empty((horizon, self.state_dim, self.control_dim))
+        """Returns f_x, f_u along a trajectory, by finite differences over several threads."""
+        horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
+        f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
+        ends = np.linspace(0, horizon, self.threads + 1).astype(int)
 
-        def linearize_steps(steps: range) -> None:
-            data = mujoco.MjData(self.model)
-            for t in steps:
-                f_x[t], f_u[t] = self._linearize_step(
-                    data, trajectory.states[t], trajectory.controls[t]
-                )
+        def linearize_steps(simulator: Simulator, begin: int, end: int) -> int:
+            return simulator.differentiate(
+                trajectory.states[begin:end],
+                trajectory.controls[begin:end],
+                self.eps,
+                f_x[begin:end],
+                f_u[begin:end],
+            )
 
-        chunks = [range(i, horizon, self.threads) for i in range(self.threads)]
         with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(linearize_steps, chunks))
-        # A point and two neighbours of it along each coordinate of state and control.
-        points = 2 * (self.state_dim + self.control_dim) + 1
-        self.simulator_steps += horizon * self.substeps * points
+            steps = pool.map(linearize_steps, self._simulators, ends[:-1], ends[1:])
+            self.simulator_steps += sum(steps)
         return LinearDynamics(f_x, f_u)
-
-    def _linearize_step(
-        self, data: mujoco.MjData, state: Array, control: Array
-    ) -> tuple[Array, Array]:
-        """Returns f_x, f_u at one point: the chain rule over the simulator steps of one control."""
-        self._load(data, state, control)
-        f_x = np.eye(self.state_dim)
-        f_u = np.zeros((self.state_dim, self.control_dim))
-        a, b = np.empty_like(f_x), np.empty_like(f_u)
-        for substep in range(self.substeps):
-            if substep:
-                mujoco.mj_step(self.model, data)
-            mujoco.mjd_transitionFD(self.model, data, self.eps, True, a, b, None, None)
-            f_x, f_u = a @ f_x, a @ f_u + b
-        return f_x, f_u
 
     def _steps(self, states: Array, controls: Array) -> Array:
         """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.
@@ -177,14 +179,12 @@ class Dynamics:
         self.simulator_steps += n * self.substeps
         return after[:, -1, 1:end]
 
-    def _load(self, data: mujoco.MjData, state: Array, control: Array) -> None:
-        """Puts state and control into `data`, and nothing of what was there before counts."""
-        data.qpos[:] = state[: self.model.nv]
-        data.qvel[:] = state[self.model.nv :]
-        data.ctrl[:] = control
-        data.qacc_warmstart[:] = 0.0
 
-
-def _is_sound(rows: Array, bound: float) -> NDArray[np.bool_]:
-    """Whether each row of (N, n) is inside the bound; NaN is not."""
-    return np.logical_and.reduce(np.abs(rows) < bound, axis=1)
+def _sound(
+    rows: Array, bound: float, alive: "slice | NDArray[np.intp]"
+) -> "slice | NDArray[np.intp]":
+    """Returns those that are alive, and inside the bound in all their values; NaN is not."""
+    if np.abs(rows[alive]).max(initial=0.0) < bound:
+        return alive
+    inside = np.logical_and.reduce(np.abs(rows) < bound, axis=1)
+    return np.arange(len(rows))[alive][inside[alive]]

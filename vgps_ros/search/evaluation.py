@@ -75,19 +75,22 @@ def evaluate(
         iteration: k, the place of these draws in the run.
     """
     means = np.stack(initial_states)
-    deterministic = task.dynamics.rollouts(means, lambda t, x: policy.mean(x), task.horizon)
-
+    deterministic = slice(0, len(means))  # side by side with the others, whose noise they lack
+    stochastic = slice(len(means), None)
+    starts = np.concatenate([means, np.repeat(means, rollouts, axis=0)])
+    noise = np.zeros((task.horizon, len(starts), len(policy.noise_std)))
     rng = generator(seed, Stream.EVALUATION, iteration)
-    starts = np.repeat(means, rollouts, axis=0)
-    starts = starts + task.marginals.initial_std * rng.standard_normal(starts.shape)
-    noise = rng.standard_normal((task.horizon, len(starts), len(policy.noise_std)))
-    noise *= policy.noise_std
-    stochastic = task.dynamics.rollouts(
+    spread = rng.standard_normal(starts[stochastic].shape)
+    starts[stochastic] += task.marginals.initial_std * spread
+    noise[:, stochastic] = policy.noise_std * rng.standard_normal(noise[:, stochastic].shape)
+
+    states, controls = task.dynamics.rollouts(
         starts, lambda t, x: policy.mean(x) + noise[t], task.horizon
     )
+    costs, survived = task.rollout_costs(states, controls), task.survived(states)
     return Evaluation(
-        deterministic_costs=task.rollout_costs(*deterministic),
-        stochastic_costs=task.rollout_costs(*stochastic),
-        deterministic_survived=task.survived(deterministic[0]),
-        stochastic_survived=task.survived(stochastic[0]),
+        deterministic_costs=costs[deterministic],
+        stochastic_costs=costs[stochastic],
+        deterministic_survived=survived[deterministic],
+        stochastic_survived=survived[stochastic],
     )

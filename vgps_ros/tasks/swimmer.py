@@ -25,7 +25,7 @@ CONTROL_WEIGHT = 1e-5
 
 def swimmer() -> Task:
     """Returns the swimmer's task."""
-    dynamics = Dynamics(load_model(MODEL_PATH, JOINTS))
+    dynamics = Dynamics(load_model(MODEL_PATH, JOINTS), cyclic_joints=("root_x", "root_y"))
     n_x, n_u = dynamics.state_dim, dynamics.control_dim
     return Task(
         name="swimmer",

@@ -75,7 +75,7 @@ def walker() -> Task:
 
 def walker_dynamics() -> Dynamics:
     """Returns the walker's dynamics, with a control every 0.01 s."""
-    return Dynamics(load_model(MODEL_PATH, JOINTS), substeps=2)
+    return Dynamics(load_model(MODEL_PATH, JOINTS), substeps=2, cyclic_joints=("root_x",))
 
 
 @cache

@@ -34,6 +34,12 @@ class LqProblem:
             states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
         return Trajectory(np.array(states), np.array(controls))
 
+    def follow(self, start, nominal, gains) -> Trajectory:
+        def law(t, x):
+            return nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T
+
+        return self.rollout(start, law, nominal.horizon)
+
     def linearize(self, trajectory: Trajectory) -> LinearDynamics:
         return self.linear
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numba import njit
 
+from vgps_ros.core.compilation import compiled
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
 
@@ -88,7 +88,7 @@ def backward_pass(
     return LocalPolicy(k, gains, q_uu, slope, curvature, complete)
 
 
-@njit(cache=True)
+@compiled
 def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-untyped-def]  # pragma: no cover
     horizon, n_x, n_u = f_u.shape
     k = np.zeros((horizon, n_u))
@@ -96,42 +96,91 @@ def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-unt
     quu = np.zeros((horizon, n_u, n_u))
     v_x, v_xx = np.zeros(n_x), np.zeros((n_x, n_x))
     slope, curvature = 0.0, 0.0
+    # Matrices this small are multiplied fastest in plain loops, into memory that is there already.
+    va, vb = np.empty((n_x, n_x)), np.empty((n_x, n_u))
+    q_xx, q_ux, q_uu = np.empty((n_x, n_x)), np.empty((n_u, n_x)), np.empty((n_u, n_u))
+    q_x, q_u = np.empty(n_x), np.empty(n_u)
+    bb, ba = np.empty((n_u, n_u)), np.empty((n_u, n_x))
+    left, right = np.empty((n_u, n_u)), np.empty((n_u, 1 + n_x))
     for t in range(horizon - 1, -1, -1):
         a, b = f_x[t], f_u[t]
-        a_t, b_t = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
-        va, vb = v_xx @ a, v_xx @ b
-        q_xx = c_xx[t] + a_t @ va
-        q_uu = c_uu[t] + b_t @ vb
-        q_ux = c_ux[t] + b_t @ va
-        q_x = c_x[t] + a_t @ v_x
-        q_u = c_u[t] + b_t @ v_x
+        va[:] = 0.0
+        _add_product(v_xx, a, va)
+        vb[:] = 0.0
+        _add_product(v_xx, b, vb)
+        q_xx[:] = c_xx[t]
+        _add_transposed_product(a, va, q_xx)
+        q_ux[:] = c_ux[t]
+        _add_transposed_product(b, va, q_ux)
+        q_uu[:] = c_uu[t]
+        _add_transposed_product(b, vb, q_uu)
+        q_x[:] = c_x[t]
+        q_u[:] = c_u[t]
+        for i in range(n_x):
+            for j in range(n_x):
+                q_x[j] += a[i, j] * v_x[i]
+            for j in range(n_u):
+                q_u[j] += b[i, j] * v_x[i]
 
         # Solve (Quu + μ BᵀB) [k K] = −[Q_u  Q_ux + μ BᵀA] by a Cholesky factorisation.
-        left = q_uu + mu * (b_t @ b)
-        right = np.empty((n_u, n_x + 1))
-        right[:, 0] = -q_u
-        right[:, 1:] = -(q_ux + mu * (b_t @ a))
+        bb[:] = 0.0
+        _add_transposed_product(b, b, bb)
+        ba[:] = 0.0
+        _add_transposed_product(b, a, ba)
+        for i in range(n_u):
+            for j in range(n_u):
+                left[i, j] = q_uu[i, j] + mu * bb[i, j]
+            right[i, 0] = -q_u[i]
+            for j in range(n_x):
+                right[i, 1 + j] = -(q_ux[i, j] + mu * ba[i, j])
         if not _solve_in_place(left, right):
             return k, gains, quu, slope, curvature, False
-        k_t = right[:, 0].copy()
-        gain = right[:, 1:].copy()
+        k_t, gain = k[t], gains[t]
+        k_t[:] = right[:, 0]
+        gain[:] = right[:, 1:]
+        quu[t] = q_uu
 
         # These equal V_x = Q_x − Q_uxᵀ Quu⁻¹ Q_u and V_xx = Q_xx − Q_uxᵀ Quu⁻¹ Q_ux at μ = 0,
         # and stay the value of the policy that is really followed at μ > 0.
-        gain_t = np.ascontiguousarray(gain.T)
-        q_xu = np.ascontiguousarray(q_ux.T)
-        quu_k = q_uu @ k_t
-        v_x = q_x + gain_t @ (quu_k + q_u) + q_xu @ k_t
-        v_xx = q_xx + gain_t @ (q_uu @ gain) + gain_t @ q_ux + q_xu @ gain
-        v_xx = 0.5 * (v_xx + v_xx.T)
-
-        slope += k_t @ q_u
-        curvature += k_t @ quu_k
-        k[t], gains[t], quu[t] = k_t, gain, q_uu
+        v_x[:] = q_x
+        for i in range(n_u):
+            quu_k = 0.0
+            for j in range(n_u):
+                quu_k += q_uu[i, j] * k_t[j]
+            slope += k_t[i] * q_u[i]
+            curvature += k_t[i] * quu_k
+            for j in range(n_x):
+                v_x[j] += gain[i, j] * (quu_k + q_u[i]) + q_ux[i, j] * k_t[i]
+        _add_transposed_product(q_ux, gain, q_xx)
+        _add_product(q_uu, gain, q_ux)  # now Q_ux + Quu K
+        _add_transposed_product(gain, q_ux, q_xx)
+        for i in range(n_x):
+            for j in range(n_x):
+                v_xx[i, j] = 0.5 * (q_xx[i, j] + q_xx[j, i])
     return k, gains, quu, slope, curvature, True
 
 
-@njit(cache=True)
+@compiled
+def _add_product(a, b, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Adds a b to out."""
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            factor = a[i, k]
+            for j in range(b.shape[1]):
+                out[i, j] += factor * b[k, j]
+
+
+@compiled
+def _add_transposed_product(a, b, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Adds aᵀb to out."""
+    for k in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            factor = a[k, i]
+            for j in range(b.shape[1]):
+                out[i, j] += factor * b[k, j]
+
+
+@compiled
 def _solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Overwrites b with a⁻¹b; false if a is not positive definite (or not a number)."""
     n, m = b.shape
@@ -145,13 +194,16 @@ def _solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
             for i in range(j):
                 a[row, j] -= a[row, i] * a[j, i]
             a[row, j] /= a[j, j]
-    for column in range(m):
-        for j in range(n):
-            for i in range(j):
+    for j in range(n):
+        for i in range(j):
+            for column in range(m):
                 b[j, column] -= a[j, i] * b[i, column]
+        for column in range(m):
             b[j, column] /= a[j, j]
-        for j in range(n - 1, -1, -1):
-            for i in range(j + 1, n):
+    for j in range(n - 1, -1, -1):
+        for i in range(j + 1, n):
+            for column in range(m):
                 b[j, column] -= a[i, j] * b[i, column]
+        for column in range(m):
             b[j, column] /= a[j, j]
     return True

@@ -8,7 +8,7 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy
 from vgps_ros.core.ddp.settings import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
-from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.records import Trajectory
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,7 @@ def follow(
 ) -> Trajectory:
     """Executes u = ū + step_size k + K (x − x̄) from the nominal trajectory's first state."""
     controls = nominal.controls + step_size * policy.feedforward
-
-    def control_law(t: int, x: Array) -> Array:
-        return controls[t] + (x - nominal.states[t]) @ policy.gains[t].T
-
-    return dynamics.rollout(nominal.states[0], control_law, nominal.horizon)
+    return dynamics.follow(nominal.states[0], Trajectory(nominal.states, controls), policy.gains)
 
 
 def forward_pass(

@@ -44,11 +44,8 @@ def track(
         c_ux=np.zeros((horizon, n_u, n_x)),
     )
     gains = backward_pass(dynamics.linearize(demonstration), expansion, REGULARIZATION).gains
-    states, controls = demonstration.states, demonstration.controls
-    rollout = dynamics.rollout(
-        start, lambda t, x: controls[t] + (x - states[t]) @ gains[t].T, demonstration.horizon
-    )
-    error = np.abs(rollout.states - states)[:, : n_x // 2]
+    rollout = dynamics.follow(start, demonstration, gains)
+    error = np.abs(rollout.states - demonstration.states)[:, : n_x // 2]
     away = np.argwhere(~(error <= tolerance))  # written so that NaN counts
     if away.size:
         t, joint = away[0]

@@ -1,0 +1,26 @@
+"""Compiled functions work with and without a place for their machine code."""
+
+from vgps_ros.core.compilation import compiled
+
+SOURCE = "def double(x):\n    return x + x\n"
+
+
+def defined_in(path):
+    scope = {}
+    exec(compile(SOURCE, path, "exec"), scope)
+    return scope["double"]
+
+
+def test_without_a_file_to_keep_it_beside_a_function_is_compiled_anew():
+    double = compiled(defined_in("<nowhere>"))
+    assert double(2.5) == 5.0
+    assert double.signatures
+
+
+def test_machine_code_is_kept_between_processes(tmp_path):
+    path = tmp_path / "source.py"
+    path.write_text(SOURCE)
+    first, second = (compiled(defined_in(str(path))) for _ in range(2))
+    assert first(2.5) == second(2.5) == 5.0
+    assert sum(first.stats.cache_misses.values()) == 1
+    assert sum(second.stats.cache_hits.values()) == 1

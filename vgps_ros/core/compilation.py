@@ -1,0 +1,18 @@
+"""Compiled functions, kept between processes where there is a place for them."""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiles a function at its first call, to run without Python's lock.
+
+    The machine code is kept beside the source or in the user's cache folder; where neither can be
+    written, each process compiles anew.
+    """
+    try:
+        return njit(cache=True, nogil=True)(function)
+    except RuntimeError:  # no folder for the cache
+        return njit(nogil=True)(function)

@@ -1,0 +1,175 @@
+"""MuJoCo's C functions in compiled loops: rollouts and derivatives without Python in between."""
+
+from pathlib import Path
+
+import llvmlite.binding
+import mujoco
+import numpy as np
+from numba import types
+from numba.core.typing import signature
+
+from vgps_ros.core.compilation import compiled
+from vgps_ros.core.records import Array, Trajectory
+
+_LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco*"))
+llvmlite.binding.load_library_permanently(str(_LIBRARY))
+_mj_step = types.ExternalFunction("mj_step", signature(types.void, types.intp, types.intp))
+_mj_step_skip = types.ExternalFunction(
+    "mj_stepSkip", signature(types.void, types.intp, types.intp, types.int32, types.int32)
+)
+# What a step may leave out, because it is still valid from the step before.
+_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
+_OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
+_OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
+# Where a velocity is zero drag has a kink: differences are centred within so many perturbations.
+_KINK = 10.0
+
+
+class Simulator:
+    """One simulation of a model, for one thread at a time.
+
+    Args:
+        model: with as many positions as velocities.
+        substeps: simulator steps for which one control is held.
+        cyclic: positions that change nothing but themselves.
+    """
+
+    def __init__(self, model: mujoco.MjModel, substeps: int, cyclic: Array):
+        data = mujoco.MjData(model)
+        self._keep = model, data  # as long as their memory is used
+        self._memory = (
+            model._address, data._address, data.qpos, data.qvel, data.ctrl, data.qacc_warmstart,
+            substeps,
+        )  # fmt: skip
+        n_v, n_u = model.nv, model.nu
+        # Controls, velocities, positions: each leaves valid what those before it need.
+        self._columns = np.concatenate(
+            [
+                np.arange(2 * n_v, 2 * n_v + n_u),
+                np.arange(n_v, 2 * n_v),
+                np.setdiff1d(np.arange(n_v), cyclic),
+            ]
+        )
+
+    def follow(
+        self, start: Array, nominal: Trajectory, gains: Array, bounds: tuple[float, float]
+    ) -> tuple[Array, Array]:
+        """Executes u = ū + K (x − x̄).
+
+        Args:
+            start: x_1, shape (n_x,).
+            nominal: x̄, ū.
+            gains: K, shape (T, n_u, n_x).
+            bounds: of the magnitudes of states and controls.
+
+        Returns:
+            States, shape (T+1, n_x), and controls, shape (T, n_u); NaN from where one of them
+            leaves its bound.
+        """
+        states = np.full((nominal.horizon + 1, len(start)), np.nan)
+        controls = np.full(nominal.controls.shape, np.nan)
+        states[0] = start
+        _follow(*self._memory, nominal.states, nominal.controls, gains, *bounds, states, controls)
+        return states, controls
+
+    def differentiate(
+        self, states: Array, controls: Array, eps: float, f_x: Array, f_u: Array
+    ) -> int:
+        """Writes f_x, f_u at points, by finite differences; returns the simulator steps it took.
+
+        Args:
+            states: shape (N, n_x).
+            controls: shape (N, n_u).
+            eps: perturbation.
+            f_x: result, shape (N, n_x, n_x).
+            f_u: result, shape (N, n_x, n_u).
+        """
+        return int(_differentiate(*self._memory, self._columns, states, controls, eps, f_x, f_u))
+
+
+@compiled
+def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
+    model, data, qpos, qvel, ctrl, warmstart, substeps,
+    nominal_states, nominal_controls, gains, state_bound, control_bound, states, controls,
+):  # fmt: skip
+    n_v, n_u = len(qvel), len(ctrl)
+    x = states[0].copy()
+    if not _is_within(x, state_bound):
+        return
+    for t in range(len(controls)):
+        for i in range(n_u):
+            ctrl[i] = nominal_controls[t, i]
+            for j in range(2 * n_v):
+                ctrl[i] += gains[t, i, j] * (x[j] - nominal_states[t, j])
+        controls[t] = ctrl
+        if not _is_within(ctrl, control_bound):
+            return
+        qpos[:] = x[:n_v]
+        qvel[:] = x[n_v:]
+        warmstart[:] = 0.0  # nothing carries over from one step to another
+        for _ in range(substeps):
+            _mj_step(model, data)
+        x[:n_v] = qpos
+        x[n_v:] = qvel
+        if not _is_within(x, state_bound):
+            return
+        states[t + 1] = x
+
+
+@compiled
+def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Whether all values are inside the bound; NaN is not."""
+    return np.all(np.abs(values) < bound)
+
+
+@compiled
+def _differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
+    model, data, qpos, qvel, ctrl, warmstart, substeps, columns, states, controls, eps, f_x, f_u
+):  # fmt: skip
+    """The chain rule over the simulator steps of one control."""
+    memory = (model, data, qpos, qvel, ctrl, warmstart)
+    n_v, n_u = len(qvel), len(ctrl)
+    n_x = 2 * n_v
+    z, warm = np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
+    after, plus, minus = np.empty(n_x), np.empty(n_x), np.empty(n_x)
+    a, b = np.eye(n_x), np.empty((n_x, n_u))  # the columns of cyclic positions stay as they are
+    steps = 0
+    for t in range(len(states)):
+        z[:n_x] = states[t]
+        z[n_x:] = controls[t]
+        warm[:] = 0.0
+        for substep in range(substeps):
+            _step(memory, z, warm, _NOTHING, after)
+            warm[:] = warmstart  # the neighbours' constraint forces are close to these
+            minus[:] = after
+            centred = np.min(np.abs(z[n_v:n_x])) < _KINK * eps
+            for j in columns:
+                skip = _OF_VELOCITIES if j >= n_x else _OF_POSITIONS if j >= n_v else _NOTHING
+                middle = z[j]
+                z[j] = middle + eps
+                _step(memory, z, warm, skip, plus)
+                if centred:
+                    z[j] = middle - eps
+                    _step(memory, z, warm, skip, minus)
+                z[j] = middle
+                column = a[:, j] if j < n_x else b[:, j - n_x]
+                column[:] = (plus - minus) / (2.0 * eps if centred else eps)
+            steps += 1 + len(columns) * (2 if centred else 1)
+            f_x[t] = a @ f_x[t] if substep else a
+            f_u[t] = a @ f_u[t] + b if substep else b
+            z[:n_x] = after
+    return steps
+
+
+@compiled
+def _step(memory, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Steps from z = (x, u); what is skipped must be valid for it."""
+    model, data, qpos, qvel, ctrl, warmstart = memory
+    n_v = len(qvel)
+    qpos[:] = z[:n_v]
+    qvel[:] = z[n_v : 2 * n_v]
+    ctrl[:] = z[2 * n_v :]
+    warmstart[:] = warm
+    _mj_step_skip(model, data, skip, 1)  # type: ignore[call-overload]
+    after[:n_v] = qpos
+    after[n_v:] = qvel
