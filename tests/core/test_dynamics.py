@@ -5,6 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
 
@@ -222,3 +223,35 @@ def test_model_with_quaternions_or_actuator_states_is_refused(joint, actuator):
     )
     with pytest.raises(InvalidInputError, match=rf"nq={model.nq}, nv={model.nv}, na={model.na}"):
         Dynamics(model)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize(("hidden", "biases"), [((), False), ((4,), True), ((5, 3), False)])
+def test_executing_a_policy_is_a_rollout_of_its_mean_and_noise(
+    swimmer, rng, activation, hidden, biases
+):
+    shape = Architecture((1, 4, 7), hidden, 2, activation, hidden_bias=biases, output_bias=biases)
+    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 20, 2))
+    states, controls = swimmer.dynamics.execute(policy, starts, noise)
+    expected = swimmer.dynamics.rollouts(starts, lambda t, x: policy.mean(x) + noise[:, t], 20)
+    assert_allclose(states, expected[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(controls, expected[1], rtol=1e-9, atol=1e-12)
+
+
+def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no_other(
+    swimmer, rng
+):
+    shape = Architecture((2, 3), (3,), 2)
+    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    starts, noise = np.zeros((3, 10)), rng.standard_normal((3, 12, 2))
+    calm, _ = swimmer.dynamics.execute(policy, starts, noise)
+    noise[1, 4] = 1e8
+    for threads in (1, 2, 5):
+        dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
+        states, controls = dynamics.execute(policy, starts, noise)
+        assert_array_equal(states[[0, 2]], calm[[0, 2]])
+        assert_array_equal(states[1, :5], calm[1, :5])
+        assert np.isnan(states[1, 5:]).all()
+        assert np.isfinite(controls[1, 4]).all()
+        assert np.isnan(controls[1, 5:]).all()

@@ -12,13 +12,16 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
+from vgps_ros.core.compiled_network import compiled_network
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.simulator import Simulator
 from vgps_ros.core.simulator_warnings import simulator_warnings
@@ -28,6 +31,8 @@ DIVERGENCE_BOUND = 1e4
 # MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
 CONTROL_BOUND = 1e9
 _FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+T = TypeVar("T")
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
@@ -141,25 +146,55 @@ class Dynamics:
         self.simulator_steps += self.substeps * nominal.horizon
         return Trajectory(*self._simulators[0].follow(start, nominal, gains, bounds))
 
+    def execute(
+        self, policy: GaussianPolicy, initial_states: Array, noise: Array
+    ) -> tuple[Array, Array]:
+        """Runs rollouts of u = μ_θ(x) + noise over several threads.
+
+        A rollout that diverges is NaN from the step after which it did.
+
+        Args:
+            policy: π_θ.
+            initial_states: shape (N, n_x).
+            noise: shape (N, T, n_u), [N·m].
+
+        Returns:
+            States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
+        """
+        n, horizon, _ = noise.shape
+        states = np.full((n, horizon + 1, self.state_dim), np.nan)
+        controls = np.full((n, horizon, self.control_dim), np.nan)
+        states[:, 0] = initial_states
+        network, bounds = compiled_network(policy), (DIVERGENCE_BOUND, CONTROL_BOUND)
+        self._in_threads(
+            n,
+            lambda simulator, part: simulator.execute(
+                network, noise[part], bounds, states[part], controls[part]
+            ),
+        )
+        self.simulator_steps += n * horizon * self.substeps
+        return states, controls
+
     def linearize(self, trajectory: Trajectory) -> LinearDynamics:
         """Returns f_x, f_u along a trajectory, by finite differences over several threads."""
         horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
-        ends = np.linspace(0, horizon, self.threads + 1).astype(int)
-
-        def linearize_steps(simulator: Simulator, begin: int, end: int) -> int:
-            return simulator.differentiate(
-                trajectory.states[begin:end],
-                trajectory.controls[begin:end],
-                self.eps,
-                f_x[begin:end],
-                f_u[begin:end],
-            )
-
-        with ThreadPoolExecutor(self.threads) as pool:
-            steps = pool.map(linearize_steps, self._simulators, ends[:-1], ends[1:])
-            self.simulator_steps += sum(steps)
+        states, controls = trajectory.states[:-1], trajectory.controls
+        steps = self._in_threads(
+            horizon,
+            lambda simulator, part: simulator.differentiate(
+                states[part], controls[part], self.eps, f_x[part], f_u[part]
+            ),
+        )
+        self.simulator_steps += sum(steps)
         return LinearDynamics(f_x, f_u)
+
+    def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
+        """Divides `count` pieces of work into a part for each thread."""
+        ends = np.linspace(0, count, self.threads + 1).astype(int)
+        parts = map(slice, ends[:-1], ends[1:])
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(work, self._simulators, parts))
 
     def _steps(self, states: Array, controls: Array) -> Array:
         """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.

@@ -86,11 +86,8 @@ def sample_deviations(
     Samples come in pairs ±δ: for an even count their mean is exactly zero, so that averages over
     them carry no noise of first order.
     """
-    horizon = distribution.mean.horizon
-    eigenvalues, eigenvectors = np.linalg.eigh(distribution.state_covariances[:horizon])
-    # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
-    roots = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
-    noise = rng.standard_normal(((count + 1) // 2, horizon, roots.shape[-1]))
+    roots = distribution.state_roots
+    noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
     deviations = np.einsum("txy,sty->stx", roots, noise)
     return np.concatenate([deviations, -deviations])[:count]
 

@@ -66,7 +66,7 @@ class PolicyCost:
             c=e.c - self.policy.log_density(states, controls).mean(axis=0),
             c_x=e.c_x - np.einsum("stux,stu->tx", jacobian, p_r) / count,  # −Jᵀ P r
             c_u=e.c_u + p_r.mean(axis=0),  # P r
-            c_xx=e.c_xx + (np.swapaxes(jacobian, -1, -2) @ p_j).mean(axis=0),  # Jᵀ P J
+            c_xx=e.c_xx + _products(jacobian, p_j) / count,  # Jᵀ P J
             c_uu=e.c_uu + np.diag(precision),  # P
             c_ux=e.c_ux - p_j.mean(axis=0),  # −P J
         )
@@ -75,3 +75,12 @@ class PolicyCost:
         """Returns x + δ_s and u + K δ_s, shapes (S, T, n_x) and (S, T, n_u)."""
         shift = np.einsum("tux,stx->stu", self.gains, self.deviations)
         return trajectory.states[:-1] + self.deviations, trajectory.controls + shift
+
+
+def _products(left: Array, right: Array) -> Array:
+    """Returns Σ_s leftᵀ right, shape (T, n, n), of matrices of shape (S, T, m, n).
+
+    Samples and rows are summed in one matrix product a step.
+    """
+    tall = [np.concatenate(list(matrices), axis=1) for matrices in (left, right)]
+    return np.swapaxes(tall[0], 1, 2) @ tall[1]

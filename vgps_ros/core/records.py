@@ -5,6 +5,7 @@ of T controls has T + 1 states; the last one carries no cost.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,13 @@ class TrajectoryDistribution:
     control_covariances: Array
     linear_dynamics: LinearDynamics
     state_covariances: Array
+
+    @cached_property
+    def state_roots(self) -> Array:
+        """R_t with R_t R_tᵀ = Σ_t at t = 1 … T, shape (T, n_x, n_x)."""
+        eigenvalues, eigenvectors = np.linalg.eigh(self.state_covariances[: self.mean.horizon])
+        # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
+        return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
 
     def first(self, steps: int) -> "TrajectoryDistribution":
         """Returns the distribution over the first steps."""

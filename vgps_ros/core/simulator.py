@@ -9,6 +9,7 @@ from numba import types
 from numba.core.typing import signature
 
 from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compiled_network import CompiledNetwork, network_output
 from vgps_ros.core.records import Array, Trajectory
 
 _LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco*"))
@@ -72,6 +73,26 @@ class Simulator:
         _follow(*self._memory, nominal.states, nominal.controls, gains, *bounds, states, controls)
         return states, controls
 
+    def execute(
+        self,
+        network: CompiledNetwork,
+        noise: Array,
+        bounds: tuple[float, float],
+        states: Array,
+        controls: Array,
+    ) -> None:
+        """Executes u = μ_θ(x) + noise in several rollouts, one after another.
+
+        Args:
+            network: μ_θ.
+            noise: shape (N, T, n_u), [N·m].
+            bounds: of the magnitudes of states and controls.
+            states: result, shape (N, T+1, n_x), from x_1 on; what stays as it was from where a
+                state or a control leaves its bound.
+            controls: result, shape (N, T, n_u), likewise.
+        """
+        _execute(*self._memory, network, noise, *bounds, states, controls)
+
     def differentiate(
         self, states: Array, controls: Array, eps: float, f_x: Array, f_u: Array
     ) -> int:
@@ -92,28 +113,55 @@ def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
     model, data, qpos, qvel, ctrl, warmstart, substeps,
     nominal_states, nominal_controls, gains, state_bound, control_bound, states, controls,
 ):  # fmt: skip
-    n_v, n_u = len(qvel), len(ctrl)
+    memory = (model, data, qpos, qvel, ctrl, warmstart)
     x = states[0].copy()
     if not _is_within(x, state_bound):
         return
     for t in range(len(controls)):
-        for i in range(n_u):
+        for i in range(len(ctrl)):
             ctrl[i] = nominal_controls[t, i]
-            for j in range(2 * n_v):
+            for j in range(len(x)):
                 ctrl[i] += gains[t, i, j] * (x[j] - nominal_states[t, j])
         controls[t] = ctrl
-        if not _is_within(ctrl, control_bound):
-            return
-        qpos[:] = x[:n_v]
-        qvel[:] = x[n_v:]
-        warmstart[:] = 0.0  # nothing carries over from one step to another
-        for _ in range(substeps):
-            _mj_step(model, data)
-        x[:n_v] = qpos
-        x[n_v:] = qvel
-        if not _is_within(x, state_bound):
+        if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
             return
         states[t + 1] = x
+
+
+@compiled
+def _execute(  # type: ignore[no-untyped-def]  # pragma: no cover
+    model, data, qpos, qvel, ctrl, warmstart, substeps,
+    network, noise, state_bound, control_bound, states, controls,
+):  # fmt: skip
+    memory = (model, data, qpos, qvel, ctrl, warmstart)
+    a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
+    for rollout in range(len(states)):
+        x = states[rollout, 0].copy()
+        if not _is_within(x, state_bound):
+            continue
+        for t in range(noise.shape[1]):
+            network_output(network, x, a, z)
+            for i in range(len(ctrl)):
+                ctrl[i] = a[i] + noise[rollout, t, i]
+            controls[rollout, t] = ctrl
+            if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
+                break
+            states[rollout, t + 1] = x
+
+
+@compiled
+def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Lets the control act on x; false if x then is outside the bound."""
+    model, data, qpos, qvel, _, warmstart = memory
+    n_v = len(qvel)
+    qpos[:] = x[:n_v]
+    qvel[:] = x[n_v:]
+    warmstart[:] = 0.0  # nothing carries over from one step to another
+    for _ in range(substeps):
+        _mj_step(model, data)
+    x[:n_v] = qpos
+    x[n_v:] = qvel
+    return _is_within(x, bound)
 
 
 @compiled

@@ -78,15 +78,14 @@ def evaluate(
     deterministic = slice(0, len(means))  # side by side with the others, whose noise they lack
     stochastic = slice(len(means), None)
     starts = np.concatenate([means, np.repeat(means, rollouts, axis=0)])
-    noise = np.zeros((task.horizon, len(starts), len(policy.noise_std)))
+    noise = np.zeros((len(starts), task.horizon, len(policy.noise_std)))
     rng = generator(seed, Stream.EVALUATION, iteration)
     spread = rng.standard_normal(starts[stochastic].shape)
     starts[stochastic] += task.marginals.initial_std * spread
-    noise[:, stochastic] = policy.noise_std * rng.standard_normal(noise[:, stochastic].shape)
+    draws = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
+    noise[stochastic] = policy.noise_std * np.swapaxes(draws, 0, 1)
 
-    states, controls = task.dynamics.rollouts(
-        starts, lambda t, x: policy.mean(x) + noise[t], task.horizon
-    )
+    states, controls = task.dynamics.execute(policy, starts, noise)
     costs, survived = task.rollout_costs(states, controls), task.survived(states)
     return Evaluation(
         deterministic_costs=costs[deterministic],

@@ -1,0 +1,55 @@
+"""The policy's network for compiled loops; what it computes is `GaussianPolicy.mean`."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.compilation import compiled
+from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
+from vgps_ros.core.records import Array
+
+CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int, NDArray[np.int64]]
+
+_ACTIVATIONS = tuple(ACTIVATIONS)
+_SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
+
+
+def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
+    """Returns θ, sizes of the layers, which of them have biases, the activation, what is read."""
+    shape = policy.architecture
+    biased = [shape.hidden_bias] * len(shape.hidden_units) + [shape.output_bias]
+    return (
+        np.array(policy.parameters),
+        np.array(shape.layer_sizes),
+        np.array(biased),
+        _ACTIVATIONS.index(shape.activation),
+        np.array(shape.observed),
+    )
+
+
+@compiled
+def network_output(network, x, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes μ_θ(x) to the beginning of a; a and z are as long as the widest layer."""
+    parameters, sizes, biased, activation, observed = network
+    for i in range(len(observed)):
+        a[i] = x[observed[i]]
+    start = 0
+    for layer in range(len(biased)):
+        n_in, n_out = sizes[layer], sizes[layer + 1]
+        end = start + n_out * n_in
+        for o in range(n_out):
+            z[o] = parameters[end + o] if biased[layer] else 0.0
+            for i in range(n_in):
+                z[o] += parameters[start + o * n_in + i] * a[i]
+        last = layer == len(biased) - 1
+        for o in range(n_out):
+            a[o] = z[o] if last else _activate(activation, z[o])
+        start = end + n_out if biased[layer] else end
+
+
+@compiled
+def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    if activation == _SOFTPLUS:
+        return max(z, 0.0) + np.log1p(np.exp(-abs(z)))
+    if activation == _TANH:
+        return np.tanh(z)
+    return max(z, 0.0)
