@@ -1,7 +1,7 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test faults soak lint clean distclean
+.PHONY: help setup demo test faults soak bench lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -20,6 +20,9 @@ faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a r
 
 soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, files, bags
 	@scripts/run_faults.bash --minutes $(or $(SOAK_MINUTES),30) $(if $(SEED),--seed $(SEED))
+
+bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
+	@scripts/run_benchmarks.bash $(BENCHMARKS)
 
 lint: setup  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash

@@ -19,6 +19,7 @@ PROGRAMS = {
     "evaluate": "vgps_ros.experiments.evaluate",
     "experiment": "vgps_ros.experiments.experiment",
     "figure": "vgps_ros.experiments.figure",
+    "benchmark": "vgps_ros.benchmarks.suite",
     "find_gait": "vgps_ros.experiments.find_gait",
     "train_through_graph": "vgps_ros.nodes.train_through_graph",
     "execute_policy": "vgps_ros.nodes.execute_policy",

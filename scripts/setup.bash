@@ -138,5 +138,9 @@ if ! build_stands; then
   check_compilers
   rm -f install/.complete
   step "colcon build of vgps_msgs and vgps_ros" build build
+  step "compiling the numerical loops" compile "$venv/bin/python" -c '
+from vgps_ros.search.preparation import prepare
+from vgps_ros.tasks import make_task
+prepare(make_task("rotor"))'
   printf '%s\n' "$build_key" >install/.complete
 fi

@@ -24,6 +24,7 @@ from vgps_ros.nodes.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.methods import METHOD, search
+from vgps_ros.search.preparation import prepare
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
@@ -68,6 +69,7 @@ class PolicyLearner(Node):
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
         self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER, read_only=True)
+        prepare(self._task)  # before the node is there: no peer waits for the compiler
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()

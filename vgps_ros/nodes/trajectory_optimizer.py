@@ -22,6 +22,7 @@ from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_sett
 from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.runner import run
+from vgps_ros.search.preparation import prepare
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
@@ -35,6 +36,7 @@ class TrajectoryOptimizerNode(Node):
             declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
         )
         settings = declare_settings(self, OptimizerSettings(task.ddp))
+        prepare(task)  # before the node is there: no request and no peer waits for the compiler
         self._optimizer = TrajectoryOptimizer(task, settings)
         self._health = Health(self)
         self._cancelled = threading.Event()

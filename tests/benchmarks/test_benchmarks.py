@@ -1,0 +1,99 @@
+"""The suite times in turns, survives a benchmark that fails, and writes what it has."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from vgps_ros.benchmarks import suite
+from vgps_ros.benchmarks.centred_dynamics import CentredDynamics
+from vgps_ros.benchmarks.comparison import Comparison, compare
+from vgps_ros.benchmarks.problems import linear_quadratic, with_threads
+from vgps_ros.core.ddp import backward_pass
+from vgps_ros.core.ddp.backward_pass import _recursion
+from vgps_ros.core.simulator import _differentiate, _execute, _follow
+from vgps_ros.search.preparation import prepare
+from vgps_ros.tasks import make_task
+
+
+def test_a_comparison_is_measured_in_turns():
+    calls = []
+    row = compare(
+        "sleeping",
+        lambda: (calls.append("ours"), time.sleep(0.002)),
+        lambda: (calls.append("peer"), time.sleep(0.008)),
+        0.9,
+        repetitions=5,
+    )
+    assert calls == 7 * ["ours", "peer"]
+    assert row.met
+    assert row.peer >= 8.0
+
+
+@pytest.mark.parametrize(
+    ("ours", "peer", "target", "unit", "met"),
+    [
+        (1.0, 2.0, 0.5, "ms", True),
+        (1.1, 2.0, 0.5, "ms", False),
+        (1.0, 2.0, None, "ms", None),
+        (1400.0, 2000.0, 0.7, "loops/s", True),
+        (1300.0, 2000.0, 0.7, "loops/s", False),
+    ],
+)
+def test_a_target_is_the_ratio_that_must_not_be_passed(ours, peer, target, unit, met):
+    row = Comparison("it", ours, peer, target, unit)
+    assert row.met is met
+    assert row.entry()["ratio"] == pytest.approx(ours / peer)
+
+
+def test_one_that_fails_does_not_hide_the_others(tmp_path, monkeypatch):
+    def fails():
+        """Fails after one row."""
+        yield Comparison("first", 1.0, 2.0, 0.8)
+        raise RuntimeError("the peer is not there")
+
+    def works():
+        """Works."""
+        yield Comparison("second", 3.0, 2.0, 0.8)
+
+    monkeypatch.setattr(suite, "BENCHMARKS", {"fails": fails, "works": works})
+    console = Console(width=140, record=True, quiet=False)
+    assert not suite.run(["fails", "works"], tmp_path / "new", console)
+    rows = json.loads((tmp_path / "new" / suite.RESULT).read_text())
+    assert [(row["name"], row["met"]) for row in rows] == [("first", True), ("second", False)]
+    assert {"name", "ours", "peer", "ratio", "target", "met"} <= set(rows[0])
+    text = console.export_text()
+    assert "the peer is not there" in text
+    assert "1.500" in text
+
+
+def test_the_peer_has_the_same_derivatives(swimmer):
+    motion = swimmer.dynamics.rollout(
+        swimmer.initial_state, lambda t, _: 20.0 * np.sin(0.1 * t + np.arange(2)), 30
+    )
+    peer = with_threads(swimmer, 1, CentredDynamics).dynamics.linearize(motion)
+    ours = swimmer.dynamics.linearize(motion)
+    np.testing.assert_allclose(ours.f_x, peer.f_x, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ours.f_u, peer.f_u, rtol=0, atol=1e-5)
+
+
+def test_the_drawn_problem_can_be_solved():
+    assert backward_pass(*linear_quadratic(4, 2, 30)).complete
+
+
+@pytest.mark.parametrize("name", ["rotor", "swimmer", "walker"])
+def test_after_its_preparation_a_search_compiles_nothing(name):
+    task = make_task(name)
+    prepare(task)
+    loops = (_differentiate, _execute, _follow, _recursion)
+    before = [len(loop.signatures) for loop in loops]
+    assert all(before)
+    motion = task.dynamics.rollout(
+        task.initial_state, lambda *_: np.zeros(task.dynamics.control_dim), 3
+    )
+    linear = task.dynamics.linearize(motion)
+    gains = backward_pass(linear, task.cost.expand(motion), 0.1).gains
+    task.dynamics.follow(motion.states[0], motion, gains)
+    assert [len(loop.signatures) for loop in loops] == before

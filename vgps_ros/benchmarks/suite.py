@@ -1,0 +1,98 @@
+"""The benchmarks by name, and the program that runs them."""
+
+import argparse
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from vgps_ros.benchmarks import learning, solver
+from vgps_ros.benchmarks.comparison import Comparison
+from vgps_ros.core.policy_file import write_json
+
+Benchmark = Callable[[], Iterator[Comparison]]
+
+BENCHMARKS: dict[str, Benchmark] = {
+    "compilation": solver.compilation,
+    "backward_pass": solver.backward_passes,
+    "ddp_iteration": solver.ddp_iteration,
+    "derivatives": solver.derivatives,
+    "convergence": solver.convergence,
+    "shares": learning.shares,
+    "growth": learning.growth,
+}
+RESULT = "benchmarks.json"
+
+
+def run(names: Sequence[str], output: Path, console: Console) -> bool:
+    """Runs benchmarks one after another; returns whether none of them failed.
+
+    Each row is shown and written as soon as it is measured. One that fails is told, and the others
+    run.
+    """
+    rows: list[Comparison] = []
+    sound = True
+    output.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(names, start=1):
+        console.print(f"[{number}/{len(names)}] {name}: {BENCHMARKS[name].__doc__}", markup=False)
+        try:
+            for row in BENCHMARKS[name]():
+                rows.append(row)
+                write_json(output / RESULT, [r.entry() for r in rows])
+                console.print(f"  {row.name}: {_verdict(row)}", markup=False)
+        except Exception:
+            sound = False
+            console.print(f"  {name} failed:\n{traceback.format_exc()}", markup=False)
+    console.print(table(rows))
+    console.print(f"Wrote {RESULT} to {output}.")
+    return sound
+
+
+def table(rows: Sequence[Comparison]) -> Table:
+    """Returns the rows for the terminal."""
+    shown = Table(box=SIMPLE)
+    for name in ("what", "ours", "peer or floor", "ratio", "target", "met"):
+        shown.add_column(name, justify="left" if name == "what" else "right")
+    for row in rows:
+        shown.add_row(
+            row.name,
+            f"{row.ours:.4g} {row.unit}",
+            f"{row.peer:.4g} {row.unit}",
+            f"{row.ratio:.3f}",
+            "" if row.target is None else f"{row.target:.3g}",
+            {None: "", True: "yes", False: "no"}[row.met],
+        )
+    return shown
+
+
+def _verdict(row: Comparison) -> str:
+    spread = "" if row.spread is None else f" ± {row.spread:.3f}"
+    met = {None: "", True: ", met", False: ", missed"}[row.met]
+    return f"{row.ratio:.3f}{spread}{met}" + (f" ({row.remark})" if row.remark else "")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the program."""
+    parser = argparse.ArgumentParser(
+        prog="benchmark",
+        description="Measures how fast vgps_ros is, as ratios to peers and to floors measured in "
+        f"the same run, and writes {RESULT}. Peers are installed by 'make bench'.",
+    )
+    parser.add_argument(
+        "names", nargs="*", choices=[*BENCHMARKS, []], help="which; all of them without a name"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("recordings/benchmarks"), help="folder for the result"
+    )
+    parsed = parser.parse_args(arguments)
+    try:
+        sound = run(parsed.names or list(BENCHMARKS), parsed.output, Console(width=140))
+    except OSError as error:
+        sys.exit(f"benchmark: {error}")
+    except KeyboardInterrupt:
+        sys.exit("benchmark: interrupted; the rows that were measured are written.")
+    sys.exit(0 if sound else "benchmark: one failed; its traceback is above.")
