@@ -97,87 +97,96 @@ def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-unt
     v_x, v_xx = np.zeros(n_x), np.zeros((n_x, n_x))
     slope, curvature = 0.0, 0.0
     # Matrices this small are multiplied fastest in plain loops, into memory that is there already.
-    va, vb = np.empty((n_x, n_x)), np.empty((n_x, n_u))
-    q_xx, q_ux, q_uu = np.empty((n_x, n_x)), np.empty((n_u, n_x)), np.empty((n_u, n_u))
-    q_x, q_u = np.empty(n_x), np.empty(n_u)
-    bb, ba = np.empty((n_u, n_u)), np.empty((n_u, n_x))
+    # Indices run over z = (x, u): f_z = [f_x f_u], and Q_zz has its lower half only.
+    n_z = n_x + n_u
+    f_z, vf = np.empty((n_x, n_z)), np.empty((n_x, n_z))
+    q_z, q_zz, ff = np.empty(n_z), np.empty((n_z, n_z)), np.zeros((n_z, n_z))
     left, right = np.empty((n_u, n_u)), np.empty((n_u, 1 + n_x))
+    upper, lower = np.empty((2 * n_u, n_x)), np.empty((2 * n_u, n_x))
     for t in range(horizon - 1, -1, -1):
-        a, b = f_x[t], f_u[t]
-        va[:] = 0.0
-        _add_product(v_xx, a, va)
-        vb[:] = 0.0
-        _add_product(v_xx, b, vb)
-        q_xx[:] = c_xx[t]
-        _add_transposed_product(a, va, q_xx)
-        q_ux[:] = c_ux[t]
-        _add_transposed_product(b, va, q_ux)
-        q_uu[:] = c_uu[t]
-        _add_transposed_product(b, vb, q_uu)
-        q_x[:] = c_x[t]
-        q_u[:] = c_u[t]
         for i in range(n_x):
+            q_z[i] = c_x[t, i]
+            for j in range(i + 1):
+                q_zz[i, j] = c_xx[t, i, j]
             for j in range(n_x):
-                q_x[j] += a[i, j] * v_x[i]
+                f_z[i, j] = f_x[t, i, j]
             for j in range(n_u):
-                q_u[j] += b[i, j] * v_x[i]
+                f_z[i, n_x + j] = f_u[t, i, j]
+            for j in range(n_z):
+                vf[i, j] = 0.0
+        for i in range(n_u):
+            q_z[n_x + i] = c_u[t, i]
+            for j in range(n_x):
+                q_zz[n_x + i, j] = c_ux[t, i, j]
+            for j in range(i + 1):
+                q_zz[n_x + i, n_x + j] = c_uu[t, i, j]
+        for i in range(n_x):
+            for j in range(n_z):
+                q_z[j] += f_z[i, j] * v_x[i]
+        _add_transposed_product(v_xx, f_z, vf, 0, n_z)
+        _add_transposed_product(f_z, vf, q_zz, 0, 0)
+        if mu > 0.0:
+            ff[n_x:] = 0.0
+            _add_transposed_product(f_z, f_z, ff, n_x, 0)
 
         # Solve (Quu + μ BᵀB) [k K] = −[Q_u  Q_ux + μ BᵀA] by a Cholesky factorisation.
-        bb[:] = 0.0
-        _add_transposed_product(b, b, bb)
-        ba[:] = 0.0
-        _add_transposed_product(b, a, ba)
         for i in range(n_u):
-            for j in range(n_u):
-                left[i, j] = q_uu[i, j] + mu * bb[i, j]
-            right[i, 0] = -q_u[i]
+            row = n_x + i
+            for j in range(i + 1):
+                left[i, j] = q_zz[row, n_x + j] + mu * ff[row, n_x + j]
+            right[i, 0] = -q_z[row]
             for j in range(n_x):
-                right[i, 1 + j] = -(q_ux[i, j] + mu * ba[i, j])
+                right[i, 1 + j] = -(q_zz[row, j] + mu * ff[row, j])
         if not _solve_in_place(left, right):
             return k, gains, quu, slope, curvature, False
-        k_t, gain = k[t], gains[t]
-        k_t[:] = right[:, 0]
-        gain[:] = right[:, 1:]
-        quu[t] = q_uu
+        for i in range(n_u):
+            k[t, i] = right[i, 0]
+            for j in range(i + 1):
+                quu[t, i, j] = quu[t, j, i] = q_zz[n_x + i, n_x + j]
+            for j in range(n_x):
+                gains[t, i, j] = upper[i, j] = lower[n_u + i, j] = right[i, 1 + j]
+                lower[i, j] = upper[n_u + i, j] = q_zz[n_x + i, j]
 
         # These equal V_x = Q_x − Q_uxᵀ Quu⁻¹ Q_u and V_xx = Q_xx − Q_uxᵀ Quu⁻¹ Q_ux at μ = 0,
-        # and stay the value of the policy that is really followed at μ > 0.
-        v_x[:] = q_x
+        # and stay the value of the policy that is really followed at μ > 0:
+        # V_xx = Q_xx + Kᵀ (Q_ux + Quu K) + Q_uxᵀ K.
+        for j in range(n_x):
+            v_x[j] = q_z[j]
         for i in range(n_u):
             quu_k = 0.0
-            for j in range(n_u):
-                quu_k += q_uu[i, j] * k_t[j]
-            slope += k_t[i] * q_u[i]
-            curvature += k_t[i] * quu_k
+            for m in range(n_u):
+                quu_k += quu[t, i, m] * k[t, m]
+                for j in range(n_x):
+                    lower[i, j] += quu[t, i, m] * gains[t, m, j]
+            slope += k[t, i] * q_z[n_x + i]
+            curvature += k[t, i] * quu_k
             for j in range(n_x):
-                v_x[j] += gain[i, j] * (quu_k + q_u[i]) + q_ux[i, j] * k_t[i]
-        _add_transposed_product(q_ux, gain, q_xx)
-        _add_product(q_uu, gain, q_ux)  # now Q_ux + Quu K
-        _add_transposed_product(gain, q_ux, q_xx)
+                v_x[j] += gains[t, i, j] * (quu_k + q_z[n_x + i]) + upper[n_u + i, j] * k[t, i]
+        _add_transposed_product(upper, lower, q_zz, 0, 0)
         for i in range(n_x):
-            for j in range(n_x):
-                v_xx[i, j] = 0.5 * (q_xx[i, j] + q_xx[j, i])
+            for j in range(i + 1):
+                v_xx[i, j] = v_xx[j, i] = q_zz[i, j]
     return k, gains, quu, slope, curvature, True
 
 
 @compiled
-def _add_product(a, b, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Adds a b to out."""
-    for i in range(a.shape[0]):
-        for k in range(a.shape[1]):
-            factor = a[i, k]
-            for j in range(b.shape[1]):
-                out[i, j] += factor * b[k, j]
-
-
-@compiled
-def _add_transposed_product(a, b, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Adds aᵀb to out."""
-    for k in range(a.shape[0]):
-        for i in range(a.shape[1]):
-            factor = a[k, i]
-            for j in range(b.shape[1]):
-                out[i, j] += factor * b[k, j]
+def _add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Adds aᵀb to out, from a row on: `width` columns, or where that is 0 the lower half."""
+    n = len(b)
+    for i in range(first, a.shape[1]):
+        columns = width if width > 0 else i + 1
+        for k in range(0, n - n % 4, 4):  # four products at once: fewer passes over a row
+            f, g, p, q = a[k, i], a[k + 1, i], a[k + 2, i], a[k + 3, i]
+            for j in range(columns):
+                out[i, j] += f * b[k, j] + g * b[k + 1, j] + p * b[k + 2, j] + q * b[k + 3, j]
+        for k in range(n - n % 4, n - n % 2, 2):
+            f, g = a[k, i], a[k + 1, i]
+            for j in range(columns):
+                out[i, j] += f * b[k, j] + g * b[k + 1, j]
+        if n % 2:
+            f = a[n - 1, i]
+            for j in range(columns):
+                out[i, j] += f * b[n - 1, j]
 
 
 @compiled
