@@ -34,24 +34,27 @@ def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> T
     return replace(task, dynamics=dynamics)
 
 
-def optimize(
-    task: Task,
-    iterations: int | None = None,
-    on_iteration: Callable[[Iteration], None] = lambda _: None,
-) -> OptimizationResult:
-    """Solves for the initial trajectory of a search; without a number, with all its iterations."""
-    guess = task.guess(generator(SEED, Stream.INITIAL_CONTROLS, 0)) if task.guess else None
-    request = OptimizationRequest(
+def initial_request(task: Task, iterations: int | None = None) -> OptimizationRequest:
+    """Returns the first solve of a search; without a number, with all its iterations."""
+    return OptimizationRequest(
         trajectory_index=0,
         iteration=0,
         seed=SEED,
         cost_scale=1.0,
         max_iterations=iterations or search_settings(task).initial_ddp_iterations,
         initial_state=task.initial_state,
-        guess=guess,
+        guess=task.guess(generator(SEED, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
     )
+
+
+def optimize(
+    task: Task,
+    iterations: int | None = None,
+    on_iteration: Callable[[Iteration], None] = lambda _: None,
+) -> OptimizationResult:
+    """Does the first solve of a search."""
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
-    return optimizer.optimize(request, on_iteration)
+    return optimizer.optimize(initial_request(task, iterations), on_iteration)
 
 
 def moving(name: str) -> tuple[Task, Trajectory]:

@@ -10,7 +10,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from vgps_ros.benchmarks import learning, solver
+from vgps_ros.benchmarks import graph, learning, solver
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.core.policy_file import write_json
 
@@ -22,6 +22,9 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ddp_iteration": solver.ddp_iteration,
     "derivatives": solver.derivatives,
     "convergence": solver.convergence,
+    "lock_step": graph.lock_step,
+    "service": graph.service,
+    "nodes": graph.nodes,
     "shares": learning.shares,
     "growth": learning.growth,
 }
