@@ -68,6 +68,7 @@ def strike(system: System, kind: str, tally: Tally) -> bool:
         tally.recovered[kind] += 1
     except (AssertionError, TimeoutError) as error:
         tally.wrong.append(f"{kind}: {error}")
+        print(tally.wrong[-1], flush=True)
         return False
     return True
 

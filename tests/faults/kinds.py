@@ -13,6 +13,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -156,7 +157,8 @@ def impossible_step(system: System) -> None:
 def _publish(system: System, kind: type, topic: str, message: object, qos: object = STREAM) -> None:
     publisher = system.graph.publisher(kind, topic, qos)
     publisher.publish(message)
-    system.spin(0.2)
+    # A reader that has not yet discovered this writer takes the message a moment later.
+    assert publisher.wait_for_all_acked(Duration(seconds=10)), f"{topic} was not taken."
     system.graph.node.destroy_publisher(publisher)
 
 

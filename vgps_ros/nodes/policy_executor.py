@@ -76,7 +76,9 @@ class PolicyExecutor(LifecycleNode):
             else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
         )
         # Wall time: simulated time may stand still just when something is wrong.
-        self.create_timer(time_step, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._watchdog = self.create_timer(time_step, self._watch, clock=steady)
+        self._watchdog.cancel()  # until there is a state whose successor can be missed
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
@@ -108,6 +110,7 @@ class PolicyExecutor(LifecycleNode):
         if self._active:
             self._send(self._supervisor.stop())
         self._active = False
+        self._watchdog.cancel()
         self._training.stop_waiting()
         self._health.stop_waiting(_STATE)
         self._health.clear("state")
@@ -118,6 +121,8 @@ class PolicyExecutor(LifecycleNode):
         if not self._active:
             return
         self._health.arrived(_STATE)
+        if self._watchdog.is_canceled():
+            self._watchdog.reset()
         policy = self._training.policy
         if policy is None:
             return

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -71,18 +72,18 @@ class Task:
         """Number of steps that are optimised."""
         return self.horizon + self.lookahead
 
-    @property
+    @cached_property  # asked for at every step
     def joint_names(self) -> list[str]:
         """Names of all joints, in the order of positions and velocities in the state."""
         return joint_names(self.dynamics.model)
 
-    @property
+    @cached_property
     def hinges(self) -> NDArray[np.bool_]:
         """Which positions are angles, shape (n_x / 2,)."""
         types = self.dynamics.model.jnt_type
         return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
 
-    @property
+    @cached_property
     def actuated_joint_names(self) -> list[str]:
         """Names of the joints that the controls drive, in the order of the controls."""
         return actuated_joint_names(self.dynamics.model)
