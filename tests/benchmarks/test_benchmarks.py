@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from vgps_ros.benchmarks import suite
@@ -57,16 +58,23 @@ def test_one_that_fails_does_not_hide_the_others(tmp_path, monkeypatch):
     def works():
         """Works."""
         yield Comparison("second", 3.0, 2.0, 0.8)
+        curve = ((10, 0.1), (100, 1.1), (1000, 12.0))
+        yield Comparison("time over steps / linear", 1.04, 1.0, 1.15, "", curve=curve)
 
     monkeypatch.setattr(suite, "BENCHMARKS", {"fails": fails, "works": works})
     console = Console(width=140, record=True, quiet=False)
-    assert not suite.run(["fails", "works"], tmp_path / "new", console)
-    rows = json.loads((tmp_path / "new" / suite.RESULT).read_text())
-    assert [(row["name"], row["met"]) for row in rows] == [("first", True), ("second", False)]
+    folder = tmp_path / "new"
+    assert not suite.run(["fails", "works"], folder, console)
+    rows = json.loads((folder / suite.RESULT).read_text())
+    assert [(row["name"], row["met"]) for row in rows] == [
+        ("first", True), ("second", False), ("time over steps / linear", True)
+    ]  # fmt: skip
     assert {"name", "ours", "peer", "ratio", "target", "met"} <= set(rows[0])
     text = console.export_text()
     assert "the peer is not there" in text
     assert "1.500" in text
+    assert "| second | 3 ms | 2 ms | 1.500 | 0.8 | no |" in (folder / suite.TABLE).read_text()
+    assert Image.open(folder / "growth.png").width > 300
 
 
 def test_the_peer_has_the_same_derivatives(swimmer):

@@ -21,6 +21,7 @@ class Comparison:
         unit: of `ours` and `peer`; a unit that ends in "/s" is a rate, of which more is better.
         spread: half the distance between the quartiles of the ratios of single calls.
         remark: what a reader must know to judge it.
+        curve: sizes and times [s] of a growth, for the picture.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Comparison:
     unit: str = "ms"
     spread: float | None = None
     remark: str = ""
+    curve: tuple[tuple[float, float], ...] = ()
 
     @property
     def ratio(self) -> float:
@@ -55,6 +57,7 @@ class Comparison:
             "unit": self.unit,
             "spread": self.spread,
             "remark": self.remark,
+            "curve": self.curve,
         }
 
 

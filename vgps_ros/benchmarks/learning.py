@@ -105,14 +105,13 @@ def growth() -> Iterator[Comparison]:
     for name, (sizes, measure) in cases.items():
         times = [measure(n) for n in sizes]
         exponent = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
-        told = ", ".join(f"{n}: {1e3 * t:.0f} ms" for n, t in zip(sizes, times, strict=True))
         yield Comparison(
-            f"swimmer: exponent of an iteration's time in the number of {name} / linear",
+            f"swimmer: exponent of an iteration's time over {name} / linear",
             exponent,
             1.0,
             EXPONENT_LIMIT,
             unit="",
-            remark=told,
+            curve=tuple(zip(sizes, times, strict=True)),
         )
 
 

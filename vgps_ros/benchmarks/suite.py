@@ -6,13 +6,13 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
 
 from vgps_ros.benchmarks import graph, learning, solver
 from vgps_ros.benchmarks.comparison import Comparison
+from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
 from vgps_ros.core.policy_file import write_json
+from vgps_ros.views.plots import save
 
 Benchmark = Callable[[], Iterator[Comparison]]
 
@@ -28,7 +28,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "shares": learning.shares,
     "growth": learning.growth,
 }
-RESULT = "benchmarks.json"
+RESULT, TABLE = "benchmarks.json", "benchmarks.md"
 
 
 def run(names: Sequence[str], output: Path, console: Console) -> bool:
@@ -50,26 +50,12 @@ def run(names: Sequence[str], output: Path, console: Console) -> bool:
         except Exception:
             sound = False
             console.print(f"  {name} failed:\n{traceback.format_exc()}", markup=False)
-    console.print(table(rows))
-    console.print(f"Wrote {RESULT} to {output}.")
+    console.print(terminal_table(rows))
+    (output / TABLE).write_text(markdown(rows))
+    if any(row.curve for row in rows):
+        save(growth_figure(rows), output / "growth.png")
+    console.print(f"Wrote {RESULT} and {TABLE} to {output}.")
     return sound
-
-
-def table(rows: Sequence[Comparison]) -> Table:
-    """Returns the rows for the terminal."""
-    shown = Table(box=SIMPLE)
-    for name in ("what", "ours", "peer or floor", "ratio", "target", "met"):
-        shown.add_column(name, justify="left" if name == "what" else "right")
-    for row in rows:
-        shown.add_row(
-            row.name,
-            f"{row.ours:.4g} {row.unit}",
-            f"{row.peer:.4g} {row.unit}",
-            f"{row.ratio:.3f}",
-            "" if row.target is None else f"{row.target:.3g}",
-            {None: "", True: "yes", False: "no"}[row.met],
-        )
-    return shown
 
 
 def _verdict(row: Comparison) -> str:
