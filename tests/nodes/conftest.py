@@ -17,7 +17,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -279,14 +279,22 @@ def _free_domain() -> Iterator[int]:
     raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
 
 
-def _owned_segments(pid: int) -> set[Path]:
+def owned_segments(pid: int) -> set[Path]:
     """Shared memory of Fast DDS that a process made: it holds a lock file open for each."""
+    files = Path(f"/proc/{pid}/fd")
     try:
-        open_files = [os.readlink(file) for file in Path(f"/proc/{pid}/fd").iterdir()]
+        opened = map(_target, files.iterdir())
+        locks = [file for file in opened if re.fullmatch("/dev/shm/fastrtps_.*_el", file)]
     except OSError:  # it has ended meanwhile, or belongs to somebody else
         return set()
-    locks = [file for file in open_files if re.fullmatch("/dev/shm/fastrtps_.*_el", file)]
     return {Path(lock.removesuffix("_el")) for lock in locks}
+
+
+def _target(link: Path) -> str:
+    """What an open file is; nothing if it was closed meanwhile, as the listing itself."""
+    with suppress(FileNotFoundError):
+        return os.readlink(link)
+    return ""
 
 
 def _remove(segments: set[Path]) -> None:
@@ -294,7 +302,7 @@ def _remove(segments: set[Path]) -> None:
     if not segments:
         return
     living = (int(f.name) for f in Path("/proc").iterdir() if f.name.isdecimal())
-    for segment in segments - {owned for pid in living for owned in _owned_segments(pid)}:
+    for segment in segments - {owned for pid in living for owned in owned_segments(pid)}:
         for name in (segment.name, f"{segment.name}_el", f"sem.{segment.name}_mutex"):
             segment.with_name(name).unlink(missing_ok=True)
 
