@@ -20,17 +20,12 @@ from vgps_ros.tasks import Task, make_task
 
 SEED = 11
 TASKS = ("swimmer", "walker")
-CYCLIC = {"swimmer": ("root_x", "root_y"), "walker": ("root_x",)}
 
 
 def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> Task:
     """Returns the task with other dynamics of the same model."""
-    dynamics = kind(
-        task.dynamics.model,
-        task.dynamics.substeps,
-        threads=threads,
-        cyclic_joints=CYCLIC[task.name],
-    )
+    like = task.dynamics
+    dynamics = kind(like.model, like.substeps, threads=threads, cyclic_joints=like.cyclic_joints)
     return replace(task, dynamics=dynamics)
 
 

@@ -43,7 +43,7 @@ class Dynamics:
 
     Attributes:
         simulator_steps: simulator steps done so far, those of finite differences included.
-        threads: threads that share the finite differences.
+        threads: threads that share finite differences and rollouts of a policy.
 
     Args:
         model: the robot; positions and velocities must have the same dimension.
@@ -80,6 +80,7 @@ class Dynamics:
         self.time_step = model.opt.timestep * substeps
         self.threads = threads or len(os.sched_getaffinity(0))
         self.simulator_steps = 0
+        self.cyclic_joints = tuple(cyclic_joints)
         cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
         self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
         self._data = mujoco.MjData(model)
