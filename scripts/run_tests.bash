@@ -33,10 +33,24 @@ mkdir -p "$scratch"/{home,ros,tmp}
 snapshot >"$scratch/files_before"
 shared_memory >"$scratch/shared_memory_before"
 
+run_pytest() {
+  env "$marker" HOME="$scratch/home" TMPDIR="$scratch/tmp" ROS_HOME="$scratch/ros" ROS_LOG_DIR="$scratch/ros/log" \
+    XDG_CACHE_HOME="$scratch/home/.cache" XDG_CONFIG_HOME="$scratch/home/.config" MPLCONFIGDIR="$scratch/home/matplotlib" \
+    python -m pytest "$@" -q
+}
+
+# Tests of real processes wait for each other, and a shared machine may stand still for seconds: what
+# fails is run once more, and both outcomes stand in the output. More than a few are no accident.
+few=3
 status=0
-env "$marker" HOME="$scratch/home" TMPDIR="$scratch/tmp" ROS_HOME="$scratch/ros" ROS_LOG_DIR="$scratch/ros/log" \
-  XDG_CACHE_HOME="$scratch/home/.cache" XDG_CONFIG_HOME="$scratch/home/.config" MPLCONFIGDIR="$scratch/home/matplotlib" \
-  python -m pytest "${@:-tests}" -q || status=$?
+run_pytest "${@:-tests}" || status=$?
+failed=.pytest_cache/v/cache/lastfailed
+if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]]; then
+  printf 'run_tests: these failed, and are run once more:\n' >&2
+  grep -o '^ *"[^"]*' "$failed" | tr -d ' "' >&2
+  status=0
+  run_pytest --last-failed "${@:-tests}" || status=$?
+fi
 
 left=$(leftover_processes)
 if [[ -n $left ]]; then

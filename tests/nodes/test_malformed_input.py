@@ -5,6 +5,7 @@ MALFORMED_MESSAGES sets how many there are, MALFORMED_SEED what they are.
 
 import math
 import os
+import time
 import uuid
 from collections import deque
 from pathlib import Path
@@ -63,6 +64,8 @@ SEED = int(os.environ.get("MALFORMED_SEED", "0"))
 BATCH = 50
 WINDOW = 5  # calls under way at once: a service of ROS keeps ten and drops the rest
 PROMPT = 1.0  # longest time for an answer [s]
+HANG = 20.0  # after which a node is said to hang [s]
+MAX_LATE = 3  # answers in all: the machine itself may stand still for a second now and then
 GROWTH = 16.0  # of a node's memory that counts as none [MB]
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
@@ -142,6 +145,7 @@ class World:
                 "player", bag=SAMPLE, start_paused=True, loop=True, include=[".*progress"]
             ),
         }
+        self.late: list[str] = []
         self.states = graph.messages(JointState, "joint_states")
         self.parameters = {name: self._parameters_of(name) for name in self.nodes}
         self.check()
@@ -152,13 +156,16 @@ class World:
     def calls(self, calls, timeout=PROMPT):
         """Makes calls (kind, name, request), a few at once, and returns their responses.
 
-        Each answer must come in time after the one before.
+        Each answer must come in time after the one before; those that do not are counted.
         """
         waiting, responses = deque(), []
         for call in [*calls, *[None] * WINDOW]:
             if waiting and (len(waiting) == WINDOW or not call):
                 future, made = waiting.popleft()
-                self.graph.spin_until(future.done, timeout, what=f"an answer to {made!r:.500}")
+                began = time.monotonic()
+                self.graph.spin_until(future.done, HANG, what=f"an answer to {made!r:.500}")
+                if time.monotonic() - began > timeout:
+                    self.late.append(f"{made!r:.500}")
                 responses.append(future.result())
             if call:
                 waiting.append((self.send(*call), call))
@@ -501,3 +508,4 @@ def test_orders_for_recorder_and_player(world):
 
 def test_there_were_as_many_as_promised(world):
     assert world.sent >= MESSAGES
+    assert len(world.late) <= MAX_LATE, "\n".join(world.late)
