@@ -41,10 +41,9 @@ run_pytest() {
 
 # Tests of real processes wait for each other, and a shared machine may stand still for seconds: what
 # fails is run once more, and both outcomes stand in the output. More than a few are no accident.
-few=3
-status=0
+few=3 status=0 failed=.pytest_cache/v/cache/lastfailed
+rm -f "$failed"
 run_pytest "${@:-tests}" || status=$?
-failed=.pytest_cache/v/cache/lastfailed
 if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]]; then
   printf 'run_tests: these failed, and are run once more:\n' >&2
   grep -o '^ *"[^"]*' "$failed" | tr -d ' "' >&2
