@@ -1,5 +1,6 @@
 """MuJoCo's C functions in compiled loops: rollouts and derivatives without Python in between."""
 
+import ctypes
 from pathlib import Path
 
 import llvmlite.binding
@@ -12,8 +13,12 @@ from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import CompiledNetwork, network_output
 from vgps_ros.core.records import Array, Trajectory
 
-_LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco*"))
-llvmlite.binding.load_library_permanently(str(_LIBRARY))
+# By address: loaded as LLVM does it, all symbols of the library, and of those that it holds, would
+# come before those of the same name in libraries that are loaded later.
+_LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
+for _name in ("mj_step", "mj_stepSkip"):
+    _address = ctypes.cast(getattr(_LIBRARY, _name), ctypes.c_void_p).value
+    llvmlite.binding.add_symbol(_name, _address)
 _mj_step = types.ExternalFunction("mj_step", signature(types.void, types.intp, types.intp))
 _mj_step_skip = types.ExternalFunction(
     "mj_stepSkip", signature(types.void, types.intp, types.intp, types.int32, types.int32)
