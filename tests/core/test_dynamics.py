@@ -255,3 +255,10 @@ def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no
         assert np.isnan(states[1, 5:]).all()
         assert np.isfinite(controls[1, 4]).all()
         assert np.isnan(controls[1, 5:]).all()
+
+
+def test_a_policy_of_another_robot_is_not_executed(swimmer):
+    shape = Architecture((0, 12), (3,), 2)
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(2))
+    with pytest.raises(InvalidInputError, match="coordinate 12"):
+        swimmer.dynamics.execute(policy, np.zeros((1, 10)), np.zeros((1, 5, 2)))

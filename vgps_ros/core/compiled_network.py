@@ -16,11 +16,10 @@ _SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
 def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
     """Returns θ, sizes of the layers, which of them have biases, the activation, what is read."""
     shape = policy.architecture
-    biased = [shape.hidden_bias] * len(shape.hidden_units) + [shape.output_bias]
     return (
         np.array(policy.parameters),
         np.array(shape.layer_sizes),
-        np.array(biased),
+        np.array(shape.biased),
         _ACTIVATIONS.index(shape.activation),
         np.array(shape.observed),
     )

@@ -161,7 +161,11 @@ class Dynamics:
 
         Returns:
             States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
+
+        Raises:
+            InvalidInputError: the policy is one of another robot.
         """
+        policy.check_fits(self.state_dim, self.control_dim)  # compiled loops check no index
         n, horizon, _ = noise.shape
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)

@@ -90,6 +90,11 @@ class Architecture:
         return (len(self.observed), *self.hidden_units, self.control_dim)
 
     @property
+    def biased(self) -> tuple[bool, ...]:
+        """Which layers have bias terms."""
+        return (*[self.hidden_bias] * len(self.hidden_units), self.output_bias)
+
+    @property
     def num_parameters(self) -> int:
         """Number of weights and biases."""
         return sum(outputs * inputs + bias for outputs, inputs, bias in self._layers())
@@ -111,10 +116,9 @@ class Architecture:
     def _layers(self) -> list[tuple[int, int, int]]:
         """Outputs, inputs and number of biases of each layer."""
         sizes = self.layer_sizes
-        biased = [self.hidden_bias] * len(self.hidden_units) + [self.output_bias]
         return [
             (n_out, n_in, n_out * has_bias)
-            for n_in, n_out, has_bias in zip(sizes, sizes[1:], biased, strict=False)
+            for n_in, n_out, has_bias in zip(sizes, sizes[1:], self.biased, strict=False)
         ]
 
 
