@@ -145,6 +145,20 @@ def test_interrupted_program_cancels_the_training_and_the_learner_takes_the_next
     third.end(signal.SIGINT)
 
 
+def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_path):
+    graph.start("trajectory_optimizer")
+    learner = graph.start("policy_learner", initial_ddp_iterations=100_000)
+    iterations = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
+    program = start_training(graph, SHORT, 0, tmp_path / "out")
+    graph.spin_until(lambda: iterations, what="the first iteration of DDP")
+    learner.send(signal.SIGSTOP)
+    program.send(signal.SIGINT)
+    graph.spin_until_output(program, "Cancelling the training")
+    assert program.end(signal.SIGINT, timeout=10.0) == 1  # the learner has 15 s
+    assert "did not confirm the cancellation" in program.output
+    learner.send(signal.SIGCONT)
+
+
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
     graph.start("trajectory_optimizer")
     learner = graph.start("policy_learner")

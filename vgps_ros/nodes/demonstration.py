@@ -53,6 +53,6 @@ class Demonstration(Node):
         self._commands.publish(self._answer)
 
 
-def main() -> None:
-    """Runs the node."""
-    run(Demonstration)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Demonstration)

@@ -72,7 +72,7 @@ class Player(Node):
         self._thread = threading.Thread(target=self._play, name="playback")
         self._thread.start()
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Ends the playback."""
         self._playback.stop()
         self._thread.join()
@@ -82,7 +82,6 @@ class Player(Node):
             f"{self._playback.position:.2f} s.",
             flush=True,
         )
-        super().destroy_node()
 
     def _add_topics(self, topic_filter: TopicFilter) -> list[str]:
         """Makes the publishers; returns the topics to read."""
@@ -196,7 +195,7 @@ class Player(Node):
         return response
 
 
-def main() -> None:
-    """Runs the node."""
+def main() -> int:
+    """Runs the node; returns the exit code."""
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    run(Player)
+    return run(Player, close=Player.close)

@@ -186,6 +186,6 @@ class PolicyExecutor(LifecycleNode):
             self._health.set_value("distance from training", f"{supervisor.distance:.2f}")
 
 
-def main() -> None:
-    """Runs the node."""
-    run(PolicyExecutor)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(PolicyExecutor)

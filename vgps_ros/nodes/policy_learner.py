@@ -176,6 +176,6 @@ class PolicyLearner(Node):
             self._health.clear("iteration")
 
 
-def main() -> None:
-    """Runs the node."""
-    run(PolicyLearner, threads=4)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(PolicyLearner, threads=4)

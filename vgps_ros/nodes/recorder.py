@@ -95,7 +95,7 @@ class Recorder(Node):
         self.create_timer(_FLUSH_PERIOD, self._save, clock=steady)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
         try:
@@ -106,7 +106,6 @@ class Recorder(Node):
         lost = f" {self._writer.lost} messages are lost." if self._writer.lost else ""
         path = self._writer.path
         print(f"Recorded {count} messages of {topics} topics to {path}.{lost}", flush=True)
-        super().destroy_node()
 
     def _discover(self) -> None:
         found = self.get_topic_names_and_types()
@@ -194,6 +193,6 @@ class Recorder(Node):
         return response
 
 
-def main() -> None:
-    """Runs the node."""
-    run(Recorder)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Recorder, close=Recorder.close)

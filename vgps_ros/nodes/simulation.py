@@ -261,6 +261,6 @@ class Simulation(Node):
         return response
 
 
-def main() -> None:
-    """Runs the node."""
-    run(Simulation)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Simulation)

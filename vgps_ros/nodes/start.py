@@ -18,16 +18,9 @@ def main() -> None:
     """Imports the node's module, runs it, and ends the process."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    name = Path(sys.argv[0]).name
     code = 1
     try:
-        importlib.import_module(f"vgps_ros.nodes.{name}").main()
-        code = 0
-    except SystemExit as end:
-        if isinstance(end.code, str):
-            print(end.code, file=sys.stderr)
-        else:
-            code = end.code or 0
+        code = importlib.import_module(f"vgps_ros.nodes.{Path(sys.argv[0]).name}").main()
     except BaseException:
         traceback.print_exc()
     finally:

@@ -3,7 +3,6 @@
 import argparse
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,6 +32,7 @@ _WAKE_PERIOD = 0.2  # between two looks whether the user has interrupted [s]
 # A request to a learner that was just started again may go to the one that was killed [s].
 _ANSWER_TIMEOUT = 10.0  # after which a goal is sent again
 _RETRY_PERIOD = 1.0  # between two such goals
+_CANCEL_TIMEOUT = 15.0  # in which a learner confirms a cancellation [s]
 _RESULT_PERIOD = 60.0  # between two requests of the result
 
 
@@ -48,13 +48,14 @@ class TrainingClient(Node):
         lost_timeout: longest time without a learner, once there was one [s].
 
     Attributes:
-        interrupted: set by whoever wants an end; an exception at any place, as Python's own handler
-            of INT raises it, could be lost within rclpy.
+        interrupts: how often an end was asked for: once cancels the training, twice does not wait
+            for the learner's word. An exception at any place, as Python's own handler of INT raises
+            it, could be lost within rclpy.
     """
 
     def __init__(self, learner: str, lost_timeout: float):
         super().__init__("train_through_graph")
-        self.interrupted = threading.Event()
+        self.interrupts = 0
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
         self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
         self._lost_timeout = lost_timeout
@@ -99,6 +100,10 @@ class TrainingClient(Node):
         if not result.success:
             raise VgpsError(f"The training ended early: {result.message}")
         return result
+
+    def interrupt(self, *_: object) -> None:
+        """Asks for an end; a handler of signals."""
+        self.interrupts += 1
 
     def _wait_for_learner(self, timeout: float, sentence: str) -> None:
         """Waits until a learner is there and heard.
@@ -194,7 +199,7 @@ class TrainingClient(Node):
                 raise VgpsError(self._nobody())
             if waited > timeout:
                 return None
-            if self.interrupted.is_set() and cancels and not silent:
+            if self.interrupts and cancels and not silent:
                 self._cancel(cancels, future)
             else:
                 self._check_interrupt()
@@ -202,10 +207,13 @@ class TrainingClient(Node):
 
     def _cancel(self, goal: ClientGoalHandle, future: Future) -> None:
         print("Cancelling the training ...", flush=True)
-        rclpy.spin_until_future_complete(self, goal.cancel_goal_async(), timeout_sec=5.0)
-        rclpy.spin_until_future_complete(self, future, timeout_sec=10.0)
-        if not future.done():
-            raise VgpsError("The policy_learner did not confirm the cancellation.")
+        goal.cancel_goal_async()
+        end = time.monotonic() + _CANCEL_TIMEOUT
+        while not future.done():
+            gone = not self.action.server_is_ready()
+            if gone or self.interrupts > 1 or time.monotonic() > end:
+                raise VgpsError("The policy_learner did not confirm the cancellation.")
+            self._spin()
 
     def _spin(self) -> float:
         """Takes what has come, or waits for a moment; returns the time that passed [s]."""
@@ -222,7 +230,7 @@ class TrainingClient(Node):
         )
 
     def _check_interrupt(self) -> None:
-        if self.interrupted.is_set():
+        if self.interrupts:
             raise KeyboardInterrupt
 
 
@@ -280,7 +288,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
     node = TrainingClient(parsed.learner, parsed.lost_timeout)
-    signal.signal(signal.SIGINT, lambda *_: node.interrupted.set())
+    signal.signal(signal.SIGINT, node.interrupt)
     try:
         goal = TrainPolicy.Goal(
             seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units

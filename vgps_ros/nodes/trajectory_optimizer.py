@@ -109,6 +109,6 @@ class TrajectoryOptimizerNode(Node):
         return response
 
 
-def main() -> None:
-    """Runs the node."""
-    run(TrajectoryOptimizerNode, threads=3)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(TrajectoryOptimizerNode, threads=3)

@@ -49,13 +49,12 @@ class Visualizer(Node):
         )
         self.get_logger().info(f"Recording what is seen to {path}.")
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Completes the recording, as far as the disk takes it."""
         try:
             self._scene.close(is_hurried)
         except UnfinishedRecordingError as error:
             self.get_logger().error(str(error))
-        super().destroy_node()
 
     def _listen(self, topic: str, kind: str) -> None:
         latched = topic in _LATCHED
@@ -96,6 +95,6 @@ class Visualizer(Node):
                 self._listen(topic, kinds[0])
 
 
-def main() -> None:
-    """Runs the node."""
-    run(Visualizer)
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Visualizer, close=Visualizer.close)
