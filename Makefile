@@ -1,10 +1,10 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test faults soak bench lint clean distclean
+.PHONY: help setup demo test faults soak bench bench-peers lint clean distclean
 
 help:  ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup:  ## virtual environment, wheels, colcon build; skips what stands
 	@scripts/setup.bash
@@ -23,6 +23,9 @@ soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, 
 
 bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
 	@scripts/run_benchmarks.bash $(BENCHMARKS)
+
+bench-peers: setup  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
+	@scripts/run_benchmarks.bash reinforcement_learning
 
 lint: setup  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash

@@ -5,7 +5,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=env.bash
 source env.bash
 
-if ! python -c 'import crocoddyl' 2>/dev/null; then
+if ! python -c 'import crocoddyl, stable_baselines3' 2>/dev/null; then
   printf 'bench: installing the peers (requirements/peers.txt, about 250 MB) ...\n'
   mkdir -p log/setup
   python -m pip install --progress-bar off --no-input -r requirements/peers.txt >log/setup/peers.log 2>&1 ||

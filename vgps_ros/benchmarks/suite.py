@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vgps_ros.benchmarks import graph, learning, solver
+from vgps_ros.benchmarks import graph, learning, reinforcement, solver
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
 from vgps_ros.core.policy_file import write_json
@@ -27,7 +27,9 @@ BENCHMARKS: dict[str, Benchmark] = {
     "nodes": graph.nodes,
     "shares": learning.shares,
     "growth": learning.growth,
+    "reinforcement_learning": reinforcement.reinforcement_learning,
 }
+LONG = ("reinforcement_learning",)  # run only by name
 RESULT, TABLE = "benchmarks.json", "benchmarks.md"
 
 
@@ -72,14 +74,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"the same run, and writes {RESULT}. Peers are installed by 'make bench'.",
     )
     parser.add_argument(
-        "names", nargs="*", choices=[*BENCHMARKS, []], help="which; all of them without a name"
+        "names",
+        nargs="*",
+        choices=[*BENCHMARKS, []],
+        help=f"which; without a name all but {', '.join(LONG)}",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("recordings/benchmarks"), help="folder for the result"
     )
     parsed = parser.parse_args(arguments)
     try:
-        sound = run(parsed.names or list(BENCHMARKS), parsed.output, Console(width=140))
+        sound = run(
+            parsed.names or [name for name in BENCHMARKS if name not in LONG],
+            parsed.output,
+            Console(width=140),
+        )
     except OSError as error:
         sys.exit(f"benchmark: {error}")
     except KeyboardInterrupt:

@@ -26,6 +26,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         task: its name.
         torque_scale: torque of an action of 1 [N·m]; the task's own if None.
         reward_scale: factor of the reward.
+        render_mode: as Gymnasium hands it over; None is the only one.
 
     Attributes:
         state: x of the simulator, shape (n_x,).
@@ -36,7 +37,13 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, task: str, torque_scale: float | None = None, reward_scale: float = 1.0):
+    def __init__(
+        self,
+        task: str,
+        torque_scale: float | None = None,
+        reward_scale: float = 1.0,
+        render_mode: str | None = None,
+    ):
         self._task = make_task(task)
         self._torque_scale = TORQUE_SCALE[task] if torque_scale is None else torque_scale
         if not (self._torque_scale > 0 and reward_scale > 0):
@@ -45,6 +52,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
                 "be above 0."
             )
         self._reward_scale = reward_scale
+        self.render_mode = render_mode
         self._observed = list(self._task.observed)
         n_u = self._task.dynamics.control_dim
         self.observation_space = Box(

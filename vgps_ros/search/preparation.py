@@ -1,14 +1,37 @@
 """Compiles what a search needs, so that no request has to wait for it."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.tasks import Task
 
+_NOTICE_DELAY = 2.0  # after which somebody who waits is told why [s]
+
 
 def prepare(task: Task) -> None:
     """Runs each compiled loop once, over one step: seconds on a new machine, later a moment."""
+    with _notice("Compiling for this machine, which takes some ten seconds and is kept ..."):
+        _run_each_loop(task)
+
+
+@contextmanager
+def _notice(sentence: str) -> Iterator[None]:
+    """Prints a sentence where what follows is not done soon."""
+    timer = threading.Timer(_NOTICE_DELAY, print, (sentence,), {"flush": True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _run_each_loop(task: Task) -> None:
     dynamics = task.dynamics
     motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
     local = backward_pass(dynamics.linearize(motion), task.cost.expand(motion), 1.0)

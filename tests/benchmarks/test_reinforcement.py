@@ -1,0 +1,78 @@
+"""Goals are what they say, and a peer is driven, looked at and ended as it should be."""
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, SAC
+
+import vgps_ros.environments  # noqa: F401  registers them
+from vgps_ros.benchmarks import stable_baselines
+from vgps_ros.benchmarks.goals import Goal, Stopwatch, walking_goal
+from vgps_ros.benchmarks.reinforcement import learn
+from vgps_ros.core.records import Trajectory
+from vgps_ros.tasks import make_task
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return make_task("walker")
+
+
+@pytest.mark.parametrize(
+    ("speed", "upright", "lacking"), [(1.0, 1.0, 0.0), (0.25, 1.0, 5.0), (1.0, 0.3, 7.0)]
+)
+def test_walking_needs_speed_and_no_fall(walker, speed, upright, lacking):
+    goal = walking_goal(walker)
+    states = np.tile(walker.initial_state, (goal.horizon + 1, 1))
+    time = np.arange(goal.horizon + 1) * walker.dynamics.time_step
+    states[:, 0] += speed * time
+    states[time >= upright * 10.0 + 1e-9, 1] = 0.3  # hips [m]
+    motion = Trajectory(states, np.zeros((goal.horizon, walker.dynamics.control_dim)))
+    assert goal.figure(motion) == pytest.approx(lacking, abs=2 * walker.dynamics.time_step)
+    assert (goal.figure(motion) <= goal.bound) == (lacking == 0.0)
+
+
+def test_a_rollout_that_diverges_is_no_success(swimmer):
+    goal = Goal("cost", 50, swimmer.trajectory_cost, np.inf)
+    assert goal.measure(swimmer, lambda _, x: np.full((1, 2), 1e9)) == np.inf
+    assert np.isfinite(goal.measure(swimmer, lambda _, x: np.zeros((1, 2))))
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm):
+    cost = swimmer.trajectory_cost
+    at_once = Goal("cost", 50, cost, 1e9)
+    there = stable_baselines.learn(algorithm, swimmer, at_once, 5, limit=600.0)
+    assert there.reached
+    assert there.simulator_steps == there.policy_steps
+    assert there.policy_steps >= 2048 * swimmer.dynamics.substeps
+    never = Goal("cost", 50, cost, 0.0)
+    given_up = stable_baselines.learn(algorithm, swimmer, never, None, limit=there.seconds)
+    assert not given_up.reached
+    assert given_up.seconds >= there.seconds
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, algorithm):
+    """The rollout of the law, normalised and scaled, is the environment's own episode."""
+    environment = stable_baselines.environments(algorithm, swimmer)
+    model = algorithm("MlpPolicy", environment, seed=3, device="cpu")
+    model.learn(total_timesteps=2048)
+    law = stable_baselines.control_law(model, swimmer)
+    rollout = swimmer.dynamics.rollout(swimmer.initial_state, law, 20)
+    episode = gymnasium.make("vgps_ros/Swimmer-v0")
+    observation, _ = episode.reset(options={"exact": True})
+    normalizer = model.get_vec_normalize_env()
+    for state in rollout.states[1:]:
+        seen = normalizer.normalize_obs(observation) if normalizer else observation
+        action, _ = model.predict(seen, deterministic=True)
+        observation, *_ = episode.step(action)
+        np.testing.assert_allclose(episode.unwrapped.state, state, rtol=0, atol=1e-9)
+
+
+def test_our_search_stops_at_its_goal(swimmer):
+    goal = Goal("cost", 50, swimmer.trajectory_cost, np.inf)
+    ours = learn(swimmer, goal, 2, Stopwatch())
+    assert ours.reached
+    assert ours.policy_steps == 0
+    assert ours.simulator_steps > 80 * swimmer.horizon  # the initial solve alone

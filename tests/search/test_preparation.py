@@ -1,0 +1,40 @@
+"""Whoever waits for the compiler is told so."""
+
+import os
+import subprocess
+import sys
+import time
+
+from vgps_ros.search import preparation
+
+PROGRAM = """
+from vgps_ros.search.preparation import prepare
+from vgps_ros.tasks import make_task
+prepare(make_task("swimmer"))
+"""
+
+
+def output(**environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_new_machine_is_compiled_for_once_and_told(tmp_path):
+    assert "Compiling" in output(NUMBA_CACHE_DIR=str(tmp_path))
+    assert any(tmp_path.rglob("*.nbc"))
+
+
+def test_nobody_is_told_of_a_moment(capsys, monkeypatch):
+    monkeypatch.setattr(preparation, "_NOTICE_DELAY", 0.05)
+    with preparation._notice("It takes a while."):
+        pass
+    time.sleep(0.2)
+    assert capsys.readouterr().out == ""
