@@ -14,7 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import LearningProgress, OptimizerIteration, SimulationState
-from vgps_msgs.srv import SetSimulationState
+from vgps_msgs.srv import ResetSimulation, SetSimulationState
 
 from tests.nodes.conftest import Graph, Process
 from vgps_ros.nodes.qos import STREAM
@@ -220,8 +220,23 @@ class System:
             if time.monotonic() > end:
                 return False
             self._keep_training()
+            self._keep_moving()
             self.graph.spin_for(0.05)
         return True
+
+    def _keep_moving(self) -> None:
+        """Does what the simulation asks for once a policy that has just begun to learn, and took
+        over in mid-motion, has thrown the robot out of all bounds."""
+        status = self.said.get("/simulation")
+        if status is None or "reset it" not in status.message:
+            return
+        print(f"reset, as the simulation asks: {status.message}", flush=True)
+        del self.said["/simulation"]
+        answer = self.graph.call_async(ResetSimulation, "simulation/reset_simulation")
+        self.graph.spin_until(answer.done, BACK, "the reset")
+        playing = SimulationState(state=SimulationState.STATE_PLAYING)
+        request = SetSimulationState.Request(state=playing)
+        self.graph.call_async(SetSimulationState, "simulation/set_simulation_state", request)
 
     def _keep_training(self) -> None:
         if self.finishing or (self.trainings and self.trainings[-1].program.running):

@@ -52,6 +52,14 @@ def test_one_that_is_killed_and_back_at_once_is_asked_again(graph, training, exp
     assert "is lost with a solve, which is done again" in training.learner.output
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_that_is_ended_in_a_solve_hands_it_back(graph, training, expected, number):
+    assert training.optimizer.end(number) == 0
+    graph.spin_until_output(training.learner, "is lost with a solve, which is done again")
+    graph.start("trajectory_optimizer")
+    assert same_bits(training.end(), expected)
+
+
 def test_one_that_is_killed_is_missed_and_waited_for(graph, training, expected):
     training.optimizer.kill()
     status = graph.diagnosis("policy_learner", DiagnosticStatus.WARN, timeout=NOTICED)

@@ -17,6 +17,8 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
 
+ENDING = "ending"  # status of an answer by a node that ends before the solve does
+
 # How a solve may end with a q(ζ) and still not well, and what helps.
 TROUBLE = {
     Status.NO_DESCENT: "No step lowers the cost: start from other controls, or lower "

@@ -16,7 +16,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.optimization import request_to_msg, result_from_msg
+from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
@@ -121,9 +121,10 @@ class OptimizerPool:
         asleep: bool,
     ) -> None:
         for client, solve in list(running.items()):
-            if solve.future.done():
-                results[solve.index] = result_from_msg(solve.future.result())
-            elif asleep or self._is_lost(client, solve):
+            answer = solve.future.result() if solve.future.done() else None
+            if answer and answer.status != ENDING:
+                results[solve.index] = result_from_msg(answer)
+            elif answer or asleep or self._is_lost(client, solve):
                 client.remove_pending_request(solve.future)
                 waiting.appendleft(solve.index)
                 self._node.get_logger().warning(

@@ -12,6 +12,7 @@ from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.core.simulator_warnings import in_words
 from vgps_ros.messages.optimization import (
+    ENDING,
     TROUBLE,
     iteration_to_msg,
     request_from_msg,
@@ -87,6 +88,10 @@ class TrajectoryOptimizerNode(Node):
             return response
         finally:
             self._solving.clear()
+        if not self.context.ok():
+            response.status = ENDING
+            response.message = "The node ends, so that the solve is to be done elsewhere."
+            return response
         self._health.clear()
         self._health.set_value("last status", result.status.value)
         stamp = self.get_clock().now().to_msg()
@@ -96,7 +101,7 @@ class TrajectoryOptimizerNode(Node):
         else:
             self._health.clear("solve")
         self._health.set_value("MuJoCo warnings", in_words(self._optimizer.task.dynamics.warnings))
-        if result.status is not Status.CANCELLED and self.context.ok():
+        if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)
         return response
 
