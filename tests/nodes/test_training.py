@@ -159,6 +159,17 @@ def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_pa
     learner.send(signal.SIGCONT)
 
 
+def test_a_second_learner_disturbs_no_training(graph, tmp_path):
+    graph.start("trajectory_optimizer")
+    graph.start("policy_learner", **parameters(SHORT), checkpoint_folder=tmp_path / "kept")
+    program = start_training(graph, replace(SHORT, iterations=30), 0, tmp_path / "out")
+    graph.spin_until_output(program, "2/30")
+    second = graph.start("policy_learner", **parameters(SHORT))
+    assert second.wait() == 1
+    assert program.wait() == 0, program.output
+    assert "has died" not in program.output
+
+
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
     graph.start("trajectory_optimizer")
     learner = graph.start("policy_learner")

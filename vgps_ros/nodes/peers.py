@@ -20,7 +20,7 @@ from vgps_ros.nodes.qos import STREAM
 
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
-_LAST_WORDS = 1.5  # in which what a node has said still arrives after its end, at most [s]
+_LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 OWNS = "owns"  # key of the value that names what only one node may publish
 
 PEER_TIMEOUT = Setting(
@@ -111,9 +111,9 @@ class Peers:
         peer, now = self._peers.get(status.name), time.monotonic()
         if peer and peer.silent:
             self._node.get_logger().info(f"{status.name} is heard again.")
-        # The last words of a run must not stand for the next one, but a second node that was
-        # refused has not replaced the first.
-        if not peer or instance >= peer.instance or now - peer.heard > _LAST_WORDS:
+        # Neither may the last words of a run stand for the next one, nor a second node, which is
+        # about to be refused, for the first.
+        if not peer or instance == peer.instance or now - peer.heard > _LAST_WORDS:
             self._peers[status.name] = _Peer(instance, now)
 
     def _refuse(self, name: str, instance: str) -> None:
