@@ -206,8 +206,11 @@ class System:
         return missing
 
     def expects(self, message: Published, recording: Recording) -> bool:
-        """Returns whether a bag must hold a message; a killed node's last words may be lost."""
-        own = any(0.0 <= moment - message.time < 1.0 for moment in self.last_words)
+        """Returns whether a bag must hold a message; a killed node's last words may be lost.
+
+        They may have reached this process, and been taken only after the kill.
+        """
+        own = any(abs(moment - message.time) < 1.0 for moment in self.last_words)
         return recording.covers(message.time) and not own
 
     def dead(self) -> list[str]:
