@@ -23,7 +23,7 @@ class Goal:
     """A figure of the rollout from x_1 without noise, which must not exceed a bound.
 
     Attributes:
-        name: of the figure, with its unit.
+        name: what it is to reach it.
         horizon: steps of the rollout.
         figure: of a rollout; less is better.
         bound: what it must not exceed.
@@ -43,7 +43,7 @@ class Goal:
 def cost_goal(task: Task) -> Goal:
     """As good as DDP: the task's cost, at most 5 % above that of its 200th iteration."""
     bound = _COST_FACTOR * optimize(task, _DDP_ITERATIONS).cost
-    return Goal("cost", task.horizon, task.trajectory_cost, bound)
+    return Goal("a cost 5 % above DDP's", task.horizon, task.trajectory_cost, bound)
 
 
 def walking_goal(task: Task) -> Goal:
@@ -56,7 +56,7 @@ def walking_goal(task: Task) -> Goal:
         distance = float(task.distance(rollout.states[0], rollout.states[steps]))
         return _WALKING_TIME - min(steps * task.dynamics.time_step, distance / _WALKING_SPEED)
 
-    return Goal("seconds of walking that are missing", horizon, lacking, 1e-9)
+    return Goal("ten seconds of walking", horizon, lacking, 1e-9)
 
 
 @dataclass(frozen=True)

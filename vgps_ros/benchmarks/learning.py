@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.benchmarks.comparison import Comparison
-from vgps_ros.benchmarks.problems import SEED
+from vgps_ros.benchmarks.problems import SEED, in_process
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.policy_cost import PolicyCost
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
-from vgps_ros.search.workspace import OptimizeAll
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.task import smoothed_noise
 
@@ -48,7 +47,7 @@ def shares() -> Iterator[Comparison]:
         with ExitStack() as stack:
             spent = {part: stack.enter_context(_timed(*place)) for part, place in PARTS.items()}
             began = time.perf_counter()
-            for _ in search("vgps", task, settings, SEED, _in_process(optimizer)):
+            for _ in search("vgps", task, settings, SEED, in_process(optimizer)):
                 pass
             total = time.perf_counter() - began
         for part, seconds in spent.items():
@@ -81,10 +80,6 @@ def _timed(owner: Any, name: str) -> Iterator[list[float]]:
         yield durations
     finally:
         setattr(owner, name, function)
-
-
-def _in_process(optimizer: TrajectoryOptimizer) -> OptimizeAll:
-    return lambda requests: [optimizer.optimize(request) for request in requests]
 
 
 def growth() -> Iterator[Comparison]:
@@ -125,5 +120,5 @@ def _iteration_seconds(task: Task, **settings: Any) -> float:
     """Returns the median time of an iteration after the first [s]."""
     chosen = replace(search_settings(task), iterations=_ITERATIONS, **settings)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
-    ends = [time.perf_counter() for _ in search("vgps", task, chosen, SEED, _in_process(optimizer))]
+    ends = [time.perf_counter() for _ in search("vgps", task, chosen, SEED, in_process(optimizer))]
     return float(np.median(np.diff(ends)))

@@ -16,6 +16,7 @@ from vgps_ros.search.trajectory_optimizer import (
     OptimizerSettings,
     TrajectoryOptimizer,
 )
+from vgps_ros.search.workspace import OptimizeAll
 from vgps_ros.tasks import Task, make_task
 
 SEED = 11
@@ -50,6 +51,11 @@ def optimize(
     """Does the first solve of a search."""
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     return optimizer.optimize(initial_request(task, iterations), on_iteration)
+
+
+def in_process(optimizer: TrajectoryOptimizer) -> OptimizeAll:
+    """Returns what solves the requests of a search, one after another."""
+    return lambda requests: [optimizer.optimize(request) for request in requests]
 
 
 def moving(name: str) -> tuple[Task, Trajectory]:

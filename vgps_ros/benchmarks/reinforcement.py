@@ -6,7 +6,7 @@ from functools import partial
 
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.goals import Goal, Outcome, Stopwatch, cost_goal, walking_goal
-from vgps_ros.benchmarks.problems import SEED
+from vgps_ros.benchmarks.problems import SEED, in_process
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.search.methods import search
@@ -43,9 +43,11 @@ def reinforcement_learning() -> Iterator[Comparison]:
                 )
                 outcomes.append(peer)
                 network = f"{units} soft rectifiers" if hidden_units else "its own network"
-                yield _row(f"{name}: to its goal / {algorithm.__name__}, {network}", ours, peer)
+                yield _row(f"{name}: to {goal.name} / {algorithm.__name__}, {network}", ours, peer)
         better = min(outcomes, key=lambda outcome: (not outcome.reached, outcome.seconds))
-        yield replace(_row(f"{name}: to its goal / the better peer", ours, better), target=target)
+        yield replace(
+            _row(f"{name}: to {goal.name} / the better peer", ours, better), target=target
+        )
 
 
 def learn(task: Task, goal: Goal, hidden_units: int, watch: Stopwatch) -> Outcome:
@@ -53,9 +55,7 @@ def learn(task: Task, goal: Goal, hidden_units: int, watch: Stopwatch) -> Outcom
     settings = replace(search_settings(task), hidden_units=(hidden_units,), evaluation_rollouts=1)
     optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
     best, steps = float("inf"), 0
-    for iteration in search(
-        "vgps", task, settings, SEED, lambda requests: [optimizer.optimize(r) for r in requests]
-    ):
+    for iteration in search("vgps", task, settings, SEED, in_process(optimizer)):
         steps = iteration.history[-1].simulator_steps
         with watch.stopped():
             best = min(best, goal.measure(task, partial(_mean, iteration.policy)))
