@@ -3,12 +3,18 @@
 import gc
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
@@ -21,6 +27,9 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 # In which callbacks must notice the end, and the middleware close: it was seen to wait for its own
 # threads for ever [s].
 _PATIENCE = 1.5
+
+# What rclpy raises where a signal, which ends its context, strikes between any two of its calls.
+_LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _signals: list[int] = []  # those of them that have come
@@ -68,20 +77,14 @@ def run(
     try:
         if not _signals:
             node = make_node()
-            guard_services(node)
-            keep_responses(node)
-            executor.add_node(node)
-            executor.spin()
+            _spin(node, executor, close)
     except VgpsError as error:
         print(error, file=sys.stderr)
         code = 1
-    except (ExternalShutdownException, RuntimeError, ValueError):
-        # A signal may strike between any two calls of rclpy, which then lack their context.
-        if rclpy.ok():
-            raise
-    finally:
-        if node:
-            close(node)
+    except Exception as error:
+        if rclpy.ok() or not isinstance(error, _LACKS_CONTEXT):
+            traceback.print_exc()
+            code = 1
     exit_after(_PATIENCE, code)
     executor.shutdown()
     if node:
@@ -90,6 +93,16 @@ def run(
     gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
     rclpy.try_shutdown()
     return code
+
+
+def _spin(node: AnyNode, executor: Executor, close: Callable[[AnyNode], None]) -> None:
+    try:
+        guard_services(node)
+        keep_responses(node)
+        executor.add_node(node)
+        executor.spin()
+    finally:
+        close(node)
 
 
 @contextmanager

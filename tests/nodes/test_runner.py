@@ -1,0 +1,58 @@
+"""A node whose code fails ends with a traceback and leaves nothing behind."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+# Fast DDS holds a lock file open for each piece of shared memory that a process has made.
+_NODE = """
+import os
+from pathlib import Path
+from rclpy.lifecycle import LifecycleNode
+from std_msgs.msg import String
+from vgps_ros.nodes.runner import run
+
+def segments():
+    opened = [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()]
+    return sum(file.startswith("/dev/shm/fastrtps_") for file in opened)
+
+class Failing(LifecycleNode):
+    def __init__(self):
+        super().__init__("failing")
+        self.create_lifecycle_publisher(String, "words", 1)
+        self.create_timer(0.1, self.fail)
+        print("has made some:", segments() > 0)
+        if "{place}" == "constructor":
+            raise KeyError("constructor failed")
+
+    def fail(self):
+        raise KeyError("callback failed")
+
+def close(node):
+    print("closed")
+    if "{place}" == "closing":
+        raise OSError("closing failed")
+
+code = run(Failing, close=close)
+print("left:", segments(), flush=True)
+os._exit(code)
+"""
+
+
+@pytest.mark.parametrize("place", ["constructor", "callback", "closing"])
+def test_a_node_whose_code_fails_says_where_and_takes_its_shared_memory_away(graph, place):
+    ended = subprocess.run(
+        [sys.executable, "-c", _NODE.format(place=place)],
+        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 1, ended.stdout + ended.stderr
+    assert "Traceback" in ended.stderr
+    assert f"{place} failed" in ended.stderr
+    closed = [] if place == "constructor" else ["closed"]
+    assert ended.stdout.splitlines() == ["has made some: True", *closed, "left: 0"]
