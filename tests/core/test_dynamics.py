@@ -1,3 +1,5 @@
+from itertools import islice
+
 import mujoco
 import numpy as np
 import pytest
@@ -106,6 +108,22 @@ def test_following_is_a_rollout_of_that_feedback(swimmer, rng):
     )
     assert_allclose(followed.states, rollout.states, rtol=1e-9, atol=1e-12)
     assert_allclose(followed.controls, rollout.controls, rtol=1e-9)
+
+
+@pytest.mark.parametrize("taken", [1, 3, 5])
+def test_several_are_followed_as_each_alone_whatever_the_number_of_threads(swimmer, rng, taken):
+    gains, start = rng.standard_normal((20, 2, 10)), np.full(10, 0.1)
+    nominals = [
+        Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
+        for _ in range(5)
+    ]
+    alone = [swimmer.dynamics.follow(start, nominal, gains) for nominal in nominals[:taken]]
+    for threads in (1, 2, 3, 8):
+        dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
+        found = list(islice(dynamics.follow_each(start, nominals, gains), taken))
+        assert_array_equal([t.states for t in found], [t.states for t in alone])
+        assert_array_equal([t.controls for t in found], [t.controls for t in alone])
+        assert dynamics.simulator_steps == taken * 20
 
 
 @pytest.mark.parametrize("control", [np.nan, 1e8, 1e12])

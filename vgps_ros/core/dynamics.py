@@ -10,8 +10,9 @@ and slides only), so that states can be subtracted.
 
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from typing import TypeVar
 
 import mujoco
@@ -43,7 +44,7 @@ class Dynamics:
 
     Attributes:
         simulator_steps: simulator steps done so far, those of finite differences included.
-        threads: threads that share finite differences and rollouts of a policy.
+        threads: threads that share finite differences and rollouts.
 
     Args:
         model: the robot; positions and velocities must have the same dimension.
@@ -83,6 +84,7 @@ class Dynamics:
         self.cyclic_joints = tuple(cyclic_joints)
         cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
         self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
+        self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
         self._data = mujoco.MjData(model)
         self._stepper = Rollout(nthread=0)
 
@@ -143,9 +145,28 @@ class Dynamics:
             nominal: x̄, ū.
             gains: K, shape (T, n_u, n_x).
         """
+        return next(self.follow_each(start, [nominal], gains))
+
+    def follow_each(
+        self, start: Array, nominals: Sequence[Trajectory], gains: Array
+    ) -> Iterator[Trajectory]:
+        """Does the same for several nominal trajectories, as many at once as there are threads.
+
+        Those that nobody takes do not count as simulator steps, so that the count does not depend
+        on the number of threads.
+        """
         bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
-        self.simulator_steps += self.substeps * nominal.horizon
-        return Trajectory(*self._simulators[0].follow(start, nominal, gains, bounds))
+        for first in range(0, len(nominals), self.threads):
+            batch = nominals[first : first + self.threads]
+            parts = self._in_threads(
+                len(batch),
+                lambda simulator, part, batch=batch: [
+                    simulator.follow(start, nominal, gains, bounds) for nominal in batch[part]
+                ],
+            )
+            for states, controls in chain.from_iterable(parts):
+                self.simulator_steps += self.substeps * len(controls)
+                yield Trajectory(states, controls)
 
     def execute(
         self, policy: GaussianPolicy, initial_states: Array, noise: Array
@@ -196,10 +217,12 @@ class Dynamics:
 
     def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
         """Divides `count` pieces of work into a part for each thread."""
-        ends = np.linspace(0, count, self.threads + 1).astype(int)
+        threads = min(self.threads, count)
+        if threads == 1:
+            return [work(self._simulators[0], slice(0, count))]
+        ends = np.linspace(0, count, threads + 1).astype(int)
         parts = map(slice, ends[:-1], ends[1:])
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(work, self._simulators, parts))
+        return list(self._pool.map(work, self._simulators, parts))
 
     def _steps(self, states: Array, controls: Array) -> Array:
         """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.

@@ -1,5 +1,6 @@
 """Linear-quadratic problems, for which everything is known in closed form."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +35,13 @@ class LqProblem:
             states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
         return Trajectory(np.array(states), np.array(controls))
 
-    def follow(self, start, nominal, gains) -> Trajectory:
-        def law(t, x):
-            return nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T
+    def follow_each(self, start, nominals, gains) -> Iterator[Trajectory]:
+        for nominal in nominals:
 
-        return self.rollout(start, law, nominal.horizon)
+            def law(t, x, nominal=nominal):
+                return nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T
+
+            yield self.rollout(start, law, nominal.horizon)
 
     def linearize(self, trajectory: Trajectory) -> LinearDynamics:
         return self.linear

@@ -28,14 +28,6 @@ class ForwardStep:
     expected_reduction: float
 
 
-def follow(
-    dynamics: Dynamics, nominal: Trajectory, policy: LocalPolicy, step_size: float
-) -> Trajectory:
-    """Executes u = ū + step_size k + K (x − x̄) from the nominal trajectory's first state."""
-    controls = nominal.controls + step_size * policy.feedforward
-    return dynamics.follow(nominal.states[0], Trajectory(nominal.states, controls), policy.gains)
-
-
 def forward_pass(
     dynamics: Dynamics,
     cost: TrajectoryCost,
@@ -44,13 +36,17 @@ def forward_pass(
     policy: LocalPolicy,
     settings: DdpSettings,
 ) -> ForwardStep | None:
-    """Returns the first step that lowers the cost as it should, or None.
+    """Returns the first step of u = ū + α k + K (x − x̄) that lowers the cost as it should, or None.
 
     A trajectory that diverges has the cost NaN and is never accepted.
     """
-    for i in range(settings.line_search_steps):
-        step_size = settings.line_search_shrink**i
-        trajectory = follow(dynamics, nominal, policy, step_size)
+    step_sizes = settings.line_search_shrink ** np.arange(settings.line_search_steps)
+    nominals = [
+        Trajectory(nominal.states, nominal.controls + step_size * policy.feedforward)
+        for step_size in step_sizes
+    ]
+    found = dynamics.follow_each(nominal.states[0], nominals, policy.gains)
+    for step_size, trajectory in zip(step_sizes.tolist(), found, strict=True):
         new_cost = float(np.sum(cost.values(trajectory)))
         expected = policy.expected_reduction(step_size)
         if nominal_cost - new_cost > max(settings.acceptance_ratio * expected, 0.0):
