@@ -1,8 +1,12 @@
-"""Responses that are sent again while discovery has not yet shown the client that waits for them.
+"""Responses that come later than their request's callback ends.
 
-A client may find a service, ask and be heard before its own endpoint for the response has been
-discovered, on a busy machine seconds before. The middleware then gives the response up after 0.1 s,
-of which rclpy only warns, and the client waits for ever.
+The callback of a service may return a future of its response: it is sent once it is there, and
+meanwhile the node does other things.
+
+A response is sent again while discovery has not yet shown the client that waits for it. A client
+may find a service, ask and be heard before its own endpoint for the response has been discovered,
+on a busy machine seconds before. The middleware then gives the response up after 0.1 s, of which
+rclpy only warns, and the client waits for ever.
 """
 
 import threading
@@ -13,6 +17,7 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.task import Future
 
 _DELAYS = (0.25, 0.5, 1.0, 2.0, 4.0)  # before each further try [s]
 
@@ -20,7 +25,7 @@ _lock = threading.Lock()  # what Python does with warnings is a state of the pro
 
 
 def keep_responses(node: Node) -> None:
-    """Lets all services that a node has now send a response again that found no client."""
+    """Lets all services that a node has now answer later, and again where no client was found."""
     for service in node.services:
         send = partial(_send, node, service.service_name, service.send_response)
         service.send_response = partial(send, _DELAYS)  # type: ignore[method-assign]
@@ -34,6 +39,11 @@ def _send(
     response: Any,
     header: Any,
 ) -> None:
+    if isinstance(response, Future):
+        response.add_done_callback(
+            lambda done: _send(node, name, send, delays, done.result(), header)
+        )
+        return
     with _lock, warnings.catch_warnings(record=True) as failures:
         warnings.simplefilter("always")
         send(response, header)

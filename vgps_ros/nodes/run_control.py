@@ -1,6 +1,7 @@
 """What a simulation is doing, with the transitions of the ROS simulation_interfaces standard."""
 
-from rclpy.task import Future
+from collections.abc import Callable
+
 from vgps_msgs.msg import Result, SimulationState
 
 _SETTABLE = {
@@ -26,7 +27,7 @@ class RunControl:
     def __init__(self, *, paused: bool):
         self._state = SimulationState.STATE_PAUSED if paused else SimulationState.STATE_PLAYING
         self._steps_left = 0
-        self._stepping: Future | None = None
+        self._stepping: Callable[[Result], None] | None = None  # what is called at the end
 
     @property
     def running(self) -> bool:
@@ -58,8 +59,22 @@ class RunControl:
         if self._stepping is not None:
             self._end_steps(refused(Result.RESULT_OPERATION_FAILED, sentence))
 
-    def begin_steps(self, steps: int) -> Result | None:
-        """Begins a number of steps, or returns why not."""
+    def begin_steps(self, steps: int, done: Callable[[Result], None]) -> bool:
+        """Begins a number of steps; returns whether it may.
+
+        Args:
+            steps: their number.
+            done: called with the outcome after the last step, or at once if there is none.
+        """
+        refusal = self._refusal(steps)
+        if refusal:
+            done(refusal)
+            return False
+        self._steps_left = steps
+        self._stepping = done
+        return True
+
+    def _refusal(self, steps: int) -> Result | None:
         if steps < 1:
             return refused(
                 Result.RESULT_OPERATION_FAILED, f"steps is {steps}, but it must be at least 1."
@@ -71,13 +86,7 @@ class RunControl:
                 f"The simulation is {doing}; it must be paused before it can step: set its state "
                 f"to {SimulationState.STATE_PAUSED}.",
             )
-        self._steps_left = steps
-        self._stepping = Future()
         return None
-
-    async def last_step(self) -> Result:
-        """Returns the outcome once the last step is done."""
-        return ok() if self._stepping is None else await self._stepping
 
     def step_done(self) -> None:
         """Counts a step."""
@@ -86,6 +95,6 @@ class RunControl:
             self._end_steps(ok())
 
     def _end_steps(self, result: Result) -> None:
-        stepping, self._stepping = self._stepping, None
-        if stepping is not None:
-            stepping.set_result(result)
+        done, self._stepping = self._stepping, None
+        if done is not None:
+            done(result)

@@ -8,10 +8,10 @@ late, and must answer the same state in the same way.
 import time
 
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import Result, SimulationState
@@ -92,11 +92,7 @@ class Simulation(Node):
         self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
         self.create_service(SetSimulationState, "~/set_simulation_state", self._set_state)
         self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
-        # Its callback waits for the last step, and must not hold up the others meanwhile.
-        step_group = ReentrantCallbackGroup()
-        self.create_service(
-            StepSimulation, "~/step_simulation", self._do_steps, callback_group=step_group
-        )
+        self.create_service(StepSimulation, "~/step_simulation", self._do_steps)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_REPEAT_PERIOD, self._repeat, clock=steady)
@@ -249,16 +245,19 @@ class Simulation(Node):
         response.result = ok()
         return response
 
-    async def _do_steps(
+    def _do_steps(
         self, request: StepSimulation.Request, response: StepSimulation.Response
-    ) -> StepSimulation.Response:
-        refusal = self._control.begin_steps(request.steps)
-        if refusal is None:
+    ) -> Future:
+        answer = Future()
+
+        def done(result: Result) -> None:
+            response.result = result
+            answer.set_result(response)
+
+        if self._control.begin_steps(request.steps, done):
             self._forget_command()
             self._publish()
-            refusal = await self._control.last_step()
-        response.result = refusal
-        return response
+        return answer
 
 
 def main() -> int:
