@@ -94,10 +94,10 @@ def run(system: System, kinds: Sequence[str], tally: Tally, say: Callable[[str],
         )
         if not good:
             break
-    verify(system, tally)
+    verify(system, tally, say)
 
 
-def verify(system: System, tally: Tally) -> None:
+def verify(system: System, tally: Tally, say: Callable[[str], None]) -> None:
     """Ends the work, and notes what was lost."""
     try:
         system.finish_training()
@@ -106,6 +106,8 @@ def verify(system: System, tally: Tally) -> None:
     except (AssertionError, TimeoutError) as error:
         tally.wrong.append(f"the end: {error}")
         return
+    bags, trainings = len(system.recordings), len(system.trainings)
+    say(f"Checking {bags} bags; doing {trainings} trainings again, undisturbed ...")
     for recording in system.recordings:
         check_bag(recording, system, tally)
     for training in system.trainings:

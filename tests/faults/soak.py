@@ -7,6 +7,7 @@ of its life are compared with those over the middle third, for each process that
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -100,7 +101,7 @@ class Lives:
 
 def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> Growth:
     """Runs both modes, each for half of the time."""
-    growth, rng = Growth(), Random(seed)
+    growth, rng, say = Growth(), Random(seed), partial(print, flush=True)
     for mode in ("lock_step", "real_time"):
         (folder / mode).mkdir()
         with open_graph(folder / mode) as graph:
@@ -118,11 +119,11 @@ def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> G
                 growth.shared.append(_shared_memory())
                 left = max(0.0, end - time.monotonic()) / 60.0
                 outcome = "works again" if works else "FAILED"
-                print(f"{mode}: {kind:32s} {outcome}; {left:.1f} min left", flush=True)
+                say(f"{mode}: {kind:32s} {outcome}; {left:.1f} min left")
                 if not works:
                     break
             lives.close()
-            verify(system, tally)
+            verify(system, tally, say)
     return growth
 
 
