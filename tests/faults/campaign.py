@@ -58,6 +58,7 @@ class Tally:
 def strike(system: System, kind: str, tally: Tally) -> bool:
     """Injects one fault; returns whether the graph works afterwards."""
     tally.injected[kind] += 1
+    system.strikes.append((time.monotonic(), kind))
     system.listen()
     try:
         FAULTS[kind](system)
@@ -127,9 +128,12 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
             continue
         tally.compared += 1
         if (message.topic, message.data) not in recorded:
-            after = message.time - recording.windows[0][0]
+            began = recording.windows[0][0]
+            struck, kind = min(system.strikes, key=lambda strike: abs(strike[0] - message.time))
             tally.lost.append(
-                f"{recording.path.name} lacks {message.topic} {after:.1f} s after it began"
+                f"{system.mode}: {recording.path.name} lacks {message.topic} "
+                f"{message.time - began:.1f} s after it began, "
+                f"{message.time - struck:+.1f} s from '{kind}'"
             )
 
 

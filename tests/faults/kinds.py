@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import OptimizeTrajectory, ResetSimulation, StepSimulation
 
-from tests.faults.system import NODES, NOTICED, System
+from tests.faults.system import NODES, NOTICED, RESENT, System
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
 from vgps_ros.nodes.qos import LATCHED, STREAM
@@ -48,8 +48,8 @@ def hung(name: str, system: System) -> None:
         system.spin(system.rng.uniform(0.0, 2.0))
     finally:
         process.send(signal.SIGCONT)
-    if name == "recorder":  # publishers send again what it has missed, at most 3 s later
-        system.spin(4.0)
+    if name == "recorder":  # publishers send again what it has missed
+        system.spin(1.0 + RESENT)
 
 
 def ended(name: str, system: System) -> None:

@@ -1,7 +1,8 @@
 """Runs the whole graph for long with random faults, in lock-step and in real time.
 
-Memory, open files and shared memory of each process must be flat: their medians over the last third
-of its life are compared with those over the middle third, for each process that lived long enough.
+Memory and open files of each process must be flat: what it takes when it begins to work does not
+count, and of the rest of its life the medians over the second half are compared with those over the
+first. Shared memory must be flat over the whole time.
 """
 
 import time
@@ -21,7 +22,8 @@ from tests.faults.system import NODES, System
 from tests.nodes.conftest import open_graph
 
 PERIOD = 2.0  # between two samples [s]
-LONG = 60.0  # a shorter life says nothing of growth [s]
+WARM_UP = 120.0  # in which a process takes what it needs to work [s]
+LONG = 120.0  # a shorter life after that says nothing of growth [s]
 KILLING = ("killed", "started anew", "checkpoint cut off")  # end of kinds that end a life
 FLAT = {"memory [MB/min]": 1.0, "open files [1/min]": 0.5}
 SHARED_FLAT = 8.0  # growth of /dev/shm over the whole time [MB]
@@ -90,12 +92,13 @@ class Lives:
         """Turns the samples into rates of growth."""
         for name, samples in self._samples.values():
             times, *quantities = np.array(samples).T
-            if times[-1] - times[0] < LONG:
+            worked = times - times[0] > WARM_UP
+            if times[-1] - times[0] < WARM_UP + LONG:
                 continue
-            third = len(times) // 3
-            minutes = (np.median(times[-third:]) - np.median(times[third : 2 * third])) / 60.0
+            before, after = np.array_split(np.flatnonzero(worked), 2)
+            minutes = (np.median(times[after]) - np.median(times[before])) / 60.0
             for quantity, values in zip(FLAT, quantities, strict=True):
-                rise = np.median(values[-third:]) - np.median(values[third : 2 * third])
+                rise = np.median(values[after]) - np.median(values[before])
                 self._growth.rates[name][quantity].append(float(rise / minutes))
 
 

@@ -29,6 +29,7 @@ NODES = (
 )
 NOTICED = 5.0  # in which the others say that a node is silent, as docs/reliability.md promises [s]
 BACK = 60.0  # generous: the machine may be busy [s]
+RESENT = 3.0  # after which a publisher sends again what a busy reader has missed, at most [s]
 LEARNING = {"initial_ddp_iterations": 10, "evaluation_rollouts": 2}
 HIDDEN_UNITS = 4
 
@@ -94,6 +95,7 @@ class System:
     recordings: list[Recording] = field(default_factory=list)
     trainings: list[Training] = field(default_factory=list)
     published: list[Published] = field(default_factory=list)
+    strikes: list[tuple[float, str]] = field(default_factory=list)  # when, and with what
     said: dict[str, DiagnosticStatus] = field(default_factory=dict)
     words: list[tuple[str, str]] = field(default_factory=list)  # who said what on /diagnostics
     heard: dict[str, float] = field(default_factory=dict)  # when something came from each source
@@ -208,9 +210,10 @@ class System:
     def expects(self, message: Published, recording: Recording) -> bool:
         """Returns whether a bag must hold a message; a killed node's last words may be lost.
 
-        They may have reached this process, and been taken only after the kill.
+        They may have reached this process, and been taken only after the kill; or the recorder may
+        have missed them at first, and nobody was left to send them again.
         """
-        own = any(abs(moment - message.time) < 1.0 for moment in self.last_words)
+        own = any(-1.0 < moment - message.time < 1.0 + RESENT for moment in self.last_words)
         return recording.covers(message.time) and not own
 
     def dead(self) -> list[str]:

@@ -17,6 +17,9 @@ TIME = "ros2_timestamp"  # stamps of messages, as Rerun's own MCAP reader names 
 WALL_TIME = "wall_time"  # stamps of what does not belong to the robot's time
 ITERATION = "iteration"  # of Algorithm 1
 
+# Each piece of an entity's data costs memory until the file is complete, and room in it.
+_BATCHES = rr.ChunkBatcherConfig(flush_tick=2.0)
+
 _PIECE = 2**18  # that is written at once [bytes]
 _PATIENCE = 0.8  # with a disk that does not move, at the end [s]
 
@@ -49,7 +52,7 @@ class Recording:
             ) from error
         self._disk = Disk()
         self._file = DiskFile(self._disk, path)
-        self._stream = rr.RecordingStream("vgps_ros")
+        self._stream = rr.RecordingStream("vgps_ros", batcher_config=_BATCHES)
         # Rerun gives up a file at the first error, and then may never end: it writes to a pipe.
         source, sink = os.pipe()
         self._stream.save(f"/proc/self/fd/{sink}")
