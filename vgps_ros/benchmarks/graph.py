@@ -33,7 +33,7 @@ def lock_step() -> Iterator[Comparison]:
     """The control loop through two processes against a bare ping-pong of the same messages."""
     task = make_task("swimmer")
     with TemporaryDirectory() as folder:
-        policy = _policy_file(task, Path(folder))
+        policy = policy_file(task, Path(folder))
         pongs, answers, loops = [], [], []
         for _ in range(ROUNDS):
             with bench() as graph:
@@ -62,7 +62,8 @@ def lock_step() -> Iterator[Comparison]:
         yield Comparison(f"executor's answer, {name} / bare ping-pong's", ours, peer, 1.5)
 
 
-def _policy_file(task: Task, folder: Path) -> Path:
+def policy_file(task: Task, folder: Path) -> Path:
+    """Writes a policy with small torques; returns its path."""
     shape = Architecture(task.observed, (5,), task.dynamics.control_dim)
     rng = np.random.default_rng(0)
     parameters = 0.1 * rng.standard_normal(shape.num_parameters)

@@ -60,17 +60,19 @@ class Bench:
         self._processes.append(process)
         return process.pid
 
-    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+    def spin_until(
+        self, condition: Callable[[], Any], what: str, patience: float = PATIENCE
+    ) -> None:
         """Spins until a condition is true.
 
         Raises:
             TimeoutError: it does not become true.
         """
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + patience
         while not condition():
             if time.monotonic() > end:
                 raise TimeoutError(
-                    f"Waited {PATIENCE:g} s for {what}; the processes say:\n{self._log.read_text()}"
+                    f"Waited {patience:g} s for {what}; the processes say:\n{self._log.read_text()}"
                 )
             self._executor.spin_once(timeout_sec=0.01)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vgps_ros.benchmarks import graph, learning, reinforcement, solver
+from vgps_ros.benchmarks import graph, learning, real_time, reinforcement, solver
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
 from vgps_ros.core.policy_file import write_json
@@ -23,6 +23,8 @@ BENCHMARKS: dict[str, Benchmark] = {
     "derivatives": solver.derivatives,
     "convergence": solver.convergence,
     "lock_step": graph.lock_step,
+    "real_time": real_time.real_time,
+    "start": real_time.start,
     "service": graph.service,
     "nodes": graph.nodes,
     "shares": learning.shares,

@@ -158,15 +158,18 @@ class Dynamics:
         bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
         for first in range(0, len(nominals), self.threads):
             batch = nominals[first : first + self.threads]
-            parts = self._in_threads(
-                len(batch),
-                lambda simulator, part, batch=batch: [
-                    simulator.follow(start, nominal, gains, bounds) for nominal in batch[part]
-                ],
-            )
-            for states, controls in chain.from_iterable(parts):
-                self.simulator_steps += self.substeps * len(controls)
-                yield Trajectory(states, controls)
+
+            def work(
+                simulator: Simulator, part: slice, batch: Sequence[Trajectory] = batch
+            ) -> list[Trajectory]:
+                return [
+                    Trajectory(*simulator.follow(start, nominal, gains, bounds))
+                    for nominal in batch[part]
+                ]
+
+            for trajectory in chain.from_iterable(self._in_threads(len(batch), work)):
+                self.simulator_steps += self.substeps * trajectory.horizon
+                yield trajectory
 
     def execute(
         self, policy: GaussianPolicy, initial_states: Array, noise: Array
