@@ -138,8 +138,9 @@ def _choose(rng: Random) -> str:
 
 
 def _memory(pid: int) -> float:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * 4096 / 1e6
+    """Returns what a process has for itself [MB]; /dev/shm is watched on its own."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
 
 
 def _open_files(pid: int) -> list[Path]:
