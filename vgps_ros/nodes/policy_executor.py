@@ -78,7 +78,7 @@ class PolicyExecutor(LifecycleNode):
         # Wall time: simulated time may stand still just when something is wrong.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watchdog = self.create_timer(time_step, self._watch, clock=steady)
-        self._watchdog.cancel()  # until there is a state whose successor can be missed
+        self._watchdog.cancel()  # until there is an answer whose successor can be missed
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
@@ -121,11 +121,11 @@ class PolicyExecutor(LifecycleNode):
         if not self._active:
             return
         self._health.arrived(_STATE)
-        if self._watchdog.is_canceled():
-            self._watchdog.reset()
         policy = self._training.policy
         if policy is None:
             return
+        if self._watchdog.is_canceled():
+            self._watchdog.reset()
         try:
             command = self._answer(policy, message)
         except InvalidInputError as error:
