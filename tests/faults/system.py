@@ -29,6 +29,12 @@ NODES = (
 )
 NOTICED = 5.0  # in which the others say that a node is silent, as docs/reliability.md promises [s]
 BACK = 60.0  # generous: the machine may be busy [s]
+KEPT = {  # what must be in the bags, by who publishes it
+    "policy_learner": "/learning_progress",
+    "trajectory_optimizer": "/trajectory_optimizer/iterations",
+}
+STARTED = 0.5  # before that a node has not even read its program: what comes is another's [s]
+FOUND = 1.0  # in which all others have found a node after the first one [s]
 RESENT = 3.0  # after which a publisher sends again what a busy reader has missed, at most [s]
 LEARNING = {"initial_ddp_iterations": 10, "evaluation_rollouts": 2}
 HIDDEN_UNITS = 4
@@ -103,9 +109,11 @@ class System:
     def __post_init__(self) -> None:
         self.finishing = False
         self.last_words: list[float] = []  # when a learner or optimizer was killed
+        self.found: list[float] = []  # when a new one was first heard
+        self._begun: dict[str, float] = {}  # when those were started that were not heard yet
         self.learner_ended = False  # with INT, which cancels what it trains
-        self._subscribe(LearningProgress, "/learning_progress", STREAM, keep=True)
-        self._subscribe(OptimizerIteration, "/trajectory_optimizer/iterations", STREAM, keep=True)
+        self._subscribe(LearningProgress, KEPT["policy_learner"], STREAM, keep=True)
+        self._subscribe(OptimizerIteration, KEPT["trajectory_optimizer"], STREAM, keep=True)
         self._subscribe(JointState, "/joint_states", STREAM)
         self._subscribe(JointState, "/joint_command", STREAM)
         self.graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._listen, STREAM)
@@ -117,6 +125,8 @@ class System:
     def start(self, name: str) -> None:
         """Starts a node, for the first time or again."""
         parameters: dict[str, Any] = {"task": self.task}
+        if name in KEPT:
+            self._begun[name] = time.monotonic()
         if name == "simulation":
             parameters["mode"] = self.mode
         elif name == "policy_learner":
@@ -146,7 +156,7 @@ class System:
         if name == "recorder":
             self.recordings[-1].close(slack=1.0)
             self.recordings[-1].killed = self.recordings[-1].ended = True
-        elif name in ("policy_learner", "trajectory_optimizer"):
+        elif name in KEPT:
             self.last_words.append(time.monotonic())
         self.processes[name].kill()
 
@@ -208,13 +218,16 @@ class System:
         return missing
 
     def expects(self, message: Published, recording: Recording) -> bool:
-        """Returns whether a bag must hold a message; a killed node's last words may be lost.
+        """Returns whether a bag must hold a message.
 
-        They may have reached this process, and been taken only after the kill; or the recorder may
-        have missed them at first, and nobody was left to send them again.
+        A killed node's last words may be lost: they may have reached this process, and been taken
+        only after the kill; or the recorder may have missed them at first, and nobody was left to
+        send them again. So may a new node's first words: it may have found this process before the
+        recorder, and a stream keeps nothing for those who come later.
         """
-        own = any(-1.0 < moment - message.time < 1.0 + RESENT for moment in self.last_words)
-        return recording.covers(message.time) and not own
+        last = any(-1.0 < moment - message.time < 1.0 + RESENT for moment in self.last_words)
+        first = any(abs(message.time - moment) < FOUND for moment in self.found)
+        return recording.covers(message.time) and not (last or first)
 
     def dead(self) -> list[str]:
         """Returns the nodes that have ended without being asked to."""
@@ -284,6 +297,10 @@ class System:
 
     def _listen(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            name, now = status.name.lstrip("/"), time.monotonic()
+            if now - self._begun.get(name, now) > STARTED:
+                self.found.append(now)
+                del self._begun[name]
             self.said[status.name] = status
             self.words.append((status.name, status.message))
             if status.name == "/recorder" and status.level == DiagnosticStatus.OK:
