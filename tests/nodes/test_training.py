@@ -1,13 +1,18 @@
 """Algorithm 1 over real processes: the learner, its optimizers, and the program that asks."""
 
 import json
+import os
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from vgps_msgs.msg import OptimizerIteration
+from rclpy.action import ActionServer
+from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import LearningProgress, OptimizerIteration
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
@@ -168,6 +173,45 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     assert second.wait() == 1
     assert program.wait() == 0, program.output
     assert "has died" not in program.output
+
+
+# The program, which asks for its result every minute, does so all the time.
+_EAGER = """
+import sys
+from vgps_ros.nodes import train_through_graph, training_client
+training_client._RESULT_PERIOD = 0.2
+train_through_graph.main(sys.argv[1:])
+"""
+
+
+def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
+    graph.start("trajectory_optimizer")
+    settings = replace(SHORT, iterations=6)
+    graph.start("policy_learner", **parameters(settings))
+    program = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            _EAGER,
+            "--iterations=6",
+            "--hidden-units=4",
+            f"--output={tmp_path}",
+        ],
+        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id), "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    progress = graph.messages(LearningProgress, "learning_progress")
+    graph.spin_until(lambda: progress, what="the first iteration")
+    # A second server knows nothing of the goal, and says so at once.
+    second = ActionServer(
+        graph.node, TrainPolicy, "policy_learner/train", lambda _: TrainPolicy.Result()
+    )
+    graph.spin_until(lambda: program.poll() is not None, what="the program's end")
+    second.destroy()
+    assert program.returncode == 0, program.stdout.read()
+    assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 6
 
 
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):

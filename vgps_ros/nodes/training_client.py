@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
@@ -122,15 +123,33 @@ class TrainingClient(Node):
         instance = self._peers.instance_of(self._learner)
         try:
             handle = self._send(goal, show_iteration, instance)
-            answer = None
-            while answer is None:  # the request may have been lost, too
-                answer = self._wait(handle.get_result_async(), instance, _RESULT_PERIOD, handle)
+            return self._result(handle, instance)
         except LostError as error:
             progress.say(str(error))
             self._wait_for_learner(self._lost_timeout, self._nobody())
             self._sent_before = True
             return None
-        return answer.result
+
+    def _result(self, handle: ClientGoalHandle, instance: str) -> TrainPolicy.Result:
+        """Asks for the result until the learner that has the goal gives it.
+
+        A request may be lost; or a second learner, which is about to be refused, is faster to say
+        that it does not know the goal.
+
+        Raises:
+            LostError: the learner does not know the goal either.
+        """
+        end = float("inf")
+        while time.monotonic() < end:
+            answer = self._wait(handle.get_result_async(), instance, _RESULT_PERIOD, handle)
+            if answer and answer.status != GoalStatus.STATUS_UNKNOWN:
+                return answer.result
+            if answer:
+                end = min(end, time.monotonic() + _ANSWER_TIMEOUT)
+                again = time.monotonic() + _RETRY_PERIOD
+                while time.monotonic() < again:
+                    self._spin()
+        raise LostError("The policy_learner does not know the goal any more; it is sent again.")
 
     def _send(
         self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], instance: str
