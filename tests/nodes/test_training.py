@@ -180,6 +180,7 @@ _EAGER = """
 import sys
 from vgps_ros.nodes import train_through_graph, training_client
 training_client._RESULT_PERIOD = 0.2
+training_client._ANSWER_TIMEOUT = 4.0
 train_through_graph.main(sys.argv[1:])
 """
 
@@ -208,9 +209,12 @@ def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
     second = ActionServer(
         graph.node, TrainPolicy, "policy_learner/train", lambda _: TrainPolicy.Result()
     )
-    graph.spin_until(lambda: program.poll() is not None, what="the program's end")
+    graph.spin_for(1.0)
     second.destroy()
-    assert program.returncode == 0, program.stdout.read()
+    graph.spin_until(lambda: program.poll() is not None, what="the program's end")
+    output = program.stdout.read()
+    assert program.returncode == 0, output
+    assert "sent again" not in output
     assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 6
 
 

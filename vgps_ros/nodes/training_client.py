@@ -142,9 +142,11 @@ class TrainingClient(Node):
         end = float("inf")
         while time.monotonic() < end:
             answer = self._wait(handle.get_result_async(), instance, _RESULT_PERIOD, handle)
-            if answer and answer.status != GoalStatus.STATUS_UNKNOWN:
+            if answer is None:  # the learner is at it, or the request was lost
+                end = float("inf")
+            elif answer.status != GoalStatus.STATUS_UNKNOWN:
                 return answer.result
-            if answer:
+            else:
                 end = min(end, time.monotonic() + _ANSWER_TIMEOUT)
                 again = time.monotonic() + _RETRY_PERIOD
                 while time.monotonic() < again:
