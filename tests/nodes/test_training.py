@@ -187,14 +187,14 @@ train_through_graph.main(sys.argv[1:])
 
 def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
     graph.start("trajectory_optimizer")
-    settings = replace(SHORT, iterations=6)
+    settings = replace(SHORT, iterations=20)
     graph.start("policy_learner", **parameters(settings))
     program = subprocess.Popen(
         [
             sys.executable,
             "-c",
             _EAGER,
-            "--iterations=6",
+            "--iterations=20",
             "--hidden-units=4",
             f"--output={tmp_path}",
         ],
@@ -215,7 +215,7 @@ def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
     output = program.stdout.read()
     assert program.returncode == 0, output
     assert "sent again" not in output
-    assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 6
+    assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 20
 
 
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
