@@ -1,6 +1,7 @@
 """Node `policy_learner`: drives a policy search over the optimizers' services, as an action."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,13 +74,14 @@ class PolicyLearner(Node):
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()
+        self._worker = ThreadPoolExecutor(1, "search")  # each thread that computes keeps memory
         self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
         self._progress = self.create_publisher(LearningProgress, "learning_progress", STREAM)
         self._action = ActionServer(
             self,
             TrainPolicy,
             "~/train",
-            self._train,
+            lambda goal: self._worker.submit(self._train, goal).result(),
             goal_callback=lambda _: (
                 GoalResponse.REJECT if self._busy.locked() else GoalResponse.ACCEPT
             ),

@@ -1,6 +1,7 @@
 """Node `trajectory_optimizer`: DDP on ᾱ c − log π_θ, as a service that answers with q(ζ)."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -42,6 +43,7 @@ class TrajectoryOptimizerNode(Node):
         self._health = Health(self)
         self._cancelled = threading.Event()
         self._solving = threading.Event()
+        self._worker = ThreadPoolExecutor(1, "solve")  # each thread that computes keeps memory
         self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", STREAM)
         self._distributions = self.create_publisher(
             TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
@@ -50,7 +52,7 @@ class TrajectoryOptimizerNode(Node):
         self.create_service(
             OptimizeTrajectory,
             "~/optimize",
-            self._optimize,
+            lambda *request: self._worker.submit(self._optimize, *request).result(),
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
         self.create_service(
