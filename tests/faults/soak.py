@@ -1,12 +1,14 @@
 """Runs the whole graph for long with random faults, in lock-step and in real time.
 
 Memory and open files of each process must be flat: what it takes when it begins to work does not
-count, and of the rest of its life the medians over the second half are compared with those over the
-first. Shared memory must be flat over the whole time.
+count, and over the rest of its life the median slope between any two samples (Theil and Sen) must
+vanish, so that a single step, as of the first backlog after a hang, is no growth, but one for each
+fault is. Shared memory must be flat over the whole time.
 """
 
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,7 @@ from random import Random
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.stats import theilslopes
 
 from tests.faults.campaign import Tally, strike, verify
 from tests.faults.kinds import FAULTS
@@ -91,15 +94,22 @@ class Lives:
     def close(self) -> None:
         """Turns the samples into rates of growth."""
         for name, samples in self._samples.values():
-            times, *quantities = np.array(samples).T
-            worked = times - times[0] > WARM_UP
-            if times[-1] - times[0] < WARM_UP + LONG:
-                continue
-            before, after = np.array_split(np.flatnonzero(worked), 2)
-            minutes = (np.median(times[after]) - np.median(times[before])) / 60.0
-            for quantity, values in zip(FLAT, quantities, strict=True):
-                rise = np.median(values[after]) - np.median(values[before])
-                self._growth.rates[name][quantity].append(float(rise / minutes))
+            for quantity, rate in growth_rates(samples).items():
+                self._growth.rates[name][quantity].append(rate)
+
+
+def growth_rates(samples: Sequence[tuple[float, ...]]) -> dict[str, float]:
+    """Returns the slope of each quantity over a life [1/min]; of a short life none.
+
+    Args:
+        samples: times [s], each with one value a quantity, in the order of FLAT.
+    """
+    table = np.array(samples)
+    times, *quantities = table[table[:, 0] - table[0, 0] > WARM_UP].T
+    if times.size == 0 or np.ptp(times) < LONG:
+        return {}
+    slopes = [float(theilslopes(values, times / 60.0).slope) for values in quantities]
+    return dict(zip(FLAT, slopes, strict=True))
 
 
 def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> Growth:
