@@ -30,7 +30,7 @@ class Failing(LifecycleNode):
     def fail(self):
         raise KeyError("callback failed")
 
-def close(node):
+def close(node, _):
     print("closed")
     if "{place}" == "closing":
         raise OSError("closing failed")

@@ -1,5 +1,6 @@
 """Faults injected into a running `policy_executor`: what it sends, says, and how it recovers."""
 
+import signal
 import time
 
 import numpy as np
@@ -208,8 +209,8 @@ def test_the_safe_action_comes_within_two_control_periods(robot):
         sent = time.monotonic()
         robot.send(bad)
         delays.append(time.monotonic() - sent)
-    # The machine may be busy with something else in most of them.
-    assert min(delays) < 2 * PERIOD * 1e-9
+    # The machine may be busy with something else in some of them.
+    assert np.median(delays) < 2 * PERIOD * 1e-9
 
 
 def test_silence_leads_to_zero_torques_and_the_next_state_back(robot):
@@ -447,3 +448,20 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
     distributions.publish(wrong)
     robot.diagnosis(ERROR, "Refused a trajectory_distribution; any before it stays")
     np.testing.assert_array_equal(robot.drive(near), robot.policy.mean(near))
+
+
+@pytest.mark.parametrize("way", ["INT", "TERM", "SHUTDOWN"])
+def test_the_last_torques_are_zero_however_it_ends(graph, swimmer, random_policy, way):
+    robot = Robot(graph, swimmer, random_policy(0))
+    assert robot.drive().any()
+    robot._commands.clear()
+    if way == "SHUTDOWN":
+        assert robot.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    else:
+        robot.process.send(getattr(signal, f"SIG{way}"))
+    torques, stamp = graph.spin_until(lambda: robot.commands, what="the last torques")[-1]
+    assert not torques.any()
+    assert stamp == robot.step * PERIOD
+    robot.states.publish(robot.message())
+    assert robot.stays_silent(1.5)
+    assert robot.process.end() == 0, robot.process.output

@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from rclpy.clock import Clock
@@ -72,7 +72,7 @@ class Player(Node):
         self._thread = threading.Thread(target=self._play, name="playback")
         self._thread.start()
 
-    def close(self) -> None:
+    def close(self, _is_hurried: Callable[[], bool]) -> None:
         """Ends the playback."""
         self._playback.stop()
         self._thread.join()

@@ -106,6 +106,21 @@ class PolicyExecutor(LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops the torques."""
+        self.stop()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops the torques for good."""
+        self.stop()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops the torques where a transition failed."""
+        self.stop()
+        return super().on_error(state)
+
+    def stop(self) -> None:
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
         if self._active:
             self._send(self._supervisor.stop())
@@ -115,7 +130,6 @@ class PolicyExecutor(LifecycleNode):
         self._health.stop_waiting(_STATE)
         self._health.clear("state")
         self._health.clear("distance")
-        return super().on_deactivate(state)
 
     def _take_state(self, message: JointState) -> None:
         if not self._active:
@@ -188,4 +202,4 @@ class PolicyExecutor(LifecycleNode):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyExecutor)
+    return run(PolicyExecutor, close=lambda node, _: node.stop())

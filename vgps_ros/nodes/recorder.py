@@ -24,7 +24,7 @@ from vgps_ros.nodes.bag_qos import recording, to_bag
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameter_collector import ParameterCollector
 from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.runner import is_hurried, run
+from vgps_ros.nodes.runner import run
 
 OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
@@ -95,7 +95,7 @@ class Recorder(Node):
         self.create_timer(_FLUSH_PERIOD, self._save, clock=steady)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
-    def close(self) -> None:
+    def close(self, is_hurried: Callable[[], bool]) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
         try:

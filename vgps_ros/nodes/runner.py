@@ -1,23 +1,22 @@
 """How every node runs and ends."""
 
 import gc
-import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TypeVar
 
 import rclpy
 from rclpy.executors import (
-    Executor,
     ExternalShutdownException,
     MultiThreadedExecutor,
     SingleThreadedExecutor,
 )
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.nodes.ending import Ending
 from vgps_ros.nodes.exit_timer import exit_after
 from vgps_ros.nodes.responses import keep_responses
 from vgps_ros.nodes.service_guard import guard_services
@@ -28,11 +27,8 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 # threads for ever [s].
 _PATIENCE = 1.5
 
-# What rclpy raises where a signal, which ends its context, strikes between any two of its calls.
+# What rclpy raises where its context ends between any two of its calls.
 _LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
-
-_ENDING = (signal.SIGINT, signal.SIGTERM)
-_signals: list[int] = []  # those of them that have come
 
 
 class _ThreadedExecutor(MultiThreadedExecutor):
@@ -45,15 +41,10 @@ class _ThreadedExecutor(MultiThreadedExecutor):
         return ended
 
 
-def is_hurried() -> bool:
-    """Returns whether the end was asked for more than once: a clean-up must then not wait."""
-    return len(_signals) > 1
-
-
 def run(
     make_node: Callable[[], AnyNode],
     threads: int = 1,
-    close: Callable[[AnyNode], None] = lambda _: None,
+    close: Callable[[AnyNode, Callable[[], bool]], None] = lambda *_: None,
 ) -> int:
     """Runs a node until INT or TERM, then destroys it.
 
@@ -61,55 +52,41 @@ def run(
         make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
             sentence.
         threads: callbacks that may run at once. One is fastest where messages flow.
-        close: completes what the node has begun; of one thread's callbacks none runs any more.
+        close: completes what the node has begun, and may still publish; of one thread's callbacks
+            none runs any more. It is given a function that tells whether the user is in a hurry.
 
     Returns:
         The process's exit code.
     """
-    # rclpy ends the spin on INT and TERM, then calls the handler that was there before it: one that
-    # only takes note, so that a second signal during the clean-up does no harm.
-    for number in _ENDING:
-        signal.signal(number, lambda number, _: _signals.append(number))
-    with _delayed_signals():
-        rclpy.init()
-        executor = _ThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+    ending = Ending()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = _ThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+    ending.executor = executor
     node, code = None, 0
     try:
-        if not _signals:
+        with ending.interrupting():
             node = make_node()
-            _spin(node, executor, close)
+        try:
+            guard_services(node)
+            keep_responses(node)
+            ending.spin(node, executor)
+        finally:
+            close(node, ending.is_hurried)
     except VgpsError as error:
         print(error, file=sys.stderr)
         code = 1
     except Exception as error:
-        if rclpy.ok() or not isinstance(error, _LACKS_CONTEXT):
+        is_ending = ending.is_wanted or not rclpy.ok()
+        if not (is_ending and isinstance(error, _LACKS_CONTEXT)):
             traceback.print_exc()
             code = 1
     exit_after(_PATIENCE, code)
+    ending.executor = None
+    rclpy.try_shutdown()  # ends what still waits
     executor.shutdown()
     if node:
         node.destroy_node()
     del node, executor
     gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
-    rclpy.try_shutdown()
     return code
 
-
-def _spin(node: AnyNode, executor: Executor, close: Callable[[AnyNode], None]) -> None:
-    try:
-        guard_services(node)
-        keep_responses(node)
-        executor.add_node(node)
-        executor.spin()
-    finally:
-        close(node)
-
-
-@contextmanager
-def _delayed_signals() -> Iterator[None]:
-    """Delays INT and TERM: rclpy's executor prints a traceback where one strikes in its making."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)

@@ -16,7 +16,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.runner import is_hurried, run
+from vgps_ros.nodes.runner import run
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
 from vgps_ros.views.recording import UnfinishedRecordingError
 
@@ -49,7 +49,7 @@ class Visualizer(Node):
         )
         self.get_logger().info(f"Recording what is seen to {path}.")
 
-    def close(self) -> None:
+    def close(self, is_hurried: Callable[[], bool]) -> None:
         """Completes the recording, as far as the disk takes it."""
         try:
             self._scene.close(is_hurried)

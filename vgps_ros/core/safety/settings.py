@@ -19,8 +19,8 @@ class SafetySettings:
     )
     torque_rate_limit: float = setting(
         0.0,
-        "largest change of each torque over time, by the stamps of the states; the first torques "
-        "start from zero; 0: no limit [N·m/s]",
+        "largest change of each of the policy's torques over time, by the stamps of the states; "
+        "the first ones start from zero; the safe action acts at once; 0: no limit [N·m/s]",
         minimum=0.0,
         maximum=1e12,
     )

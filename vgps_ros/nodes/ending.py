@@ -1,0 +1,77 @@
+"""How INT and TERM end a node: first its spin, and a moment later its context.
+
+In between it closes, while it can still publish. A thread takes note of a signal, since Python runs
+handlers only between two steps of the main thread, which may wait in the middleware for long.
+"""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.node import Node
+
+_MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
+
+
+class Ending:
+    """Whether the end of this process was asked for; there may be one, made by the main thread.
+
+    Attributes:
+        executor: what spins; None as long as nothing does.
+        is_wanted: whether INT or TERM has come.
+    """
+
+    def __init__(self) -> None:
+        self.executor: Executor | None = None
+        self.is_wanted = False
+        self._signals = 0
+        self._may_interrupt = False
+        reader, writer = os.pipe()
+        os.set_blocking(writer, False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+        signal.set_wakeup_fd(writer)
+        threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
+
+    def is_hurried(self) -> bool:
+        """Returns whether it was asked for more than once: a clean-up must then not wait."""
+        return self._signals > 1
+
+    def spin(self, node: Node, executor: Executor) -> None:
+        """Runs a node's callbacks until the end is wanted, or the context has ended."""
+        executor.add_node(node)
+        while rclpy.ok() and not self.is_wanted:
+            executor.spin_once()
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Lets the first signal raise ExternalShutdownException in what may take long."""
+        self._may_interrupt = True
+        try:
+            if self.is_wanted:
+                raise ExternalShutdownException
+            yield
+        finally:
+            self._may_interrupt = False
+
+    def _handle(self, _number: int, _frame: FrameType | None) -> None:
+        self.is_wanted = True
+        self._signals += 1
+        if self._may_interrupt:
+            self._may_interrupt = False
+            raise ExternalShutdownException
+
+    def _follow(self, reader: int) -> None:
+        os.read(reader, 1)
+        self.is_wanted = True
+        if self.executor:
+            self.executor.create_task(lambda: None)  # wakes it
+        time.sleep(_MOMENT)
+        if self.executor:
+            rclpy.try_shutdown()
