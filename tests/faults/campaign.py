@@ -86,7 +86,7 @@ def choose(rng: Random, count: int, only: str = "") -> list[str]:
 def run(system: System, kinds: Sequence[str], tally: Tally, say: Callable[[str], None]) -> None:
     """Strikes with each fault at a random time, then looks what was lost."""
     for number, kind in enumerate(kinds, 1):
-        system.spin(system.rng.uniform(0.0, 2.0))
+        system.spin(system.rng.uniform(2.0, 4.0))  # a new node has heard all others by then
         began = time.monotonic()
         good = strike(system, kind, tally)
         outcome = "works again" if good else "FAILED"

@@ -32,7 +32,7 @@ def killed(name: str, system: System) -> None:
     """SIGKILL; the node is back after a while, late enough for the others to miss it, or not."""
     system.kill(name)
     if system.rng.random() < 0.5:
-        system.wait_for_word(f"/{name} has been silent", NOTICED)
+        system.wait_until_missed(name)
     system.spin(system.rng.uniform(0.0, 1.0))
     system.start(name)
     if name == "simulation":
@@ -44,7 +44,7 @@ def hung(name: str, system: System) -> None:
     process = system.processes[name]
     process.send(signal.SIGSTOP)
     try:
-        system.wait_for_word(f"/{name} has been silent", NOTICED)
+        system.wait_until_missed(name)
         system.spin(system.rng.uniform(0.0, 2.0))
     finally:
         process.send(signal.SIGCONT)
@@ -53,7 +53,7 @@ def hung(name: str, system: System) -> None:
 
 
 def ended(name: str, system: System) -> None:
-    """INT, and a start anew."""
+    """INT or TERM, once or twice, and a start anew."""
     system.end(name)
     system.start(name)
     if name == "simulation":

@@ -4,6 +4,7 @@ Real processes in one ROS domain. Faults strike it; what it published meanwhile 
 compared with what the bags hold and with what the same training gives undisturbed.
 """
 
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -35,6 +36,7 @@ KEPT = {  # what must be in the bags, by who publishes it
 }
 STARTED = 0.5  # before that a node has not even read its program: what comes is another's [s]
 FOUND = 1.0  # in which all others have found a node after the first one [s]
+ENDING = (signal.SIGINT, signal.SIGTERM)
 RESENT = 3.0  # after which a publisher sends again what a busy reader has missed, at most [s]
 LEARNING = {"initial_ddp_iterations": 10, "evaluation_rollouts": 2}
 HIDDEN_UNITS = 4
@@ -108,8 +110,8 @@ class System:
 
     def __post_init__(self) -> None:
         self.finishing = False
-        self.last_words: list[float] = []  # when a learner or optimizer was killed
-        self.found: list[float] = []  # when a new one was first heard
+        self.last_words: list[tuple[str, float]] = []  # topics of nodes that were killed, and when
+        self.found: list[tuple[str, float]] = []  # topics of new nodes, and when they were heard
         self._begun: dict[str, float] = {}  # when those were started that were not heard yet
         self.learner_ended = False  # with INT, which cancels what it trains
         self._subscribe(LearningProgress, KEPT["policy_learner"], STREAM, keep=True)
@@ -157,17 +159,21 @@ class System:
             self.recordings[-1].close(slack=1.0)
             self.recordings[-1].killed = self.recordings[-1].ended = True
         elif name in KEPT:
-            self.last_words.append(time.monotonic())
+            self.last_words.append((KEPT[name], time.monotonic()))
         self.processes[name].kill()
 
     def end(self, name: str) -> None:
-        """Ends a node with INT."""
+        """Ends a node with INT or TERM, once or twice."""
         if name == "recorder":
             self.recordings[-1].close(slack=0.5)  # what is on its way
             self.recordings[-1].ended = True
         if name == "policy_learner":
             self.learner_ended = True
-        assert self.processes[name].end() == 0, self.processes[name].output
+        process = self.processes[name]
+        if self.rng.random() < 0.5:
+            process.send(self.rng.choice(ENDING))
+            self.spin(self.rng.uniform(0.0, 0.5))
+        assert process.end(self.rng.choice(ENDING)) == 0, process.output
 
     # What goes on
 
@@ -197,6 +203,21 @@ class System:
             timeout,
         )
 
+    def wait_until_missed(self, name: str) -> None:
+        """Waits until all others say on /diagnostics that a node is silent, or have since `listen`.
+
+        Raises:
+            AssertionError: some do not, within what is promised and what it takes to say so.
+        """
+        others = {f"/{other}" for other in NODES} - {f"/{name}"}
+        word = f"/{name} has been silent"
+        self._spin_until(lambda: not others - self._who_said(word), NOTICED)
+        deaf = others - self._who_said(word)
+        assert not deaf, f"After {NOTICED:g} s {', '.join(deaf)} did not say: '{word}'"
+
+    def _who_said(self, text: str) -> set[str]:
+        return {name for name, word in self.words if text in word}
+
     def wait_until_it_works(self) -> None:
         """Waits until every node is well and each stream flows."""
         self.heard.clear()
@@ -225,8 +246,14 @@ class System:
         send them again. So may a new node's first words: it may have found this process before the
         recorder, and a stream keeps nothing for those who come later.
         """
-        last = any(-1.0 < moment - message.time < 1.0 + RESENT for moment in self.last_words)
-        first = any(abs(message.time - moment) < FOUND for moment in self.found)
+        last = any(
+            topic == message.topic and -1.0 < moment - message.time < 1.0 + RESENT
+            for topic, moment in self.last_words
+        )
+        first = any(
+            topic == message.topic and abs(message.time - moment) < FOUND
+            for topic, moment in self.found
+        )
         return recording.covers(message.time) and not (last or first)
 
     def dead(self) -> list[str]:
@@ -299,7 +326,7 @@ class System:
         for status in message.status:
             name, now = status.name.lstrip("/"), time.monotonic()
             if now - self._begun.get(name, now) > STARTED:
-                self.found.append(now)
+                self.found.append((KEPT[name], now))
                 del self._begun[name]
             self.said[status.name] = status
             self.words.append((status.name, status.message))

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from vgps_msgs.srv import GetSimulationState
 
@@ -74,6 +74,21 @@ def test_of_two_executors_started_at_once_one_stays_and_nobody_misses_the_other(
     graph.spin_for(NOTICED)
     assert sum(process.running for process in both) == 1
     graph.diagnosis("simulation", DiagnosticStatus.OK)
+
+
+def test_nobody_ends_for_one_that_only_claims_to_publish(graph):
+    graph.start("simulation", start_paused=True)
+    executor = graph.start("policy_executor")
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+    graph.diagnosis("policy_executor", DiagnosticStatus.OK)
+    claim = DiagnosticStatus(name="/simulation", hardware_id="vgps_ros", message="Running.")
+    claim.values = [
+        KeyValue(key="instance", value="1-here-1"),  # it says that it was there first
+        KeyValue(key="owns", value="/joint_command"),
+    ]
+    graph.publisher(DiagnosticArray, "/diagnostics").publish(DiagnosticArray(status=[claim]))
+    graph.spin_for(2.0)
+    assert executor.running, executor.output
 
 
 def test_one_that_was_killed_can_be_started_again_at_once(graph):

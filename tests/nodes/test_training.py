@@ -9,13 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionServer
 from vgps_msgs.action import TrainPolicy
-from vgps_msgs.msg import LearningProgress, OptimizerIteration
+from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
+from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
+from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry
 from vgps_ros.search.settings import SearchSettings, search_settings
@@ -216,6 +220,50 @@ def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
     assert program.returncode == 0, output
     assert "sent again" not in output
     assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 20
+
+
+def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
+    settings = SearchSettings(
+        iterations=6, hidden_units=(2,), initial_ddp_iterations=2, evaluation_rollouts=2
+    )
+    graph.start("trajectory_optimizer", task="rotor")
+    graph.start("policy_learner", task="rotor", **parameters(settings))
+    program = start_training(graph, settings, 0, tmp_path / "out")
+    graph.diagnosis("policy_learner", DiagnosticStatus.WARN, "found nothing better")
+    assert program.wait() == 0, program.output
+    warned = [i.k for i in train_in_process(make_task("rotor"), settings, 0) if i.warnings]
+    assert f"{len(warned)} had trouble, last iteration {warned[-1]}: " in program.output
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"cost": float("nan")}, "costs is nan at index 0"),
+        ({"status": "fine"}, "status is 'fine', but it must be one of"),
+        ({"distribution": TrajectoryDistribution()}, "n_x=0 and n_u=0"),
+    ],
+)
+def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
+    graph, tmp_path, change, sentence
+):
+    task = make_task("rotor")
+    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+
+    def answer(message, _):
+        request = request_from_msg(message, task)
+        response = result_to_msg(optimizer.optimize(request), request, task, Time())
+        for name, value in change.items():
+            setattr(response, name, value)
+        return response
+
+    graph.node.create_service(OptimizeTrajectory, "trajectory_optimizer/optimize", answer)
+    learner = graph.start("policy_learner", task="rotor", **parameters(SHORT))
+    program = start_training(graph, SHORT, 0, tmp_path / "out")
+    graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, sentence)
+    assert program.wait() == 1
+    assert sentence in program.output
+    assert learner.running
+    assert "Traceback" not in learner.output
 
 
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):

@@ -44,7 +44,7 @@ def reinforcement_learning() -> Iterator[Comparison]:
                 outcomes.append(peer)
                 network = f"{units} soft rectifiers" if hidden_units else "its own network"
                 yield _row(f"{name}: to {goal.name} / {algorithm.__name__}, {network}", ours, peer)
-        better = min(outcomes, key=lambda outcome: (not outcome.reached, outcome.seconds))
+        better = min(outcomes, key=lambda o: (0, o.seconds) if o.reached else (1, o.best))
         yield replace(
             _row(f"{name}: to {goal.name} / the better peer", ours, better), target=target
         )

@@ -2,11 +2,13 @@
 
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import OptimizerIteration, Trajectory
+from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import OptimizeTrajectory
 
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import finite_array, one_of, quoted
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
+from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.messages.conversions import (
     distribution_from_msg,
     distribution_to_msg,
@@ -14,7 +16,11 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     policy_to_msg,
 )
-from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
+from vgps_ros.search.trajectory_optimizer import (
+    OptimizationRequest,
+    OptimizationResult,
+    check_distribution,
+)
 from vgps_ros.tasks import Task
 
 ENDING = "ending"  # status of an answer by a node that ends before the solve does
@@ -130,23 +136,34 @@ def _sentence(result: OptimizationResult) -> str:
     return " ".join(words)
 
 
-def result_from_msg(message: OptimizeTrajectory.Response) -> OptimizationResult:
+def result_from_msg(
+    message: OptimizeTrajectory.Response, request: OptimizationRequest, task: Task
+) -> OptimizationResult:
     """Returns the response's result.
+
+    Args:
+        message: the answer.
+        request: what was asked for.
+        task: the task.
 
     Raises:
         DivergenceError: the solve left the finite numbers.
-        VgpsError: the request was refused, the solve was cancelled, or its numbers do not fit.
+        VgpsError: the request was refused, the solve was cancelled, or the answer is none that an
+            optimizer gives.
     """
     if not message.success:
         sentence = f"The trajectory optimizer answered '{message.status}': {message.message}"
         if message.status in DivergenceError.STATUSES:
             raise DivergenceError(sentence, message.status)
         raise VgpsError(sentence)
+    costs = finite_array("costs", [message.cost, message.modified_cost], (2,))
+    distribution = distribution_from_msg(message.distribution)
+    check_distribution("distribution", distribution, task, request.initial_state)
     return OptimizationResult(
-        distribution=distribution_from_msg(message.distribution),
-        cost=message.cost,
-        modified_cost=message.modified_cost,
-        status=Status(message.status),
+        distribution=distribution,
+        cost=float(costs[0]),
+        modified_cost=float(costs[1]),
+        status=Status(one_of("status", message.status, [status.value for status in Status])),
         iterations=tuple(
             Iteration(
                 index=i.iteration,
@@ -162,7 +179,9 @@ def result_from_msg(message: OptimizeTrajectory.Response) -> OptimizationResult:
     )
 
 
-def _distribution(q, task: Task, place: tuple[int, int], stamp: Time):  # type: ignore[no-untyped-def]
+def _distribution(
+    q: TrajectoryDistribution, task: Task, place: tuple[int, int], stamp: Time
+) -> TrajectoryDistributionMsg:
     return distribution_to_msg(
         q,
         task=task.name,

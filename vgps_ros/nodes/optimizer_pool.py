@@ -98,7 +98,7 @@ class OptimizerPool:
                 wake.clear()
                 asleep = time.monotonic() - looked > _ASLEEP
                 looked = time.monotonic()
-                self._collect(running, results, waiting, asleep=asleep)
+                self._collect(requests, running, results, waiting, asleep=asleep)
                 ready = self._ready()
                 there = looked if ready or asleep else there
                 if self._timeout and looked - there > self._timeout:
@@ -114,6 +114,7 @@ class OptimizerPool:
 
     def _collect(
         self,
+        requests: Sequence[OptimizationRequest],
         running: dict[Client, _Solve],
         results: dict[int, OptimizationResult],
         waiting: deque[int],
@@ -123,7 +124,7 @@ class OptimizerPool:
         for client, solve in list(running.items()):
             answer = solve.future.result() if solve.future.done() else None
             if answer and answer.status != ENDING:
-                results[solve.index] = result_from_msg(answer)
+                results[solve.index] = result_from_msg(answer, requests[solve.index], self._task)
             elif answer or asleep or self._is_lost(client, solve):
                 client.remove_pending_request(solve.future)
                 waiting.appendleft(solve.index)

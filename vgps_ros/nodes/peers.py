@@ -86,7 +86,7 @@ class Peers:
                 peer.heard += asleep
             if now - peer.heard <= self._timeout:
                 continue
-            if not peer.silent and not self._count(name):
+            if not peer.silent and not self._is_there(name):
                 del self._peers[name]
             elif not peer.silent:
                 peer.silent = True
@@ -117,14 +117,20 @@ class Peers:
             self._peers[status.name] = _Peer(instance, now)
 
     def _refuse(self, name: str, instance: str) -> None:
-        """Ends this node, unless the other one is but a recording."""
-        if self._count(name) > (name == self._name):
+        """Ends this node, unless the other one is but a recording, or claims what it does not do."""
+        publishers = self._node.get_publishers_info_by_topic(self.owns)
+        names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
+        if names.count(name) > (name == self._name):
             process = instance.rpartition("-")[2]
             raise TwinError(
                 f"{name} (process {process}) publishes {self.owns} already, which only one node "
                 "of a graph may do: end that one first, or use another ROS_DOMAIN_ID."
             )
 
-    def _count(self, name: str) -> int:
+    def _is_there(self, name: str) -> bool:
         found = self._node.get_node_names_and_namespaces()
-        return sum(f"{space.rstrip('/')}/{own}" == name for own, space in found)
+        return any(_full_name(namespace, own) == name for own, namespace in found)
+
+
+def _full_name(namespace: str, name: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"

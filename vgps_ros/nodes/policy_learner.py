@@ -1,6 +1,7 @@
 """Node `policy_learner`: drives a policy search over the optimizers' services, as an action."""
 
 import threading
+import traceback
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -101,13 +102,17 @@ class PolicyLearner(Node):
                 result.message = str(error)
                 if goal.is_cancel_requested:
                     goal.canceled()
-            except VgpsError as error:
+            except Exception as error:
+                if not self.context.ok():
+                    raise  # nobody can be told any more
                 result.message = str(error)
-                self._health.error(f"The training failed: {error}")
+                if not isinstance(error, VgpsError):
+                    self.get_logger().error(traceback.format_exc())
+                    result.message = f"{type(error).__name__}: {error}"
+                self._health.error(f"The training failed: {result.message}")
                 goal.abort()
             else:
                 result.success = True
-                result.message = f"Trained for {len(result.history)} iterations."
                 self._health.clear()
                 goal.succeed()
         return result
@@ -129,6 +134,7 @@ class PolicyLearner(Node):
             name = Run(self._method, self._task, settings, seed).name()
             checkpoints = KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
+        troubled: list[str] = []  # what the iterations warned of
         for iteration in search(
             self._method,
             self._task,
@@ -141,6 +147,11 @@ class PolicyLearner(Node):
                 raise CancelledError("The training was cancelled.")
             left = remaining.after(iteration)
             self._publish(goal, result, iteration, seed, settings.iterations, left)
+            if iteration.warnings:
+                troubled.append(f"iteration {iteration.k}: {' '.join(iteration.warnings)}")
+        result.message = f"Trained for {len(result.history)} iterations."
+        if troubled:
+            result.message += f" {len(troubled)} had trouble, last {troubled[-1]}"
 
     def _publish(
         self,

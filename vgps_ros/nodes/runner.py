@@ -89,4 +89,3 @@ def run(
     del node, executor
     gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
     return code
-

@@ -83,6 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
             result = node.train(goal, parsed.timeout, progress)
         write_result(result, parsed.output)
+        print(result.message)
         print(f"Wrote result.json, policy.json and learning_curve.png to {parsed.output}.")
     except (VgpsError, OSError, AssertionError) as error:
         sys.exit(f"train_through_graph: {error}")
