@@ -114,6 +114,21 @@ def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
     read_damaged(read, tmp_path / "file", (tmp_path / "file").read_bytes(), 300)
 
 
+@pytest.mark.parametrize(
+    ("inside", "sentence"),
+    [
+        ('<include file="/etc/hostname"/>', "refers to the file '/etc/hostname'"),
+        ('<asset><mesh name="m" file="/etc/hostname"/></asset>', "refers to the file"),
+        ("<worldbody/>", "must have one"),
+        ('<worldbody><body><joint/><geom size="1"/></body></worldbody>', "each a name"),
+        ('<size memory="8E"/><worldbody/>', "does not compile"),
+    ],
+)
+def test_a_model_as_text_must_hold_a_whole_robot(inside, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        compile_model(f"<mujoco>{inside}</mujoco>")
+
+
 @pytest.mark.parametrize("name", ["metadata.yaml", "bag_0.mcap"])
 def test_damaged_bags_are_opened_or_refused_with_a_sentence(tmp_path, name):
     bag = tmp_path / "bag"

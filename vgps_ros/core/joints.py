@@ -1,7 +1,11 @@
 """Names of a model's joints, in the orders that states and controls have."""
 
+from contextlib import suppress
+from xml.etree import ElementTree
+
 import mujoco
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -9,18 +13,37 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
     """Returns the model of an MJCF text.
 
     Raises:
-        InvalidInputError: it does not compile, or has joints other than hinges and slides.
+        InvalidInputError: it does not compile, refers to files, lacks a joint's name, or has joints
+            other than hinges and slides.
     """
+    _check_self_contained(mjcf)
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
-    except ValueError as error:
+        mujoco.MjData(model)
+    except (ValueError, mujoco.FatalError) as error:
         raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
+    if not (model.njnt and all(joint_names(model))):
+        raise InvalidInputError(
+            f"The robot has the joints {joint_names(model)}, but it must have one, and each a name."
+        )
     if not model.njnt == model.nq == model.nv:
         raise InvalidInputError(
             f"The robot has {model.nq} positions and {model.nv} velocities of {model.njnt} joints, "
             "but each joint must be a hinge or a slide."
         )
     return model
+
+
+def _check_self_contained(mjcf: str) -> None:
+    """A text may come from anywhere, and must not make this process read files."""
+    with suppress(ElementTree.ParseError):  # MuJoCo says better what is wrong
+        for element in ElementTree.fromstring(mjcf).iter():
+            files = [value for name, value in element.items() if name.startswith("file")]
+            if files:
+                raise InvalidInputError(
+                    f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
+                    "hold all of the robot; leave out meshes, textures and includes."
+                )
 
 
 def joint_names(model: mujoco.MjModel) -> list[str]:

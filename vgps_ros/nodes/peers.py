@@ -117,7 +117,7 @@ class Peers:
             self._peers[status.name] = _Peer(instance, now)
 
     def _refuse(self, name: str, instance: str) -> None:
-        """Ends this node, unless the other one is but a recording, or claims what it does not do."""
+        """Ends this node, unless the other one is but a recording, or an empty claim."""
         publishers = self._node.get_publishers_info_by_topic(self.owns)
         names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
         if names.count(name) > (name == self._name):
