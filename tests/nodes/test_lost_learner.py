@@ -74,6 +74,19 @@ class Training:
         ).read_bytes()
 
 
+def test_a_training_outlives_the_program_that_asked_for_it(graph, tmp_path, expected):
+    training = Training(graph, tmp_path)
+    training.program.kill()
+    refused = start_training(graph, SETTINGS, SEED, tmp_path / "out")
+    assert refused.wait() == 1
+    assert "busy" in refused.output
+    graph.spin_until(lambda: training.progress[-1].iteration == SETTINGS.iterations, 120)
+    begin = len(training.progress)
+    training.program = start_training(graph, SETTINGS, SEED, tmp_path / "out")
+    assert training.outcome() == expected
+    assert len(training.progress) <= begin + 1  # from the checkpoints, not learned again
+
+
 def test_one_that_is_killed_goes_on_where_it_was(graph, tmp_path, expected):
     training = Training(graph, tmp_path)
     for _ in range(2):

@@ -23,8 +23,8 @@ def optimizer(shared_graph):
     ("status", "change", "advice"),
     [
         ("diverged", {"controls": 1e8}, "start from smaller controls"),
-        ("infinite_cost", {"cost_scale": 1e308}, "lower cost_scale"),
-        ("exploding_marginals", {"cost_scale": 1e-30}, "Raise cost_scale"),
+        ("infinite_cost", {"cost_scale": 1e308}, "lower alpha"),
+        ("exploding_marginals", {"cost_scale": 1e-30}, "Raise alpha"),
         ("indefinite_quu", {"cost_scale": 5e-324}, "raise"),
     ],
 )

@@ -43,6 +43,7 @@ ALLOWED = {  # packages of ours that each may import, beside itself
     "experiments": {"core", "search", "tasks", "views"},
     "tools": {"core", "search", "tasks", "messages", "bags", "views"},
     "nodes": {"core", "search", "tasks", "messages", "bags", "views"},
+    "environments": {"core", "tasks"},
 }
 
 
@@ -52,6 +53,16 @@ def test_each_package_imports_only_what_it_may():
         for file in (source / package).rglob("*.py"):
             found = set(re.findall(r"^\s*(?:from|import) vgps_ros\.(\w+)", file.read_text(), re.M))
             assert found <= allowed | {package}, file
+
+
+def test_no_node_imports_another():
+    source = Path(vgps_ros.__file__).parent
+    listed = re.search(r"^NODES = \[(.*?)\]", (source.parent / "setup.py").read_text(), re.M | re.S)
+    nodes = set(re.findall(r'"(\w+)"', listed[1]))
+    assert "policy_executor" in nodes
+    for file in (source / "nodes").glob("*.py"):
+        found = set(re.findall(r"^from vgps_ros\.nodes\.(\w+)", file.read_text(), re.M))
+        assert not found & nodes, file
 
 
 def test_training_without_a_graph_needs_no_ros():

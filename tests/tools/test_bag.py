@@ -197,7 +197,7 @@ def test_a_lost_state_is_found(tmp_path, capsys):
 
 def test_a_bag_without_joint_states_is_refused(tmp_path):
     bag = copy(tmp_path / "bag", lambda m: None if m.topic == "/joint_states" else m.data)
-    fails(["check", str(bag)], "the topic to check is 'joint_states'")
+    fails(["check", str(bag)], "has no messages on joint_states")
     fails(["rerun", str(bag)], "no messages on joint_states")
     assert not (tmp_path / "bag.rrd").exists()
 

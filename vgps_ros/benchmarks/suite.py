@@ -11,7 +11,7 @@ from rich.console import Console
 from vgps_ros.benchmarks import graph, learning, real_time, reinforcement, solver
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
-from vgps_ros.core.policy_file import write_json
+from vgps_ros.core.files import write_json
 from vgps_ros.views.plots import save
 
 Benchmark = Callable[[], Iterator[Comparison]]

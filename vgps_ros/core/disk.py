@@ -21,8 +21,7 @@ _MOMENT = 0.1  # for the thread to end, if it does not hang [s]
 _NEXT_STEPS = {
     ENOSPC: "free some space there",
     EDQUOT: "free some space there, or raise the quota",
-    EFBIG: "files may not grow that large there (see `ulimit -f`): next time, split the bag by "
-    "max_file_size",
+    EFBIG: "files may not grow that large there: raise `ulimit -f`, or record into smaller ones",
 }
 
 

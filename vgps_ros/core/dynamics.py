@@ -9,7 +9,6 @@ and slides only), so that states can be subtracted.
 """
 
 import os
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
@@ -25,7 +24,6 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.simulator import Simulator
-from vgps_ros.core.simulator_warnings import simulator_warnings
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
 DIVERGENCE_BOUND = 1e4
@@ -87,11 +85,6 @@ class Dynamics:
         self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
         self._data = mujoco.MjData(model)
         self._stepper = Rollout(nthread=0)
-
-    @property
-    def warnings(self) -> Counter[str]:
-        """How often MuJoCo warned so far in this process, by kind."""
-        return simulator_warnings()
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""

@@ -1,10 +1,11 @@
 """Files that are written in one piece."""
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 
 def part_of(path: Path) -> Path:
@@ -31,6 +32,13 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     finally:
         part.unlink(missing_ok=True)
     _sync(path.parent)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Writes a JSON file in one piece: a reader sees the old one or the new one, never a part."""
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 def _sync(folder: Path) -> None:

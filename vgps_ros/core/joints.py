@@ -22,14 +22,14 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
         mujoco.MjData(model)
     except (ValueError, mujoco.FatalError) as error:
         raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
-    if not (model.njnt and all(joint_names(model))):
-        raise InvalidInputError(
-            f"The robot has the joints {joint_names(model)}, but it must have one, and each a name."
-        )
     if not model.njnt == model.nq == model.nv:
         raise InvalidInputError(
             f"The robot has {model.nq} positions and {model.nv} velocities of {model.njnt} joints, "
             "but each joint must be a hinge or a slide."
+        )
+    if not (model.njnt and all(joint_names(model))):
+        raise InvalidInputError(
+            f"The robot has the joints {joint_names(model)}, but it must have one, and each a name."
         )
     return model
 

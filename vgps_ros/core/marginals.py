@@ -71,8 +71,8 @@ def state_covariances(
         if not np.diagonal(sigma[t + 1]).max() <= STD_BOUND**2:
             raise DivergenceError(
                 f"The marginals explode: at step {t + 1} of {horizon} a coordinate's standard "
-                f"deviation passes {STD_BOUND:g}. Raise cost_scale, give the task a std_limit, or "
-                "shorten its horizon.",
+                f"deviation passes {STD_BOUND:g}. Raise alpha (cost_scale), give the task a "
+                "std_limit, or shorten its horizon.",
                 "exploding_marginals",
             )
     return sigma

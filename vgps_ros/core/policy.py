@@ -5,7 +5,8 @@ hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers
 parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
-Evaluation is NumPy's, the same in a rollout, in the trajectory optimiser and on the robot.
+Evaluation is NumPy's in the trajectory optimiser, in fits and on the robot; `compiled_network`
+gives the same up to rounding, for the rollouts of evaluations.
 """
 
 from collections.abc import Callable
@@ -155,13 +156,13 @@ class GaussianPolicy:
         if self.architecture.control_dim != control_dim:
             raise InvalidInputError(
                 f"The policy has {self.architecture.control_dim} controls, but the task has "
-                f"{control_dim}."
+                f"{control_dim}; use a policy that was learned for this task."
             )
         outside = [i for i in self.architecture.observed if not 0 <= i < state_dim]
         if outside:
             raise InvalidInputError(
                 f"The policy reads coordinate {outside[0]} of the state, but the task's state has "
-                f"coordinates 0 to {state_dim - 1}."
+                f"coordinates 0 to {state_dim - 1}; use a policy that was learned for this task."
             )
 
     def mean(self, states: Array) -> Array:

@@ -6,21 +6,13 @@ digits that read back to the same bits.
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.files import replacing
+from vgps_ros.core.files import write_json
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Writes a JSON file in one piece: a reader sees the old one or the new one, never a part."""
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    with replacing(path) as file:
-        file.write(text.encode())
 
 
 def save_policy(policy: GaussianPolicy, task: str, path: Path) -> None:

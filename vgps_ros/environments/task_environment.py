@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import make_task
 
@@ -24,7 +24,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
 
     Args:
         task: its name.
-        torque_scale: torque of an action of 1 [N·m]; the task's own if None.
+        torque_scale: torque of an action of 1 [N·m]; if None the task's own, or 1.
         reward_scale: factor of the reward.
         render_mode: as Gymnasium hands it over; None is the only one.
 
@@ -45,13 +45,9 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         render_mode: str | None = None,
     ):
         self._task = make_task(task)
-        self._torque_scale = TORQUE_SCALE[task] if torque_scale is None else torque_scale
-        if not (self._torque_scale > 0 and reward_scale > 0):
-            raise InvalidInputError(
-                f"torque_scale is {torque_scale} and reward_scale {reward_scale}, but both must "
-                "be above 0."
-            )
-        self._reward_scale = reward_scale
+        own = TORQUE_SCALE.get(task, 1.0)
+        self._torque_scale = positive("torque_scale", own if torque_scale is None else torque_scale)
+        self._reward_scale = positive("reward_scale", reward_scale)
         self.render_mode = render_mode
         self._observed = list(self._task.observed)
         n_u = self._task.dynamics.control_dim

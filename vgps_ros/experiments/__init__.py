@@ -1,1 +1,1 @@
-"""Runs of the method in this process: training, and later comparisons and benchmarks."""
+"""Runs in this process: training, evaluation, and the comparison of Figure 1."""

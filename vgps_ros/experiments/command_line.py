@@ -8,11 +8,9 @@ from vgps_ros.core.settings import Setting, settings_of, with_values
 Record = TypeVar("Record")
 
 
-def add_flags(parser: argparse.ArgumentParser, record: Any, skip: frozenset[str]) -> None:
+def add_flags(parser: argparse.ArgumentParser, record: Any) -> None:
     """Adds a flag for each setting of a record, `fit.form` as `--fit-form`."""
     for s in settings_of(record):
-        if s.name in skip:
-            continue
         parser.add_argument(
             _flag(s),
             dest=s.name,

@@ -13,8 +13,9 @@ from rich.table import Table
 
 from vgps_ros.core.checks import positive
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.files import write_json
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_file import load_policy, write_json
+from vgps_ros.core.policy_file import load_policy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import TASKS, Task, make_task

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from vgps_ros.core.checks import one_of, positive
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.policy_file import write_json
+from vgps_ros.core.files import write_json
 from vgps_ros.experiments.cells import (
     PANELS,
     Cell,

@@ -18,7 +18,7 @@ import numpy as np
 
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.policy_file import write_json
+from vgps_ros.core.files import write_json
 from vgps_ros.core.records import Array
 from vgps_ros.tasks.simbicon import GAIT, Gait, walk
 from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics

@@ -14,6 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import replacing
 from vgps_ros.core.records import Array
 from vgps_ros.experiments.cells import Cell, Panel, finished_cells
 from vgps_ros.search.methods import METHODS
@@ -45,9 +46,8 @@ def write_table(root: Path) -> pa.Table:
     rows = [row for cell in finished_cells(root) for row in _rows(cell, root)]
     table = pa.Table.from_pylist(rows, SCHEMA)
     for ending, write in (("parquet", pa.parquet.write_table), ("csv", pa.csv.write_csv)):
-        unfinished = root / f"{TABLE}.{ending}.part"
-        write(table, unfinished)
-        unfinished.replace(root / f"{TABLE}.{ending}")  # whoever reads finds a whole table
+        with replacing(root / f"{TABLE}.{ending}") as file:
+            write(table, file)
     return table
 
 

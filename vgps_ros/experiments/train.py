@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
-    add_flags(parser, search_settings(task), frozenset())
+    add_flags(parser, search_settings(task))
     parsed = parser.parse_args(arguments)
     try:
         settings = settings_from(parsed, search_settings(task))

@@ -8,7 +8,8 @@ import numpy as np
 
 from vgps_ros.core.ddp import Iteration
 from vgps_ros.core.distribution_file import DISTRIBUTION, save_distributions
-from vgps_ros.core.policy_file import save_policy, write_json
+from vgps_ros.core.files import write_json
+from vgps_ros.core.policy_file import save_policy
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search

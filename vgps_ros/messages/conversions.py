@@ -1,4 +1,4 @@
-"""Records of the core to messages and back; the only bridge between the two.
+"""Records of the core to messages and back.
 
 Arrays cross as their bytes, so a value that goes there and back keeps every bit.
 """

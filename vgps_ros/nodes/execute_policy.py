@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.files import write_json
 from vgps_ros.core.records import Trajectory
 from vgps_ros.nodes.policy_run import PolicyRun
 from vgps_ros.tasks import TASKS, Task, make_task
@@ -108,7 +109,7 @@ def _run(arguments: argparse.Namespace) -> None:
     figures = score(task, node.trajectory(steps))
     if arguments.json:
         content = {"task": task.name, "steps": steps, **figures}
-        arguments.json.write_text(json.dumps(content, indent=2) + "\n")
+        write_json(arguments.json, content)
     _show(console, task, figures, training)
 
 

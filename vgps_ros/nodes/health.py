@@ -4,14 +4,13 @@ import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.steady_timer import steady_timer
 
 _PERIOD = 1.0  # between two diagnostics [s]
 # Between the first ones, so that a second node of a kind is found out before it does anything.
@@ -57,10 +56,7 @@ class Health:
         self._values = {INSTANCE: self.peers.instance, OWNS: self.peers.owns}
         self._ticks = 0
         self._when_alone: Callable[[], None] = lambda: None
-        # Wall time: simulated time may stand still just when something is wrong.
-        self._timer = node.create_timer(
-            _FIRST_PERIOD, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._timer = steady_timer(node, _FIRST_PERIOD, self._tick)
 
     def when_alone(self, callback: Callable[[], None]) -> None:
         """Sets what is called once it is clear that no other node owns the same topic."""

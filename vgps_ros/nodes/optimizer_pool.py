@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
@@ -19,6 +17,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
+from vgps_ros.nodes.steady_timer import steady_timer
 from vgps_ros.search.trajectory_optimizer import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
 
@@ -75,7 +74,7 @@ class OptimizerPool:
             node.create_client(CancelOptimization, f"{name}/cancel", callback_group=group)
             for name in names
         ]
-        node.create_timer(1.0, self._ready, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, 1.0, self._ready)
 
     def optimize_all(
         self, requests: Sequence[OptimizationRequest], is_cancelled: Callable[[], bool]

@@ -88,24 +88,20 @@ def value(node: Node, setting: Setting) -> Any:
     return _from_ros(node.get_parameter(setting.name).value, setting)
 
 
-def declare_settings(
-    node: Node, record: Record, prefix: str = "", *, read_only: bool = True
-) -> Record:
-    """Declares all settings of a record as parameters and returns the record with their values.
+def declare_settings(node: Node, record: Record) -> Record:
+    """Declares all settings of a record as parameters that are fixed at start.
 
     Args:
         node: the node.
         record: defaults.
-        prefix: put before each parameter's name, for example `ddp.`.
-        read_only: whether the parameters are fixed at start.
+
+    Returns:
+        The record with the values that the node was started with.
 
     Raises:
-        InvalidInputError: a value that the node was started with is wrong.
+        InvalidInputError: one of them is wrong.
     """
-    values = {}
-    for s in settings_of(record):
-        named = Setting(prefix + s.name, s.default, s.description, s.minimum, s.maximum, s.choices)
-        values[s.name] = declare(node, named, read_only=read_only)
+    values = {s.name: declare(node, s, read_only=True) for s in settings_of(record)}
     return with_values(record, values)
 
 

@@ -5,8 +5,6 @@ import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -20,6 +18,7 @@ from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare, declare_settings
 from vgps_ros.nodes.replay_publishers import ReplayPublishers
 from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.steady_timer import steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")
@@ -62,8 +61,7 @@ class Player(Node):
         self.create_service(Trigger, "~/pause", self._pause)
         self.create_service(Trigger, "~/resume", self._resume)
         self.create_service(Trigger, "~/step", self._step)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        steady_timer(self, _LOOK_PERIOD, self._look)
         self._end = self.create_guard_condition(self._on_end)
         self.get_logger().info(
             f"Plays {len(self._topics)} topics of {path}, {self._duration:.1f} s long, "

@@ -5,8 +5,7 @@ Where the policy must not drive, the safe action does; `core.safety` decides.
 
 import time
 
-from rclpy.clock import Clock, JumpThreshold
-from rclpy.clock_type import ClockType
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -29,6 +28,7 @@ from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import SEED, TASK, declare, declare_settings, value
 from vgps_ros.nodes.qos import NEWEST, STREAM
 from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.steady_timer import steady_timer
 from vgps_ros.nodes.training_results import TrainingResults
 from vgps_ros.tasks import Task, make_task
 
@@ -75,9 +75,7 @@ class PolicyExecutor(LifecycleNode):
             if self._plain
             else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
         )
-        # Wall time: simulated time may stand still just when something is wrong.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watchdog = self.create_timer(time_step, self._watch, clock=steady)
+        self._watchdog = steady_timer(self, time_step, self._watch)
         self._watchdog.cancel()  # until there is an answer whose successor can be missed
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(

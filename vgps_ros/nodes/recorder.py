@@ -25,6 +25,7 @@ from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameter_collector import ParameterCollector
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.steady_timer import steady_timer
 
 OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
@@ -90,9 +91,8 @@ class Recorder(Node):
         self._collector = ParameterCollector(self)
         self.create_service(Trigger, "~/pause", self._pause)
         self.create_service(Trigger, "~/resume", self._resume)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
-        self.create_timer(_FLUSH_PERIOD, self._save, clock=steady)
+        steady_timer(self, _DISCOVERY_PERIOD, self._discover)
+        steady_timer(self, _FLUSH_PERIOD, self._save)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
     def close(self, is_hurried: Callable[[], bool]) -> None:

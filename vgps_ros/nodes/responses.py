@@ -15,9 +15,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
+
+from vgps_ros.nodes.steady_timer import steady_timer
 
 _DELAYS = (0.25, 0.5, 1.0, 2.0, 4.0)  # before each further try [s]
 
@@ -50,11 +51,11 @@ def _send(
     if not failures:
         return
     if not delays:
-        node.get_logger().warn(f"A response of {name} is lost: its client cannot be reached.")
+        node.get_logger().warning(f"A response of {name} is lost: its client cannot be reached.")
         return
 
     def send_again() -> None:
         node.destroy_timer(timer)
         _send(node, name, send, delays[1:], response, header)
 
-    timer = node.create_timer(delays[0], send_again, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    timer = steady_timer(node, delays[0], send_again)

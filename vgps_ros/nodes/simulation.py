@@ -8,8 +8,6 @@ late, and must answer the same state in the same way.
 import time
 
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMsg
@@ -22,7 +20,7 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.core.simulator_warnings import in_words
+from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, value
@@ -31,6 +29,7 @@ from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.run_control import RunControl, ok, refused
 from vgps_ros.nodes.runner import run
 from vgps_ros.nodes.simulated_robot import SimulatedRobot
+from vgps_ros.nodes.steady_timer import steady_timer
 from vgps_ros.tasks import make_task
 
 MODE = Setting(
@@ -81,7 +80,7 @@ class Simulation(Node):
         self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
-        self._warned = self._task.dynamics.warnings
+        self._warned = simulator_warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
@@ -94,11 +93,10 @@ class Simulation(Node):
         self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
         self.create_service(StepSimulation, "~/step_simulation", self._do_steps)
         # The node's own time is what it publishes; its timers follow the wall clock.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_REPEAT_PERIOD, self._repeat, clock=steady)
+        steady_timer(self, _REPEAT_PERIOD, self._repeat)
         time_step = self._task.dynamics.time_step
         if not self._lock_step:
-            self.create_timer(time_step / factor, self._step_in_real_time, clock=steady)
+            steady_timer(self, time_step / factor, self._step_in_real_time)
         pace = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
         self.get_logger().info(f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {pace}.")
         publish_robot_description(self, self._task)
@@ -126,7 +124,7 @@ class Simulation(Node):
         self._report_warnings()
 
     def _report_warnings(self) -> None:
-        new = self._task.dynamics.warnings - self._warned
+        new = simulator_warnings() - self._warned
         if new:
             self._warned += new
             self._health.set_value("MuJoCo warnings", in_words(self._warned))

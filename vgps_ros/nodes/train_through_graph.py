@@ -11,7 +11,8 @@ from rclpy.executors import ExternalShutdownException
 from vgps_msgs.action import TrainPolicy
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.policy_file import save_policy, write_json
+from vgps_ros.core.files import write_json
+from vgps_ros.core.policy_file import save_policy
 from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.nodes.training_client import TrainingClient

@@ -71,7 +71,6 @@ class TrainingResults:
         self._task = task
         self._health = health
         self._take_marginals = take_marginals or (lambda *_: None)
-        self._has_distribution = False
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if take_marginals:
             node.create_subscription(

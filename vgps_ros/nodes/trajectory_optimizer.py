@@ -11,7 +11,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, VgpsError
-from vgps_ros.core.simulator_warnings import in_words
+from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.messages.optimization import (
     ENDING,
     TROUBLE,
@@ -102,7 +102,7 @@ class TrajectoryOptimizerNode(Node):
             self._health.warn(response.message, "solve")
         else:
             self._health.clear("solve")
-        self._health.set_value("MuJoCo warnings", in_words(self._optimizer.task.dynamics.warnings))
+        self._health.set_value("MuJoCo warnings", in_words(simulator_warnings()))
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)
         return response

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -17,6 +15,7 @@ from vgps_ros.messages.types import message_type
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.runner import run
+from vgps_ros.nodes.steady_timer import steady_timer
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
 from vgps_ros.views.recording import UnfinishedRecordingError
 
@@ -44,9 +43,7 @@ class Visualizer(Node):
         for topic, kind in DRAWN.items():
             if topic != _SOLVES:
                 self._listen(topic, kind)
-        self.create_timer(
-            _DISCOVERY_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady_timer(self, _DISCOVERY_PERIOD, self._look)
         self.get_logger().info(f"Recording what is seen to {path}.")
 
     def close(self, is_hurried: Callable[[], bool]) -> None:

@@ -114,7 +114,7 @@ def guided_search(
     draws = work.sample_policy(latest, work.settings.policy_rollouts, k)
     new = [Batch(rollouts.sound(), latest) for rollouts in draws]
     recent = _joined(last.recent, new, settings.recent)
-    cost = mean_cost(draws)
+    cost = mean_rollout_cost(draws)
     improves = cost < last.lowest
     w_r = last.regularization
     if k > 1:
@@ -195,7 +195,7 @@ def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k
     return Batch(rollouts, q)
 
 
-def mean_cost(draws: Sequence[Rollouts]) -> float:
+def mean_rollout_cost(draws: Sequence[Rollouts]) -> float:
     """Returns the mean of Σ_t c over rollouts; inf if one diverged."""
     costs = np.concatenate([rollouts.costs.sum(axis=1) for rollouts in draws])
     return float(costs.mean()) if np.isfinite(costs).all() else float("inf")

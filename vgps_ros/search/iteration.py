@@ -128,6 +128,6 @@ def policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribu
     return float(np.mean(divergences))
 
 
-def mean_cost(solutions: Sequence[OptimizationResult]) -> float:
+def mean_solution_cost(solutions: Sequence[OptimizationResult]) -> float:
     """Returns the cost of the solutions' means, averaged over initial states."""
     return float(np.mean([s.cost for s in solutions]))

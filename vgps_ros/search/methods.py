@@ -26,7 +26,7 @@ from vgps_ros.search.iteration import (
     Figures,
     SearchIteration,
     SearchState,
-    mean_cost,
+    mean_solution_cost,
     policy_kl,
 )
 from vgps_ros.search.settings import SearchSettings
@@ -134,8 +134,8 @@ def _figures(
     return Figures(
         k=k,
         alpha=work.settings.alpha(k),
-        initial_ddp_cost=mean_cost(before.initial_solutions),
-        ddp_cost=mean_cost(update.solutions),
+        initial_ddp_cost=mean_solution_cost(before.initial_solutions),
+        ddp_cost=mean_solution_cost(update.solutions),
         deterministic_cost=evaluation.deterministic_cost,
         deterministic_survival=evaluation.deterministic_survival,
         stochastic_cost_mean=evaluation.stochastic_mean,

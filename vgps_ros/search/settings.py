@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.policy_fit import FitSettings
 from vgps_ros.core.settings import setting, with_values
 from vgps_ros.tasks import Task
@@ -51,7 +51,7 @@ class SearchSettings:
         (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
     )
     activation: str = setting(
-        "softplus", "activation of the hidden layers", choices=("softplus", "tanh", "relu")
+        "softplus", "activation of the hidden layers", choices=tuple(ACTIVATIONS)
     )
     hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
     output_bias: bool = setting(True, "whether the output layer has bias terms")

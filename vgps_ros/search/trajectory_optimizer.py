@@ -19,7 +19,7 @@ from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import setting
-from vgps_ros.core.simulator_warnings import in_words
+from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.tasks import Task
 
 
@@ -119,7 +119,7 @@ class TrajectoryOptimizer:
         """
         self._check(request)
         steps_before = self.task.dynamics.simulator_steps
-        warned_before = self.task.dynamics.warnings
+        warned_before = simulator_warnings()
         initial, linear = self._start(request)
         cost = ScaledCost(self.task.cost, request.cost_scale)
         solution = solve(
@@ -139,7 +139,7 @@ class TrajectoryOptimizer:
             status=solution.status,
             iterations=solution.iterations,
             simulator_steps=self.task.dynamics.simulator_steps - steps_before,
-            simulator_warnings=in_words(self.task.dynamics.warnings - warned_before),
+            simulator_warnings=in_words(simulator_warnings() - warned_before),
         )
 
     def _check(self, request: OptimizationRequest) -> None:

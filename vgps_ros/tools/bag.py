@@ -15,9 +15,9 @@ from rich.table import Table
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import missing_parts, reindex
-from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.tools.episode import last_episode, write_table
+from vgps_ros.tools.topics import needed_topic
 from vgps_ros.tools.torque_check import check_torques
 from vgps_ros.views.graph_scene import GraphScene, is_drawn
 
@@ -95,13 +95,8 @@ def to_rerun(path: Path, output: Path) -> None:
     """
     with BagReader(path) as bag:
         topics = [topic for topic, kind in bag.topics.items() if is_drawn(topic, kind)]
-        names = {topic.rpartition("/")[2] for topic in topics if bag.counts[topic]}
         for needed in ("robot_description", "joint_states"):
-            if needed not in names:
-                raise InvalidInputError(
-                    f"'{path}' has no messages on {needed}, so there is no robot to draw; "
-                    f"`ros2 run vgps_ros bag info {path}` shows what it has."
-                )
+            needed_topic(bag, needed)
         left_out: dict[str, int] = {}
 
         def report(_: str, sentence: str | None) -> None:
@@ -118,7 +113,7 @@ def to_rerun(path: Path, output: Path) -> None:
             scene.close()
     for sentence, times in left_out.items():
         print(f"{sentence} ({times} times)", file=sys.stderr)
-    print(f"Wrote {output}; open it with `rerun {output}`.")
+    print(f"Wrote {output}; open it with `rerun --bind 127.0.0.1 {output}`.")
 
 
 def to_table(path: Path, output: Path) -> None:
@@ -128,10 +123,8 @@ def to_table(path: Path, output: Path) -> None:
         VgpsError: the bag cannot be read or has no motion with torques, or the output exists.
     """
     with BagReader(path) as bag:
-        names = {topic.rpartition("/")[2]: topic for topic in bag.topics if bag.counts[topic]}
         description, states = (
-            names[one_of("the topic to read", name, names)]
-            for name in ("robot_description", "joint_states")
+            needed_topic(bag, name) for name in ("robot_description", "joint_states")
         )
         mjcf = bag.decode(next(bag.messages([description]))).data
         episode = last_episode(bag, states, mjcf)

@@ -9,6 +9,7 @@ from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.messages.progress import entry_from_msg
 from vgps_ros.search.result import result_content
 from vgps_ros.tools.episode import last_episode
+from vgps_ros.tools.topics import filled_topics, needed_topic
 from vgps_ros.views.run_record import TRAJECTORIES, RunRecord, read_results
 
 
@@ -31,12 +32,8 @@ def read_run(path: Path) -> RunRecord:
 
 def _read_bag(path: Path) -> RunRecord:
     with BagReader(path) as bag:
-        topics = {topic.rpartition("/")[2]: topic for topic in bag.topics if bag.counts[topic]}
-        if "robot_description" not in topics:
-            raise InvalidInputError(
-                f"'{path}' has no messages on robot_description, so there is no robot to draw; "
-                f"`ros2 run vgps_ros bag info {path}` shows what it has."
-            )
+        needed_topic(bag, "robot_description")
+        topics = filled_topics(bag)
 
         def decoded(name: str) -> list[Any]:
             if name not in topics:

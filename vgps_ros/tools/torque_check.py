@@ -16,7 +16,6 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader
-from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.execution import executed_control
 from vgps_ros.core.joints import actuated_joint_names, compile_model, joint_names
@@ -31,6 +30,7 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
 )
 from vgps_ros.tools.recorded_executor import RecordedExecutor
+from vgps_ros.tools.topics import filled_topics, needed_topic
 
 _SLACK = 10**9  # by which a message may reach the recorder later than the one it led to [ns]
 _NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
@@ -97,8 +97,8 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     Raises:
         InvalidInputError: the bag lacks a topic that is needed, or holds no torque.
     """
-    names = {topic.rpartition("/")[2]: topic for topic in bag.topics if bag.counts[topic]}
-    topics = {name: names[one_of("the topic to check", name, names)] for name in _NEEDED}
+    names = filled_topics(bag)
+    topics = {name: needed_topic(bag, name) for name in _NEEDED}
     model = compile_model(_first(bag, topics["robot_description"]).data)
     policies = _Timeline()
     for received, message in _decoded(bag, topics["policy"]):

@@ -10,6 +10,7 @@ import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.files import replacing
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import TASKS, make_task
 
@@ -47,7 +48,8 @@ class RunRecord:
             "executed_states": self.executed_states,
         }
         known = {name: array for name, array in arrays.items() if array is not None}
-        np.savez_compressed(folder / TRAJECTORIES, **known)  # type: ignore[arg-type]
+        with replacing(folder / TRAJECTORIES) as file:
+            np.savez_compressed(file, **known)  # type: ignore[arg-type]
 
 
 def read_results(folder: Path) -> RunRecord:

@@ -58,8 +58,8 @@ class LocalPolicy:
             covariances = np.full_like(self.q_uu, np.nan)
         if not np.isfinite(covariances).all():
             raise DivergenceError(
-                "Quu has no inverse that is a covariance: raise cost_scale, or give controls more "
-                "weight in the cost.",
+                "Quu has no inverse that is a covariance: raise alpha (cost_scale), or give "
+                "controls more weight in the cost.",
                 "indefinite_quu",
             )
         return cast(Array, covariances)

@@ -189,8 +189,8 @@ def _check_finite(linear: LinearDynamics, expansion: CostExpansion) -> None:
             if bad.size:
                 raise DivergenceError(
                     f"The {what} has a {name} that is not finite, at step {bad[0][0]}: start from "
-                    "smaller controls or another state, or lower cost_scale or the policy's "
-                    "parameters.",
+                    "smaller controls or another state, or lower alpha (cost_scale) or the "
+                    "policy's parameters.",
                     "infinite_cost" if record is expansion else "diverged",
                 )
 
