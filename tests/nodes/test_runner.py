@@ -1,6 +1,7 @@
-"""A node whose code fails ends with a traceback and leaves nothing behind."""
+"""How a node ends whose code fails, or that has not even begun."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -56,3 +57,34 @@ def test_a_node_whose_code_fails_says_where_and_takes_its_shared_memory_away(gra
     assert f"{place} failed" in ended.stderr
     closed = [] if place == "constructor" else ["closed"]
     assert ended.stdout.splitlines() == ["has made some: True", *closed, "left: 0"]
+
+
+_SLOW = """
+import time
+from rclpy.node import Node
+from vgps_ros.nodes.runner import run
+
+class Slow(Node):
+    def __init__(self):
+        super().__init__("slow")
+        print("begins", flush=True)
+        time.sleep(300.0)
+
+raise SystemExit(run(Slow, close=lambda *_: print("closed")))
+"""
+
+
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM, signal.SIGINT]])
+def test_a_signal_ends_a_node_that_takes_long_to_begin(graph, numbers):
+    node = subprocess.Popen(
+        [sys.executable, "-c", _SLOW],
+        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert node.stdout.readline() == "begins\n"
+    for number in numbers:
+        node.send_signal(number)
+    output, _ = node.communicate(timeout=60)
+    assert (node.returncode, output) == (0, "")

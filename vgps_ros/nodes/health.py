@@ -156,7 +156,7 @@ class Health:
         self._publisher.publish(array)
 
     def _summary(self) -> tuple[bytes, str]:
-        """The worst level, and all sentences of that level."""
+        """The worst level, and all sentences on what is wrong, the worst first."""
         said = list(self._faults.values())
         said += [(DiagnosticStatus.WARN, sentence) for sentence in self.peers.look()]
         for what in list(self._waiting):
@@ -166,5 +166,6 @@ class Health:
             else:
                 said.append((DiagnosticStatus.OK, f"Waiting for {what}."))
         level = max((level for level, _ in said), default=DiagnosticStatus.OK)
-        sentences = [sentence for own, sentence in said if own == level]
-        return level, " ".join(sentences) or "Running."
+        wrong = [(own, sentence) for own, sentence in said if own != DiagnosticStatus.OK]
+        worst_first = sorted(wrong or said, key=lambda pair: pair[0], reverse=True)
+        return level, " ".join(sentence for _, sentence in worst_first) or "Running."
