@@ -228,7 +228,7 @@ def test_the_visualizer_goes_on_after_a_full_disk_and_ends_on_one(graph, swimmer
     limit(visualizer, resource.RLIM_INFINITY)
     graph.diagnosis("visualizer", DiagnosticStatus.OK)
     publish(100)
-    graph.spin_for(4.0)  # Rerun writes every two seconds
+    graph.spin_for(7.0)  # Rerun writes every five seconds
     limit(visualizer, path.stat().st_size + 1000)
     publish(300)
     graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "Cannot write to")

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,11 +42,21 @@ class Bench:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
-    def start(self, executable: str, **parameters: Any) -> int:
-        """Starts a node; returns its process id."""
-        words = [f"{name}:={value}" for name, value in parameters.items()]
-        ros = ["--ros-args", *(w for word in words for w in ("-p", word))] if words else []
-        return self._start([str(self._programs / executable), *ros])
+    def start(
+        self, executable: str, *remappings: str, host: Sequence[str] = (), **parameters: Any
+    ) -> int:
+        """Starts a node; returns its process id.
+
+        Args:
+            executable: its name.
+            remappings: of names, `from:=to`.
+            host: words before a command that start it on some host.
+            parameters: of the node.
+        """
+        ros = [word for remapping in remappings for word in ("-r", remapping)]
+        for name, value in parameters.items():
+            ros += ["-p", f"{name}:={value}"]
+        return self._start([*host, str(self._programs / executable), "--ros-args", *ros])
 
     def start_module(self, module: str) -> int:
         """Starts a module of Python; returns its process id."""

@@ -42,18 +42,18 @@ def markdown(rows: Sequence[Comparison]) -> str:
 
 
 def growth_figure(rows: Sequence[Comparison]) -> Figure:
-    """Draws each growth that was measured beside a straight line."""
+    """Draws each growth that was measured beside what it is compared with."""
     grown = [row for row in rows if row.curve]
     figure = Figure(figsize=(3.6 * len(grown), 3.4), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, row in zip(figure.subplots(1, len(grown), squeeze=False)[0], grown, strict=True):
         sizes, seconds = zip(*row.curve, strict=True)
         axes.loglog(sizes, seconds, "o-", label=f"measured, exponent {row.ours:.2f}")
-        linear = [seconds[-1] * size / sizes[-1] for size in sizes]
-        axes.loglog(sizes, linear, ":", color="black", label="linear")
+        peer = [seconds[-1] * (size / sizes[-1]) ** row.peer for size in sizes]
+        axes.loglog(sizes, peer, ":", color="black", label=f"exponent {row.peer:g}")
         axes.set_xlabel(row.name.partition("time over ")[2].partition(" /")[0])
         axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
         axes.minorticks_off()
         axes.legend(fontsize=8)
-    figure.axes[0].set_ylabel("time of an iteration [s]")
+    figure.axes[0].set_ylabel("time [s]")
     return figure

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vgps_ros.benchmarks import graph, learning, real_time, reinforcement, solver
+from vgps_ros.benchmarks import graph, learning, optimizers, real_time, reinforcement, solver
 from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
 from vgps_ros.core.files import write_json
@@ -29,6 +29,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "nodes": graph.nodes,
     "shares": learning.shares,
     "growth": learning.growth,
+    "optimizers": optimizers.optimizers,
     "reinforcement_learning": reinforcement.reinforcement_learning,
 }
 LONG = ("reinforcement_learning",)  # run only by name

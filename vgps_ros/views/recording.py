@@ -18,7 +18,7 @@ WALL_TIME = "wall_time"  # stamps of what does not belong to the robot's time
 ITERATION = "iteration"  # of Algorithm 1
 
 # Each piece of an entity's data costs memory until the file is complete, and room in it.
-_BATCHES = rr.ChunkBatcherConfig(flush_tick=2.0)
+_BATCHES = rr.ChunkBatcherConfig(flush_tick=5.0)
 
 _PIECE = 2**18  # that is written at once [bytes]
 _PATIENCE = 0.8  # with a disk that does not move, at the end [s]
