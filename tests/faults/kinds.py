@@ -101,7 +101,7 @@ def bad_state(system: System) -> None:
     message = state_to_msg(state, task.joint_names, Time(sec=2**31 - 1))
     if system.rng.random() < 0.5:
         message.name = message.name[:-1]
-    _publish(system, JointState, "joint_states", message, "joint_states")
+    _publish(system, JointState, "joint_states", message, ("policy_executor", "the safe action"))
 
 
 def bad_command(system: System) -> None:
@@ -109,7 +109,8 @@ def bad_command(system: System) -> None:
     task = make_task(system.task)
     torques = np.full(task.dynamics.control_dim, system.rng.choice([np.nan, 1e300]))
     message = command_to_msg(torques, task.actuated_joint_names, Time())
-    _publish(system, JointState, "joint_command", message, "Ignored a joint_command")
+    answer = ("simulation", "Ignored a joint_command")
+    _publish(system, JointState, "joint_command", message, answer)
 
 
 def bad_policy(system: System) -> None:
@@ -117,7 +118,8 @@ def bad_policy(system: System) -> None:
     shape = Architecture((0,), (3,), 1)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
     message = policy_to_msg(policy, "other", 1, Time())
-    _publish(system, GaussianPolicyMsg, "policy", message, "Refused a policy", LATCHED)
+    answer = ("policy_executor", "Refused a policy")
+    _publish(system, GaussianPolicyMsg, "policy", message, answer, LATCHED)
 
 
 def bad_request(system: System) -> None:
@@ -152,16 +154,27 @@ def impossible_step(system: System) -> None:
 
 
 def _publish(
-    system: System, kind: type, topic: str, message: object, word: str, qos: object = STREAM
+    system: System,
+    kind: type,
+    topic: str,
+    message: object,
+    answer: tuple[str, str],
+    qos: object = STREAM,
 ) -> None:
-    """Publishes until some node says so: a controller acts on the newest state or command alone,
-    so that a single bad one may be overtaken by a good one."""
+    """Publishes until a node answers on /diagnostics with certain words.
+
+    A controller and its robot take the newest message alone, so that a single bad one may be
+    overtaken by a good one, which does no harm.
+    """
     publisher = system.graph.publisher(kind, topic, qos)
+    name, words = answer
     end = time.monotonic() + NOTICED
-    while not any(word in said for _, said in system.words):
-        assert time.monotonic() < end, f"After {NOTICED:g} s nobody says '{word}'."
+    answered = False
+    while not answered:
+        assert time.monotonic() < end, f"After {NOTICED:g} s /{name} does not say '{words}'."
         publisher.publish(message)
         system.spin(0.2)
+        answered = f"/{name}" in system.who_said(words)
     publisher.wait_for_all_acked(Duration(seconds=3))  # one that was killed counts for a while
     system.graph.node.destroy_publisher(publisher)
 

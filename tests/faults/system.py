@@ -36,8 +36,8 @@ KEPT = {  # what must be in the bags, by who publishes it
 }
 STARTED = 0.5  # before that a node has not even read its program: what comes is another's [s]
 FOUND = 1.0  # in which all others have found a node after the first one [s]
-ENDING = (signal.SIGINT, signal.SIGTERM)
 RESENT = 3.0  # after which a publisher sends again what a busy reader has missed, at most [s]
+ENDING = (signal.SIGINT, signal.SIGTERM)  # what ends a node properly
 LEARNING = {"initial_ddp_iterations": 10, "evaluation_rollouts": 2}
 HIDDEN_UNITS = 4
 
@@ -113,7 +113,7 @@ class System:
         self.last_words: list[tuple[str, float]] = []  # topics of nodes that were killed, and when
         self.found: list[tuple[str, float]] = []  # topics of new nodes, and when they were heard
         self._begun: dict[str, float] = {}  # when those were started that were not heard yet
-        self.learner_ended = False  # with INT, which cancels what it trains
+        self.learner_ended = False  # by a signal, which cancels what it trains
         self._subscribe(LearningProgress, KEPT["policy_learner"], STREAM, keep=True)
         self._subscribe(OptimizerIteration, KEPT["trajectory_optimizer"], STREAM, keep=True)
         self._subscribe(JointState, "/joint_states", STREAM)
@@ -198,7 +198,7 @@ class System:
     def wait_for_word(self, text: str, timeout: float = BACK, node: str = "") -> None:
         """Waits until some node, or this one, says this on /diagnostics, or has since `listen`."""
         self.wait_for(
-            lambda: any(text in word for name, word in self.words if node in name),
+            lambda: any(node in name for name in self.who_said(text)),
             f"'{text}' on /diagnostics",
             timeout,
         )
@@ -211,11 +211,12 @@ class System:
         """
         others = {f"/{other}" for other in NODES} - {f"/{name}"}
         word = f"/{name} has been silent"
-        self._spin_until(lambda: not others - self._who_said(word), NOTICED)
-        deaf = others - self._who_said(word)
+        self._spin_until(lambda: not others - self.who_said(word), NOTICED)
+        deaf = others - self.who_said(word)
         assert not deaf, f"After {NOTICED:g} s {', '.join(deaf)} did not say: '{word}'"
 
-    def _who_said(self, text: str) -> set[str]:
+    def who_said(self, text: str) -> set[str]:
+        """Returns the nodes that have said this on /diagnostics since `listen`."""
         return {name for name, word in self.words if text in word}
 
     def wait_until_it_works(self) -> None:
