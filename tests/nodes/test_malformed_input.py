@@ -13,7 +13,9 @@ from pathlib import Path
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from action_msgs.msg import GoalStatus
+from action_msgs.msg import GoalInfo, GoalStatus
+from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from lifecycle_msgs.msg import Transition
@@ -491,6 +493,32 @@ def test_goals_for_the_learner(world):
         status, result = train(world, goal)
         assert status == GoalStatus.STATUS_SUCCEEDED, result.message
         assert np.isfinite(result.policy.parameters).all()
+
+
+def test_questions_for_results_and_cancels_of_goals_that_no_one_sent(world):
+    name, action = "policy_learner/train/_action", TrainPolicy.Impl
+    identities = st.builds(UUID, uuid=st.lists(st.integers(0, 255), min_size=16, max_size=16))
+    times = st.builds(
+        Time,
+        sec=st.sampled_from((-(2**31), -1, 0, 1, 2**31 - 1)),
+        nanosec=st.integers(0, 2**32 - 1),
+    )
+    cancels = st.builds(
+        CancelGoal.Request, goal_info=st.builds(GoalInfo, goal_id=identities, stamp=times)
+    )
+    results = st.builds(action.GetResultService.Request, goal_id=identities)
+
+    def send(batch):
+        for request in batch:
+            if isinstance(request, CancelGoal.Request):
+                (answer,) = world.calls([(CancelGoal, f"{name}/cancel_goal", request)])
+                assert not answer.goals_canceling
+            else:
+                (answer,) = world.calls([(action.GetResultService, f"{name}/get_result", request)])
+                assert answer.status == GoalStatus.STATUS_UNKNOWN
+        world.is_alive("policy_learner")
+
+    world.flood(cancels | results, 0.01, send)
 
 
 def test_orders_for_recorder_and_player(world):

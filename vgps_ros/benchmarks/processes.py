@@ -84,7 +84,7 @@ class Bench:
                 raise TimeoutError(
                     f"Waited {patience:g} s for {what}; the processes say:\n{self._log.read_text()}"
                 )
-            self._executor.spin_once(timeout_sec=0.01)
+            self._executor.spin_once(timeout_sec=0.1)
 
     def call(self, kind: type, name: str, request: Any) -> Any:
         """Calls a service once it is there, and returns its response."""

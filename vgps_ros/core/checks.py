@@ -38,10 +38,11 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     size = math.prod(shape)  # of whole numbers without bounds, where NumPy's would wrap round
     if array.size != size:
         raise InvalidInputError(f"{name} has {array.size} values, but shape {shape} needs {size}.")
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
+    finite = np.isfinite(array)
+    if not finite.all():
+        first = int(np.argmin(finite))
         raise InvalidInputError(
-            f"{name} is {array.flat[bad[0]]} at index {bad[0]}; every value must be finite."
+            f"{name} is {array.flat[first]} at index {first}; every value must be finite."
         )
     return array.reshape(shape)
 

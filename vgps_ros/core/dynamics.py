@@ -84,6 +84,7 @@ class Dynamics:
         self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
         self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
         self._data = mujoco.MjData(model)
+        self._full_state_size = mujoco.mj_stateSize(model, _FULL_STATE)
         self._stepper = Rollout(nthread=0)
 
     def step(self, state: Array, control: Array) -> Array:
@@ -226,7 +227,7 @@ class Dynamics:
         MuJoCo's loop over them is faster than Python's, for a single one too.
         """
         n, end = len(states), 1 + self.state_dim
-        before = np.zeros((n, mujoco.mj_stateSize(self.model, _FULL_STATE)))
+        before = np.zeros((n, self._full_state_size))
         before[:, 1:end] = states  # the simulator's time comes first
         held = np.empty((n, self.substeps, self.control_dim))
         held[:] = controls[:, None]

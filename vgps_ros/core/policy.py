@@ -11,6 +11,7 @@ gives the same up to rounding, for the rollouts of evaluations.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -165,11 +166,16 @@ class GaussianPolicy:
                 f"coordinates 0 to {state_dim - 1}; use a policy that was learned for this task."
             )
 
+    @cached_property
+    def layers(self) -> list[tuple[Any, Any]]:
+        """Weight, shape (n_out, n_in), and bias, shape (n_out,) or 0.0, of each layer."""
+        return self.architecture.unpack(self.parameters)
+
     def mean(self, states: Array) -> Array:
         """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
         activation = ACTIVATIONS[self.architecture.activation][0]
         a = states[..., self.architecture.observed]
-        *hidden, (weight, bias) = self.architecture.unpack(self.parameters)
+        *hidden, (weight, bias) = self.layers
         for w, b in hidden:
             a = activation(a @ w.T + b)
         return a @ weight.T + bias
@@ -179,7 +185,7 @@ class GaussianPolicy:
         activation, derivative = ACTIVATIONS[self.architecture.activation]
         a = states[..., self.architecture.observed]
         jacobian = np.eye(len(self.architecture.observed))
-        *hidden, (weight, bias) = self.architecture.unpack(self.parameters)
+        *hidden, (weight, bias) = self.layers
         for w, b in hidden:
             z = a @ w.T + b
             a = activation(z)

@@ -1,8 +1,10 @@
 """Node `demonstration`: torques from the walker's SIMBICON controller, in the executor's place."""
 
+import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.nodes.health import Health
@@ -42,6 +44,11 @@ class Demonstration(Node):
             return
         try:
             state = state_from_msg(message, self._task.joint_names)
+            if np.abs(state).max() > DIVERGENCE_BOUND:
+                raise InvalidInputError(
+                    f"the state has a value of {np.abs(state).max():g}, but beyond "
+                    f"{DIVERGENCE_BOUND:g} it has diverged; reset the simulation."
+                )
         except InvalidInputError as error:
             self._health.error(f"Gave no torques: {error}", "state")
             return

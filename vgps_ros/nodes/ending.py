@@ -17,6 +17,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 
 _MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
+_LONGEST_TURN = 1.0  # [s]
 
 
 class Ending:
@@ -46,8 +47,11 @@ class Ending:
     def spin(self, node: Node, executor: Executor) -> None:
         """Runs a node's callbacks until the end is wanted, or the context has ended."""
         executor.add_node(node)
+        # rclpy's events executor, which is none of its Executors, never ends a turn without one;
+        # to the others it would cost a timer for each turn.
+        timeout = None if isinstance(executor, Executor) else _LONGEST_TURN
         while rclpy.ok() and not self.is_wanted:
-            executor.spin_once()
+            executor.spin_once(timeout_sec=timeout)
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:

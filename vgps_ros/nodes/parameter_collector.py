@@ -36,8 +36,9 @@ class ParameterCollector:
             for name, namespace in self._node.get_node_names_and_namespaces()
         }
         self._asked &= names  # one that comes back is asked again
-        services = {name for name, _ in self._node.get_service_names_and_types()}
-        for name in sorted(names - self._asked):
+        new = sorted(names - self._asked)
+        services = {name for name, _ in self._node.get_service_names_and_types()} if new else set()
+        for name in new:
             if f"{name}/get_parameters" in services:
                 self._asked.add(name)
                 client = self._node.create_client(ListParameters, f"{name}/list_parameters")

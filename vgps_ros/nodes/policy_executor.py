@@ -24,6 +24,7 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     state_from_msg,
 )
+from vgps_ros.nodes.executors import streaming_executor
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import SEED, TASK, declare, declare_settings, value
 from vgps_ros.nodes.qos import NEWEST, STREAM
@@ -200,4 +201,4 @@ class PolicyExecutor(LifecycleNode):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyExecutor, close=lambda node, _: node.stop())
+    return run(PolicyExecutor, streaming_executor, close=lambda node, _: node.stop())

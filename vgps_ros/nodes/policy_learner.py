@@ -4,6 +4,7 @@ import threading
 import traceback
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -18,6 +19,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
+from vgps_ros.nodes.executors import ThreadedExecutor
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
 from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
@@ -191,4 +193,4 @@ class PolicyLearner(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyLearner, threads=4)
+    return run(PolicyLearner, partial(ThreadedExecutor, 4))

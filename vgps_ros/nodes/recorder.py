@@ -113,11 +113,10 @@ class Recorder(Node):
             del self._passed_over[topic]
             self._health.clear(topic)
         for topic, kinds in found:
-            if topic in self._writer.topics:
+            if topic in self._writer.topics or not self._is_wanted(topic):
                 continue
             if time.monotonic() >= self._passed_over.get(topic, 0.0):
-                publishers = self.get_publishers_info_by_topic(topic)
-                if publishers and self._is_wanted(topic):
+                if publishers := self.get_publishers_info_by_topic(topic):
                     self._record(topic, kinds[0], publishers)
         self._collector.look()
         self._report()

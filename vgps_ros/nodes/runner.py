@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import rclpy
 from rclpy.executors import (
+    Executor,
     ExternalShutdownException,
-    MultiThreadedExecutor,
     SingleThreadedExecutor,
 )
 from rclpy.node import Node
@@ -31,19 +31,9 @@ _PATIENCE = 1.5
 _LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
 
 
-class _ThreadedExecutor(MultiThreadedExecutor):
-    """Waits for its callbacks, and ends its threads, which rclpy leaves to the end of Python."""
-
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Ends the executor; returns whether its callbacks have ended."""
-        ended = super().shutdown(timeout_sec)
-        self._executor.shutdown()
-        return ended
-
-
 def run(
     make_node: Callable[[], AnyNode],
-    threads: int = 1,
+    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
     close: Callable[[AnyNode, Callable[[], bool]], None] = lambda *_: None,
 ) -> int:
     """Runs a node until INT or TERM, then destroys it.
@@ -51,7 +41,7 @@ def run(
     Args:
         make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
             sentence.
-        threads: callbacks that may run at once. One is fastest where messages flow.
+        make_executor: builds what runs the callbacks.
         close: completes what the node has begun, and may still publish; of one thread's callbacks
             none runs any more. It is given a function that tells whether the user is in a hurry.
 
@@ -60,7 +50,7 @@ def run(
     """
     ending = Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = _ThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
+    executor = make_executor()
     ending.executor = executor
     node, code = None, 0
     try:

@@ -22,6 +22,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
+from vgps_ros.nodes.executors import streaming_executor
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import TASK, declare, value
 from vgps_ros.nodes.qos import STREAM
@@ -260,4 +261,4 @@ class Simulation(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(Simulation)
+    return run(Simulation, streaming_executor)

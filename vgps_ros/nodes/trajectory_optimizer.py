@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -19,6 +20,7 @@ from vgps_ros.messages.optimization import (
     request_from_msg,
     result_to_msg,
 )
+from vgps_ros.nodes.executors import ThreadedExecutor
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
@@ -118,4 +120,4 @@ class TrajectoryOptimizerNode(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(TrajectoryOptimizerNode, threads=3)
+    return run(TrajectoryOptimizerNode, partial(ThreadedExecutor, 3))
