@@ -115,9 +115,10 @@ class Recorder(Node):
         for topic, kinds in found:
             if topic in self._writer.topics or not self._is_wanted(topic):
                 continue
-            if time.monotonic() >= self._passed_over.get(topic, 0.0):
-                if publishers := self.get_publishers_info_by_topic(topic):
-                    self._record(topic, kinds[0], publishers)
+            if time.monotonic() < self._passed_over.get(topic, 0.0):
+                continue
+            if publishers := self.get_publishers_info_by_topic(topic):
+                self._record(topic, kinds[0], publishers)
         self._collector.look()
         self._report()
 
