@@ -64,6 +64,7 @@ def test_a_second_node_that_would_do_the_same_is_refused(graph, first, second, t
     assert refused.wait() == 1
     assert f"/{first} (process " in refused.output
     assert f"publishes /{topic} already" in refused.output
+    assert "callback" not in refused.output  # of rclpy's words about errors in the code
     assert kept.running
 
 

@@ -8,16 +8,23 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 
+from vgps_ros.core.errors import VgpsError
+
 _MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
 _LONGEST_TURN = 1.0  # [s]
+# A signal that comes just before the main thread begins to wait does not end that wait. Another
+# does, and then Python runs the handlers of both.
+_NUDGE, _NUDGES = signal.SIGURG, 10
 
 
 class Ending:
@@ -31,12 +38,14 @@ class Ending:
     def __init__(self) -> None:
         self.executor: Executor | None = None
         self.is_wanted = False
+        self._failure: VgpsError | None = None
         self._signals = 0
         self._may_interrupt = False
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
+        signal.signal(_NUDGE, lambda *_: None)
         signal.set_wakeup_fd(writer)
         threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
 
@@ -45,13 +54,34 @@ class Ending:
         return self._signals > 1
 
     def spin(self, node: Node, executor: Executor) -> None:
-        """Runs a node's callbacks until the end is wanted, or the context has ended."""
+        """Runs a node's callbacks until the end is wanted, or the context has ended.
+
+        Raises:
+            VgpsError: a subscription's callback raised it.
+        """
+        for subscription in node.subscriptions:
+            subscription.callback = self._quiet(subscription.callback)
         executor.add_node(node)
         # rclpy's events executor, which is none of its Executors, never ends a turn without one;
         # to the others it would cost a timer for each turn.
         timeout = None if isinstance(executor, Executor) else _LONGEST_TURN
         while rclpy.ok() and not self.is_wanted:
             executor.spin_once(timeout_sec=timeout)
+        if self._failure:
+            raise self._failure
+
+    def _quiet(self, callback: Callable[..., object]) -> Callable[..., object]:
+        """Keeps a VgpsError from the events executor, which would log it as a fault of the code."""
+
+        @wraps(callback)
+        def call(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except VgpsError as error:
+                self._failure = error
+                self.is_wanted = True
+
+        return call
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
@@ -76,6 +106,9 @@ class Ending:
         self.is_wanted = True
         if self.executor:
             self.executor.create_task(lambda: None)  # wakes it
-        time.sleep(_MOMENT)
+        for _ in range(_NUDGES):
+            time.sleep(_MOMENT / _NUDGES)
+            if not self._signals:
+                signal.pthread_kill(threading.main_thread().ident or 0, _NUDGE)
         if self.executor:
             rclpy.try_shutdown()
