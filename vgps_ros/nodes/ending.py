@@ -67,8 +67,9 @@ class Ending:
         timeout = None if isinstance(executor, Executor) else _LONGEST_TURN
         while rclpy.ok() and not self.is_wanted:
             executor.spin_once(timeout_sec=timeout)
-        if self._failure:
-            raise self._failure
+        failure, self._failure = self._failure, None  # or it would keep the node alive
+        if failure:
+            raise failure
 
     def _quiet(self, callback: Callable[..., object]) -> Callable[..., object]:
         """Keeps a VgpsError from the events executor, which would log it as a fault of the code."""
