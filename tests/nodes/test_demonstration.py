@@ -13,14 +13,20 @@ from vgps_ros.tasks.simbicon import GAIT, TORQUE_LIMIT, walk
 PERIOD = 10_000_000  # [ns]
 
 
-def test_its_torques_are_the_controllers_and_a_reset_starts_the_gait_anew(graph):
-    walker = make_task("walker")
-    walking = walk(walker.dynamics, GAIT, 20)
-    graph.start("demonstration")
+def _start(graph):
+    """Starts the node; returns it, its commands and a publisher of states, once they are found."""
+    node = graph.start("demonstration")
     commands = graph.messages(JointState, "joint_command")
     states = graph.publisher(JointState, "joint_states")
     graph.spin_until(lambda: graph.node.count_publishers("joint_command"))
     graph.spin_until(lambda: graph.node.count_subscribers("joint_states"))
+    return node, commands, states
+
+
+def test_its_torques_are_the_controllers_and_a_reset_starts_the_gait_anew(graph):
+    walker = make_task("walker")
+    walking = walk(walker.dynamics, GAIT, 20)
+    _, commands, states = _start(graph)
 
     def answer(t):
         commands.clear()
@@ -35,11 +41,7 @@ def test_its_torques_are_the_controllers_and_a_reset_starts_the_gait_anew(graph)
 
 def test_malformed_states_draw_only_finite_torques_within_limits_and_end_nothing(graph):
     walker = make_task("walker")
-    node = graph.start("demonstration")
-    commands = graph.messages(JointState, "joint_command")
-    states = graph.publisher(JointState, "joint_states")
-    graph.spin_until(lambda: graph.node.count_publishers("joint_command"))
-    graph.spin_until(lambda: graph.node.count_subscribers("joint_states"))
+    node, commands, states = _start(graph)
     standing = state_to_msg(walker.initial_state, walker.joint_names, stamp_of(PERIOD))
     flood = settings(
         max_examples=200,

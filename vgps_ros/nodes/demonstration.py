@@ -44,10 +44,10 @@ class Demonstration(Node):
             return
         try:
             state = state_from_msg(message, self._task.joint_names)
-            if np.abs(state).max() > DIVERGENCE_BOUND:
+            if (largest := np.abs(state).max()) > DIVERGENCE_BOUND:
                 raise InvalidInputError(
-                    f"the state has a value of {np.abs(state).max():g}, but beyond "
-                    f"{DIVERGENCE_BOUND:g} it has diverged; reset the simulation."
+                    f"the state has a value of {largest:g}, but beyond {DIVERGENCE_BOUND:g} it has "
+                    "diverged; reset the simulation."
                 )
         except InvalidInputError as error:
             self._health.error(f"Gave no torques: {error}", "state")

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from vgps_ros.core.errors import VgpsError
 
 _MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
-_LONGEST_TURN = 1.0  # [s]
+_LONGEST_TURN = 1.0  # of the events executor, while nothing comes [s]
 # A signal that comes just before the main thread begins to wait does not end that wait. Another
 # does, and then Python runs the handlers of both.
 _NUDGE, _NUDGES = signal.SIGURG, 10
@@ -32,7 +32,7 @@ class Ending:
 
     Attributes:
         executor: what spins; None as long as nothing does.
-        is_wanted: whether INT or TERM has come.
+        is_wanted: whether INT or TERM has come, or a callback has failed.
     """
 
     def __init__(self) -> None:
@@ -62,8 +62,8 @@ class Ending:
         for subscription in node.subscriptions:
             subscription.callback = self._quiet(subscription.callback)
         executor.add_node(node)
-        # rclpy's events executor, which is none of its Executors, never ends a turn without one;
-        # to the others it would cost a timer for each turn.
+        # Without a time-out rclpy's events executor, which is none of its Executors, takes a core
+        # and never comes back; the others would make a timer for each turn.
         timeout = None if isinstance(executor, Executor) else _LONGEST_TURN
         while rclpy.ok() and not self.is_wanted:
             executor.spin_once(timeout_sec=timeout)
