@@ -93,6 +93,29 @@ def test_bags_hold_what_was_published_and_independent_readers_agree(graph, tmp_p
     assert decoded["/joint_states"].header.stamp.sec == 49
 
 
+def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
+    latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
+    for _ in range(3 * LATCHED.depth):  # it keeps the last ones: the others are not lost
+        latched.publish(policy())
+    recorder = graph.start("recorder", output=tmp_path / "bag", exclude=["/rosout"])
+    graph.spin_until_output(recorder, "Recording to")
+    stream = graph.publisher(JointState, "joint_states", STREAM)
+    graph.diagnosis("recorder", DiagnosticStatus.OK, "Running")
+    recorder.send(signal.SIGSTOP)
+    sent = 3 * STREAM.depth
+    for i in range(sent):
+        stream.publish(joint_state(i))
+    recorder.send(signal.SIGCONT)
+    graph.diagnosis("recorder", DiagnosticStatus.ERROR, "/joint_states came faster")
+    graph.diagnosis("recorder", DiagnosticStatus.OK)
+    assert recorder.end(signal.SIGINT) == 0
+    recorded = rows(tmp_path / "bag")
+    lost = sent - len(recorded["/joint_states"])
+    assert lost > 0
+    assert f"{lost} messages are lost." in recorder.output
+    assert len(recorded["/policy"]) == LATCHED.depth
+
+
 def test_topics_are_chosen_by_pattern(graph, tmp_path):
     recorder = graph.start("recorder", output=tmp_path / "bag", include="[joint]", exclude="[_b$]")
     graph.spin_until_output(recorder, "Recording to")

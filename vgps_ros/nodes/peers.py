@@ -16,7 +16,7 @@ from rclpy.node import Node
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.qos import SIGNS_OF_LIFE
 
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
@@ -65,7 +65,7 @@ class Peers:
         self.instance = f"{time.time_ns()}-{socket.gethostname()}-{os.getpid()}"
         self._peers: dict[str, _Peer] = {}
         self._looked = time.monotonic()
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._take, STREAM)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._take, SIGNS_OF_LIFE)
 
     def instance_of(self, name: str) -> str:
         """Returns what identifies the latest run of a node; empty if it was never heard."""

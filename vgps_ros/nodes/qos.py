@@ -13,6 +13,12 @@ NEWEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
 
+# Signs of life. Without repair: after a loss the middleware holds back what follows for seconds, so
+# that a node at work would seem silent, and the late words of one that hangs be taken for life.
+SIGNS_OF_LIFE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
+)
+
 # The last values matter, also to nodes that start later: policies, distributions, the robot.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

@@ -1,6 +1,7 @@
 """Node `recorder`: every topic of the graph, also those that appear later, into an MCAP bag."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
@@ -58,7 +60,7 @@ START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume befo
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # what a killed recorder loses at most, beside what is on its way [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
-_DISK, _CACHE = "disk", "cache"  # what faults are about
+_DISK, _CACHE, _PACE = "disk", "cache", "pace"  # what faults are about
 
 
 class Recorder(Node):
@@ -77,7 +79,9 @@ class Recorder(Node):
         self._paused = declare(self, START_PAUSED, read_only=True)
         self._health = Health(self)
         self._passed_over: dict[str, float] = {}  # topics of unknown type, and when to try again
-        self._lost = 0
+        self._lost = 0  # messages that had no place to wait for the disk, at the last report
+        self._missed: Counter[str] = Counter()  # messages that came faster than they were taken
+        self._missed_before = 0
         self._writer = BagWriter(
             Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"),
             compression=compression,
@@ -103,9 +107,10 @@ class Recorder(Node):
         except UnfinishedBagError as error:
             self.get_logger().error(str(error))
         count, topics = self._writer.message_count, len(self._writer.topics)
-        lost = f" {self._writer.lost} messages are lost." if self._writer.lost else ""
+        lost = self._writer.lost + self._missed.total()
+        words = f" {lost} messages are lost." if lost else ""
         path = self._writer.path
-        print(f"Recorded {count} messages of {topics} topics to {path}.{lost}", flush=True)
+        print(f"Recorded {count} messages of {topics} topics to {path}.{words}", flush=True)
 
     def _discover(self) -> None:
         found = self.get_topic_names_and_types()
@@ -125,7 +130,8 @@ class Recorder(Node):
     def _report(self) -> None:
         writer, health = self._writer, self._health
         health.set_value("messages", writer.message_count)
-        health.set_value("messages_lost", writer.lost)
+        missed = self._missed.total()
+        health.set_value("messages_lost", writer.lost + missed)
         health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
         health.set_value("paused", self._paused)
@@ -148,6 +154,16 @@ class Recorder(Node):
         else:
             health.clear(_CACHE)
         self._lost = writer.lost
+        if missed > self._missed_before:
+            health.error(
+                f"Messages are being lost: {', '.join(sorted(self._missed))} came faster than the "
+                f"recorder takes them, {missed} messages in all; leave topics out (exclude), or "
+                "give it more of the processor.",
+                _PACE,
+            )
+        else:
+            health.clear(_PACE)
+        self._missed_before = missed
 
     def _is_wanted(self, topic: str) -> bool:
         hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions
@@ -165,7 +181,21 @@ class Recorder(Node):
         self._health.clear(topic)
         # rclpy's types do not know that a callback may take the message's times too.
         write: Any = self._write_to(topic)
-        self.create_subscription(kind_class, topic, write, recording(offered), raw=True)
+        self.create_subscription(
+            kind_class,
+            topic,
+            write,
+            recording(offered),
+            event_callbacks=self._counting(topic),
+            raw=True,
+        )
+
+    def _counting(self, topic: str) -> SubscriptionEventCallbacks:
+        def count(lost: QoSMessageLostInfo) -> None:
+            self._missed[topic] = lost.total_count
+
+        # The profile is what is offered, so the default ones, on other profiles, only cost time.
+        return SubscriptionEventCallbacks(message_lost=count, use_default_callbacks=False)
 
     def _write_to(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
         def write(data: bytes, info: dict[str, int]) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import declare
+from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.runner import run
 from vgps_ros.nodes.steady_timer import steady_timer
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
@@ -26,7 +26,6 @@ _LATCHED = {"robot_description", "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
 _MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
 _DISK = "disk"  # what a fault is about
-_DEPTH = 10_000  # what comes while a message is drawn must not be lost
 
 
 class Visualizer(Node):
@@ -54,9 +53,7 @@ class Visualizer(Node):
             self.get_logger().error(str(error))
 
     def _listen(self, topic: str, kind: str) -> None:
-        latched = topic in _LATCHED
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=_DEPTH, durability=durability)
+        qos = LATCHED if topic in _LATCHED else STREAM
         self.create_subscription(message_type(kind), topic, self._show(topic), qos)
 
     def _show(self, topic: str) -> Callable[[Any], None]:
