@@ -24,7 +24,7 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
-from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.nodes.qos import LATCHED, SIGNS_OF_LIFE, STREAM
 from vgps_ros.tools import bag as bag_program
 
 
@@ -114,6 +114,14 @@ def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
     assert lost > 0
     assert f"{lost} messages are lost." in recorder.output
     assert len(recorded["/policy"]) == LATCHED.depth
+
+
+def test_a_later_publisher_that_offers_less_is_told_of(graph, tmp_path):
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.publisher(JointState, "joint_states", STREAM)
+    graph.node.create_publisher(JointState, "joint_states", SIGNS_OF_LIFE)  # best effort
+    graph.diagnosis("recorder", DiagnosticStatus.WARN, "Does not record all of /joint_states")
 
 
 def test_topics_are_chosen_by_pattern(graph, tmp_path):

@@ -9,7 +9,11 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import (
+    QoSMessageLostInfo,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
@@ -186,16 +190,28 @@ class Recorder(Node):
             topic,
             write,
             recording(offered),
-            event_callbacks=self._counting(topic),
+            event_callbacks=self._watch(topic),
             raw=True,
         )
 
-    def _counting(self, topic: str) -> SubscriptionEventCallbacks:
-        def count(lost: QoSMessageLostInfo) -> None:
-            self._missed[topic] = lost.total_count
+    def _watch(self, topic: str) -> SubscriptionEventCallbacks:
+        """What to do where the middleware brings less than is published."""
 
-        # The profile is what is offered, so the default ones, on other profiles, only cost time.
-        return SubscriptionEventCallbacks(message_lost=count, use_default_callbacks=False)
+        def count(lost: QoSMessageLostInfo) -> None:
+            if not self._paused:
+                self._missed[topic] += lost.total_count_change
+
+        def warn(_: QoSRequestedIncompatibleQoSInfo) -> None:
+            self._health.warn(
+                f"Does not record all of {topic}: a publisher came later that offers a weaker "
+                "quality of service; start it before the recorder.",
+                topic,
+            )
+
+        # Each event costs processor time while nothing comes, so the other defaults are left out.
+        return SubscriptionEventCallbacks(
+            message_lost=count, incompatible_qos=warn, use_default_callbacks=False
+        )
 
     def _write_to(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
         def write(data: bytes, info: dict[str, int]) -> None:
