@@ -2,6 +2,7 @@
 
 import argparse
 import random
+import shutil
 import sys
 import tempfile
 import time
@@ -29,27 +30,33 @@ def main() -> int:
     seed = random.randrange(10**6) if arguments.seed is None else arguments.seed
     print(f"faults: seed {seed}", flush=True)
     began, tally = time.monotonic(), Tally()
-    with tempfile.TemporaryDirectory(prefix="vgps_ros_faults_") as folder:
-        if arguments.minutes:
-            growth = soak(Path(folder), arguments.task, seed, 60.0 * arguments.minutes, tally)
-        else:
-            rng = Random(seed)
-            kinds = choose(rng, arguments.count, arguments.only)
-            with open_graph(Path(folder)) as graph:
-                system = System(graph, arguments.task, "real_time", iterations=20, rng=rng)
-                run(system, kinds, tally, lambda line: print(line, flush=True))
-            growth = None
+    folder = Path(tempfile.mkdtemp(prefix="vgps_ros_faults_"))
+    if arguments.minutes:
+        growth = soak(folder, arguments.task, seed, 60.0 * arguments.minutes, tally)
+    else:
+        rng = Random(seed)
+        kinds = choose(rng, arguments.count, arguments.only)
+        with open_graph(folder) as graph:
+            system = System(graph, arguments.task, "real_time", iterations=20, rng=rng)
+            run(system, kinds, tally, lambda line: print(line, flush=True))
+        growth = None
     show(tally)
     print(
         f"{tally.recorded} messages recorded, {tally.compared} of them looked for in the bags; "
-        f"{tally.trainings} trainings compared; {time.monotonic() - began:.0f} s"
+        f"{tally.trainings} trainings compared; {time.monotonic() - began:.0f} s; "
+        f"a silent node was missed by all others after {tally.slowest:.1f} s at most"
     )
     if growth:
         growth.show()
     for sentence in tally.wrong + tally.lost:
         print(sentence)
+    good = tally.is_good and (growth is None or growth.is_flat)
+    if good:
+        shutil.rmtree(folder)
+    else:
+        print(f"Logs and bags are kept in {folder}; remove it when you have looked at them.")
     print(tally.summary())
-    return 0 if tally.is_good and (growth is None or growth.is_flat) else 1
+    return 0 if good else 1
 
 
 def show(tally: Tally) -> None:

@@ -39,6 +39,7 @@ class Tally:
     recorded: int = 0
     compared: int = 0
     trainings: int = 0
+    slowest: float = 0.0  # that a silent node went unnoticed by some other [s]
 
     def summary(self) -> str:
         """Returns the last line."""
@@ -100,6 +101,7 @@ def run(system: System, kinds: Sequence[str], tally: Tally, say: Callable[[str],
 
 def verify(system: System, tally: Tally, say: Callable[[str], None]) -> None:
     """Ends the work, and notes what was lost."""
+    tally.slowest = max(tally.slowest, system.slowest)
     try:
         system.finish_training()
         system.spin(1.0)

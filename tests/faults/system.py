@@ -18,7 +18,7 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration, SimulationState
 from vgps_msgs.srv import ResetSimulation, SetSimulationState
 
 from tests.nodes.conftest import Graph, Process
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.qos import NEWEST, SIGNS_OF_LIFE, STREAM
 
 NODES = (
     "simulation",
@@ -105,20 +105,23 @@ class System:
     published: list[Published] = field(default_factory=list)
     strikes: list[tuple[float, str]] = field(default_factory=list)  # when, and with what
     said: dict[str, DiagnosticStatus] = field(default_factory=dict)
-    words: list[tuple[str, str]] = field(default_factory=list)  # who said what on /diagnostics
+    words: list[tuple[float, str, str]] = field(default_factory=list)  # when who said what
     heard: dict[str, float] = field(default_factory=dict)  # when something came from each source
 
     def __post_init__(self) -> None:
         self.finishing = False
+        self.slowest = 0.0  # that all others needed to miss a node [s]
         self.last_words: list[tuple[str, float]] = []  # topics of nodes that were killed, and when
         self.found: list[tuple[str, float]] = []  # topics of new nodes, and when they were heard
         self._begun: dict[str, float] = {}  # when those were started that were not heard yet
         self.learner_ended = False  # by a signal, which cancels what it trains
         self._subscribe(LearningProgress, KEPT["policy_learner"], STREAM, keep=True)
         self._subscribe(OptimizerIteration, KEPT["trajectory_optimizer"], STREAM, keep=True)
-        self._subscribe(JointState, "/joint_states", STREAM)
-        self._subscribe(JointState, "/joint_command", STREAM)
-        self.graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._listen, STREAM)
+        self._subscribe(JointState, "/joint_states", NEWEST)
+        self._subscribe(JointState, "/joint_command", NEWEST)
+        self.graph.node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._listen, SIGNS_OF_LIFE
+        )
         for name in NODES:
             self.start(name)
         self.play()
@@ -210,14 +213,29 @@ class System:
             AssertionError: some do not, within what is promised and what it takes to say so.
         """
         others = {f"/{other}" for other in NODES} - {f"/{name}"}
-        word = f"/{name} has been silent"
-        self._spin_until(lambda: not others - self.who_said(word), NOTICED)
-        deaf = others - self.who_said(word)
-        assert not deaf, f"After {NOTICED:g} s {', '.join(deaf)} did not say: '{word}'"
+        word, began = f"/{name} has been silent", time.monotonic()
+        self._spin_until(lambda: not others - self.who_said(word).keys(), NOTICED)
+        said = self.who_said(word)
+        deaf = others - said.keys()
+        heard = "; ".join(f"{who} after {when - began:.1f} s" for who, when in said.items())
+        last = "; ".join(
+            f"{time.monotonic() - when:.1f} s ago {who}: {words}"
+            for when, who, words in self.words
+            if who in deaf
+        )
+        assert not deaf, (
+            f"After {NOTICED:g} s {', '.join(deaf)} did not say: '{word}', but {last}. "
+            f"Others did: {heard}."
+        )
+        self.slowest = max(self.slowest, max(said.values()) - began)
 
-    def who_said(self, text: str) -> set[str]:
-        """Returns the nodes that have said this on /diagnostics since `listen`."""
-        return {name for name, word in self.words if text in word}
+    def who_said(self, text: str) -> dict[str, float]:
+        """Returns the nodes that have said this on /diagnostics since `listen`, and when first."""
+        said: dict[str, float] = {}
+        for when, name, word in self.words:
+            if text in word:
+                said.setdefault(name, when)
+        return said
 
     def wait_until_it_works(self) -> None:
         """Waits until every node is well and each stream flows."""
@@ -330,7 +348,7 @@ class System:
                 self.found.append((KEPT[name], now))
                 del self._begun[name]
             self.said[status.name] = status
-            self.words.append((status.name, status.message))
+            self.words.append((now, status.name, status.message))
             if status.name == "/recorder" and status.level == DiagnosticStatus.OK:
                 self._follow_recorder({value.key: value.value for value in status.values})
 
