@@ -16,7 +16,9 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from tests.faults.kinds import FAULTS
-from tests.faults.system import HIDDEN_UNITS, LEARNING, Recording, System, Training
+from tests.faults.records import Recording, Training
+from tests.faults.system import System
+from tests.faults.trainings import HIDDEN_UNITS, LEARNING
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import reindex
 from vgps_ros.core.policy_file import save_policy
@@ -60,7 +62,7 @@ def strike(system: System, kind: str, tally: Tally) -> bool:
     """Injects one fault; returns whether the graph works afterwards."""
     tally.injected[kind] += 1
     system.strikes.append((time.monotonic(), kind))
-    system.listen()
+    system.listener.forget_words()
     try:
         FAULTS[kind](system)
         dead = system.dead()
@@ -109,11 +111,11 @@ def verify(system: System, tally: Tally, say: Callable[[str], None]) -> None:
     except (AssertionError, TimeoutError) as error:
         tally.wrong.append(f"the end: {error}")
         return
-    bags, trainings = len(system.recordings), len(system.trainings)
+    bags, trainings = len(system.recordings), len(system.trainings.all)
     say(f"Checking {bags} bags; doing {trainings} trainings again, undisturbed ...")
     for recording in system.recordings:
         check_bag(recording, system, tally)
-    for training in system.trainings:
+    for training in system.trainings.all:
         check_training(training, system, tally)
 
 
@@ -122,11 +124,11 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
     if recording.killed:
         reindex(recording.path)
     with BagReader(recording.path) as bag:
-        topics = sorted({message.topic for message in system.published} & set(bag.topics))
+        topics = sorted({message.topic for message in system.listener.published} & set(bag.topics))
         recorded = {(message.topic, message.data) for message in bag.messages(topics)}
         tally.recorded += sum(bag.counts.values())
-    for message in system.published:
-        if not system.expects(message, recording):
+    for message in system.listener.published:
+        if not system.listener.expects(message, recording):
             continue
         tally.compared += 1
         if (message.topic, message.data) not in recorded:
@@ -145,7 +147,7 @@ def check_training(training: Training, system: System, tally: Tally) -> None:
     task = make_task(system.task)
     settings = replace(
         search_settings(task),
-        iterations=system.iterations,
+        iterations=system.trainings.iterations,
         hidden_units=(HIDDEN_UNITS,),
         **LEARNING,
     )

@@ -20,7 +20,8 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import OptimizeTrajectory, ResetSimulation, StepSimulation
 
-from tests.faults.system import NODES, NOTICED, RESENT, System
+from tests.faults.listener import RESENT
+from tests.faults.system import NODES, NOTICED, System
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
 from vgps_ros.nodes.qos import LATCHED, STREAM
@@ -174,7 +175,7 @@ def _publish(
         assert time.monotonic() < end, f"After {NOTICED:g} s /{name} does not say '{words}'."
         publisher.publish(message)
         system.spin(0.2)
-        answered = f"/{name}" in system.who_said(words)
+        answered = f"/{name}" in system.listener.who_said(words)
     publisher.wait_for_all_acked(Duration(seconds=3))  # one that was killed counts for a while
     system.graph.node.destroy_publisher(publisher)
 

@@ -69,6 +69,12 @@ def _verdict(row: Comparison) -> str:
     return f"{row.ratio:.3f}{spread}{met}" + (f" ({row.remark})" if row.remark else "")
 
 
+def _known(name: str) -> str:
+    if name not in BENCHMARKS:
+        raise argparse.ArgumentTypeError(f"'{name}' is none of {', '.join(BENCHMARKS)}.")
+    return name
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
     parser = argparse.ArgumentParser(
@@ -79,8 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "names",
         nargs="*",
-        choices=[*BENCHMARKS, []],
-        help=f"which; without a name all but {', '.join(LONG)}",
+        metavar="NAME",
+        type=_known,
+        help=f"of {', '.join(BENCHMARKS)}; without a name all but {', '.join(LONG)}",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("recordings/benchmarks"), help="folder for the result"

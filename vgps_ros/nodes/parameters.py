@@ -28,6 +28,8 @@ DEMONSTRATION = Setting(
 )
 SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
 
+DECLARED: list[tuple[ParameterDescriptor, Any]] = []  # by this process's node, with the defaults
+
 _INTEGER_LIMIT = 2**63 - 1
 _FLOAT_LIMIT = 1e300
 
@@ -53,11 +55,13 @@ def declare(
         InvalidInputError: the value that the node was started with is wrong.
     """
     descriptor = ParameterDescriptor(
+        name=setting.name,
         description=f"{setting.description} ({setting.range()})",
         read_only=read_only,
         integer_range=_range(setting, IntegerRange, int, _INTEGER_LIMIT),
         floating_point_range=_range(setting, FloatingPointRange, float, _FLOAT_LIMIT),
     )
+    DECLARED.append((descriptor, _to_ros(setting.default)))
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:

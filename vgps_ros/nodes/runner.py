@@ -4,16 +4,19 @@ import gc
 import sys
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.nodes.ending import Ending
 from vgps_ros.nodes.exit_timer import exit_after
+from vgps_ros.nodes.parameter_help import show_help
 from vgps_ros.nodes.responses import keep_responses
 from vgps_ros.nodes.service_guard import guard_services
 
@@ -36,7 +39,7 @@ def run(
 
     Args:
         make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
-            sentence.
+            sentence. For `--help` it is built too, with its defaults, to see its parameters.
         make_executor: builds what runs the callbacks.
         close: completes what the node has begun, and may still publish; of one thread's callbacks
             none runs any more. It is given a function that tells whether the user is in a hurry.
@@ -44,6 +47,17 @@ def run(
     Returns:
         The process's exit code.
     """
+    name, *arguments = [Path(sys.argv[0]).name, *remove_ros_args(sys.argv)[1:]]
+    if {"-h", "--help"} & set(arguments):
+        show_help(make_node, name)
+        return 0
+    if arguments:
+        print(
+            f"{name} does not know the argument '{arguments[0]}': give its parameters as "
+            f"--ros-args -p NAME:=VALUE; `{name} --help` lists them.",
+            file=sys.stderr,
+        )
+        return 1
     ending = Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = make_executor()
