@@ -5,7 +5,6 @@ import numpy as np
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
-    OptimizerSettings,
     TrajectoryOptimizer,
 )
 from vgps_ros.tasks import make_task
@@ -22,7 +21,7 @@ print(
 
 steps = search_settings(task).initial_ddp_iterations
 request = OptimizationRequest(0, 0, 0, 1.0, steps, task.initial_state)
-result = TrajectoryOptimizer(task, OptimizerSettings(task.ddp)).optimize(request)
+result = TrajectoryOptimizer(task).optimize(request)
 demonstrated = task.trajectory_cost(task.demonstration.first(task.horizon)) / task.horizon
 optimised = result.cost / task.horizon
 states = result.distribution.mean.first(task.horizon).states

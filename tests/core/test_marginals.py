@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import (
     MarginalSettings,
+    Spread,
     control_log_density,
     control_means,
     sample_deviations,
@@ -27,37 +28,37 @@ def assert_is_covariance_of(covariance, samples):
 
 
 @pytest.fixture
-def settings(rng):
-    return MarginalSettings(rng.uniform(0.5, 1, 4), rng.uniform(0.2, 0.5, 4), np.full(4, np.inf))
+def spread(rng):
+    return Spread(rng.uniform(0.5, 1, 4), rng.uniform(0.2, 0.5, 4), np.full(4, np.inf))
 
 
-def covariances_of(q, settings):
-    return state_covariances(q.linear_dynamics, q.gains, q.control_covariances, settings)
+def covariances_of(q, spread):
+    return state_covariances(q.linear_dynamics, q.gains, q.control_covariances, spread)
 
 
-def test_covariances_agree_with_monte_carlo(random_distribution, settings, rng):
+def test_covariances_agree_with_monte_carlo(random_distribution, spread, rng):
     q = random_distribution(horizon=5)
     q = dataclasses.replace(q, gains=0.3 * q.gains)
-    found = covariances_of(q, settings)
-    dx = settings.initial_std * rng.standard_normal((COUNT, 4))
+    found = covariances_of(q, spread)
+    dx = spread.initial_std * rng.standard_normal((COUNT, 4))
     assert_is_covariance_of(found[0], dx)
     for t in range(5):
         noise = rng.multivariate_normal(np.zeros(2), q.control_covariances[t], COUNT)
         du = dx @ q.gains[t].T + noise
         dx = dx @ q.linear_dynamics.f_x[t].T + du @ q.linear_dynamics.f_u[t].T
-        dx += settings.dynamics_std * rng.standard_normal(dx.shape)
+        dx += spread.dynamics_std * rng.standard_normal(dx.shape)
         assert_is_covariance_of(found[t + 1], dx)
 
 
-def test_covariances_are_symmetric_and_positive(random_distribution, settings):
-    sigma = covariances_of(random_distribution(), settings)
+def test_covariances_are_symmetric_and_positive(random_distribution, spread):
+    sigma = covariances_of(random_distribution(), spread)
     assert_allclose(sigma, np.swapaxes(sigma, 1, 2), rtol=1e-12)
     assert np.all(np.linalg.eigvalsh(sigma) > 0)
 
 
-def test_recursion_equals_the_papers_block_form(random_distribution, settings):
+def test_recursion_equals_the_papers_block_form(random_distribution, spread):
     q = random_distribution()
-    found = covariances_of(q, settings)
+    found = covariances_of(q, spread)
     for t in range(q.mean.horizon):
         f = np.hstack([q.linear_dynamics.f_x[t], q.linear_dynamics.f_u[t]])
         sigma, gain = found[t], q.gains[t]
@@ -67,21 +68,21 @@ def test_recursion_equals_the_papers_block_form(random_distribution, settings):
                 [gain @ sigma, q.control_covariances[t] + gain @ sigma @ gain.T],
             ]
         )
-        expected = f @ joint @ f.T + np.diag(settings.dynamics_std**2)
+        expected = f @ joint @ f.T + np.diag(spread.dynamics_std**2)
         assert_allclose(found[t + 1], expected, rtol=1e-10)
 
 
-def test_cap_limits_deviations_and_keeps_correlations(random_distribution, settings):
+def test_cap_limits_deviations_and_keeps_correlations(random_distribution, spread):
     q = random_distribution(horizon=1)
-    free = covariances_of(q, settings)
+    free = covariances_of(q, spread)
     limit = np.array([0.4, np.inf, 1e-3, np.inf])
-    capped = covariances_of(q, dataclasses.replace(settings, std_limit=limit))
-    assert_allclose(np.sqrt(np.diagonal(capped[0])), np.minimum(settings.initial_std, limit))
+    capped = covariances_of(q, dataclasses.replace(spread, std_limit=limit))
+    assert_allclose(np.sqrt(np.diagonal(capped[0])), np.minimum(spread.initial_std, limit))
     stds = np.sqrt(np.diagonal(capped[1]))
     assert_allclose(stds[[0, 2]], limit[[0, 2]])
 
     # After one step from the capped start, without a cap of its own.
-    start = dataclasses.replace(settings, initial_std=np.minimum(settings.initial_std, limit))
+    start = dataclasses.replace(spread, initial_std=np.minimum(spread.initial_std, limit))
     free = covariances_of(q, start)[1]
     free_stds = np.sqrt(np.diagonal(free))
     assert_allclose(stds[[1, 3]], free_stds[[1, 3]])
@@ -140,7 +141,18 @@ def test_density_of_a_control_is_that_of_the_local_policy(random_distribution, r
 def test_marginals_that_explode_are_named_with_the_step():
     """Σ_t = 0.1² · 4^t passes the bound of 10⁶ in the 24th step."""
     linear = LinearDynamics(np.tile(2 * np.eye(2), (200, 1, 1)), np.zeros((200, 2, 1)))
-    noise = MarginalSettings(np.full(2, 0.1), np.zeros(2), np.full(2, np.inf))
+    noise = Spread(np.full(2, 0.1), np.zeros(2), np.full(2, np.inf))
     with pytest.raises(DivergenceError, match=r"explode: at step 24 of 200.*Raise") as caught:
         state_covariances(linear, np.zeros((200, 1, 2)), np.ones((200, 1, 1)), noise)
     assert caught.value.status == "exploding_marginals"
+
+
+def test_settings_widen_what_the_task_names():
+    widened = MarginalSettings(
+        initial_std_factor=3.0, velocity_noise=0.02, std_limit_annealing=0.5
+    )
+    task_std, task_limit = np.array([0.0, 0.1, 0.2, 0.3]), np.array([np.inf, 1.0, 2.0, 4.0])
+    spread = widened.spread(task_std, task_limit, alpha=0.25)
+    assert_allclose(spread.initial_std, [0.0, 0.3, 0.6, 0.9])
+    assert_array_equal(spread.dynamics_std, [0.0, 0.0, 0.02, 0.02])  # positions, then velocities
+    assert_allclose(spread.std_limit, [np.inf, 0.5, 1.0, 2.0])

@@ -25,7 +25,7 @@ from vgps_ros.core.policy_file import save_policy
 from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
 
@@ -151,7 +151,7 @@ def check_training(training: Training, system: System, tally: Tally) -> None:
         hidden_units=(HIDDEN_UNITS,),
         **LEARNING,
     )
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     iterations = list(
         search(
             "vgps", task, settings, training.seed, lambda rs: [optimizer.optimize(r) for r in rs]

@@ -23,7 +23,7 @@ from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry
 from vgps_ros.search.settings import SearchSettings, search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.search.workspace import initial_states
 from vgps_ros.tasks import Task, make_task
 
@@ -49,7 +49,7 @@ def start_training(graph, settings: SearchSettings, seed: int, output: Path):
 
 
 def train_in_process(task: Task, settings: SearchSettings, seed: int, method: str = "vgps"):
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     solve = lambda requests: [optimizer.optimize(r) for r in requests]  # noqa: E731
     return list(search(method, task, settings, seed, solve))
 
@@ -247,7 +247,7 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
     graph, tmp_path, change, sentence
 ):
     task = make_task("rotor")
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
 
     def answer(message, _):
         request = request_from_msg(message, task)

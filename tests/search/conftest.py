@@ -8,14 +8,13 @@ import pytest
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
-    OptimizerSettings,
     TrajectoryOptimizer,
 )
 
 
 @pytest.fixture(scope="session")
 def optimizer(short_swimmer):
-    return TrajectoryOptimizer(short_swimmer, OptimizerSettings(short_swimmer.ddp))
+    return TrajectoryOptimizer(short_swimmer)
 
 
 @pytest.fixture

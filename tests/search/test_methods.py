@@ -10,7 +10,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.search.gps import combined
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import GpsSettings, search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 
@@ -27,7 +27,7 @@ RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger"}
 
 
 def solver(task):
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     return lambda requests: [optimizer.optimize(request) for request in requests]
 
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.ddp import Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
-from vgps_ros.core.marginals import sample_deviations, state_covariances
+from vgps_ros.core.marginals import Spread, sample_deviations, state_covariances
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.seeding import Stream, generator
 
@@ -35,9 +35,8 @@ def test_distribution_is_centred_on_an_executed_trajectory(optimizer, next_reque
 
 def test_distribution_carries_its_marginals(optimizer, first_request):
     q = optimizer.optimize(first_request).distribution
-    expected = state_covariances(
-        q.linear_dynamics, q.gains, q.control_covariances, optimizer.task.marginals
-    )
+    spread = Spread(np.full(10, 0.01), np.zeros(10), optimizer.task.std_limit)
+    expected = state_covariances(q.linear_dynamics, q.gains, q.control_covariances, spread)
     assert_array_equal(q.state_covariances, expected)
     assert_allclose(q.state_covariances[0], 1e-4 * np.eye(10))
     last = 2 * first_request.cost_scale * 1e-5 * np.eye(2)  # Quu of the last step is c_uu
@@ -46,8 +45,7 @@ def test_distribution_carries_its_marginals(optimizer, first_request):
 
 def test_limit_of_the_marginals_shrinks_with_alpha(optimizer, first_request):
     q = optimizer.optimize(dataclasses.replace(first_request, cost_scale=0.25)).distribution
-    marginals = optimizer.task.marginals
-    limit = 0.25**marginals.std_limit_annealing * marginals.std_limit
+    limit = 0.25**0.5 * optimizer.task.std_limit
     stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
     assert np.all(stds <= limit * (1 + 1e-12))
     assert_allclose(stds.max(axis=0)[8:], limit[8:])  # the joints' velocities reach it

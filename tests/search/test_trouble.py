@@ -8,7 +8,7 @@ import pytest
 
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
 SHORT = SearchSettings(
@@ -22,7 +22,7 @@ def rotor():
 
 
 def run(task, settings, change=lambda request: request):
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     solve = lambda requests: [optimizer.optimize(change(r)) for r in requests]  # noqa: E731
     return list(search("vgps", task, settings, 0, solve))
 

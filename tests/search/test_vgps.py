@@ -16,7 +16,7 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.search.workspace import initial_states
 
 QUICK = SearchSettings(
@@ -25,7 +25,7 @@ QUICK = SearchSettings(
 
 
 def run(task, settings, seed=0):
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     requests = []
 
     def solve(batch):
@@ -89,7 +89,7 @@ def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
 def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
     """Solves of one iteration are independent: they may run anywhere, at any time."""
     settings = replace(QUICK, num_initial_states=2, iterations=1)
-    optimizer = TrajectoryOptimizer(short_swimmer, OptimizerSettings(short_swimmer.ddp))
+    optimizer = TrajectoryOptimizer(short_swimmer)
 
     def backwards(batch):
         return [optimizer.optimize(request) for request in reversed(batch)][::-1]

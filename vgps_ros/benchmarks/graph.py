@@ -18,7 +18,7 @@ from vgps_ros.core.policy_file import save_policy
 from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.nodes.qos import NEWEST, STREAM
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import Task, make_task
 
 LOOPS = 3000  # of each lock-step run
@@ -130,7 +130,7 @@ def service() -> Iterator[Comparison]:
     """A solve through the optimizer's service against the same solve in process."""
     task = make_task("swimmer")
     request = initial_request(task, SOLVE_ITERATIONS)
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     message = request_to_msg(request, task, stamp_of(0))
     with bench() as graph:
         graph.start("trajectory_optimizer")

@@ -16,7 +16,7 @@ from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.policy_cost import PolicyCost
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.task import smoothed_noise
 
@@ -43,7 +43,7 @@ def shares() -> Iterator[Comparison]:
     for name, hidden_units in SEARCHES.items():
         task = make_task(name)
         settings = replace(search_settings(task), hidden_units=(hidden_units,))
-        optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+        optimizer = TrajectoryOptimizer(task)
         with ExitStack() as stack:
             spent = {part: stack.enter_context(_timed(*place)) for part, place in PARTS.items()}
             began = time.perf_counter()
@@ -119,6 +119,6 @@ def _with_horizon(task: Task, horizon: int) -> Task:
 def _iteration_seconds(task: Task, **settings: Any) -> float:
     """Returns the median time of an iteration after the first [s]."""
     chosen = replace(search_settings(task), iterations=_ITERATIONS, **settings)
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     ends = [time.perf_counter() for _ in search("vgps", task, chosen, SEED, in_process(optimizer))]
     return float(np.median(np.diff(ends)))

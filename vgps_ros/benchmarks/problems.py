@@ -13,7 +13,6 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
     OptimizationResult,
-    OptimizerSettings,
     TrajectoryOptimizer,
 )
 from vgps_ros.search.workspace import OptimizeAll
@@ -49,7 +48,7 @@ def optimize(
     on_iteration: Callable[[Iteration], None] = lambda _: None,
 ) -> OptimizationResult:
     """Does the first solve of a search."""
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     return optimizer.optimize(initial_request(task, iterations), on_iteration)
 
 

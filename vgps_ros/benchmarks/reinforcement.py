@@ -12,7 +12,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.search.methods import search
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import Task, make_task
 
 # Task: the goal, the hidden units of our policy, and what our time must not exceed of the better
@@ -53,7 +53,7 @@ def reinforcement_learning() -> Iterator[Comparison]:
 def learn(task: Task, goal: Goal, hidden_units: int, watch: Stopwatch) -> Outcome:
     """Runs our search until its policy reaches the goal, for all its iterations at most."""
     settings = replace(search_settings(task), hidden_units=(hidden_units,), evaluation_rollouts=1)
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
     best, steps = float("inf"), 0
     for iteration in search("vgps", task, settings, SEED, in_process(optimizer)):
         steps = iteration.history[-1].simulator_steps

@@ -15,7 +15,6 @@ from vgps_ros.benchmarks.comparison import Comparison, compare
 from vgps_ros.benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
 from vgps_ros.core.ddp import backward_pass, solve
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings
 from vgps_ros.tasks import Task, make_task
 
 SIZES = ((10, 2, 500), (18, 6, 460))
@@ -100,7 +99,7 @@ def ddp_iteration() -> Iterator[Comparison]:
         task, motion = moving(name)
         single = with_threads(task, 1)
         steps = motion.horizon * (2 * (single.dynamics.state_dim + single.dynamics.control_dim) + 2)
-        settings = OptimizerSettings(task.ddp).ddp
+        settings = task.optimizer.ddp
         linear = single.dynamics.linearize(motion)
         gains = np.zeros((motion.horizon, single.dynamics.control_dim, single.dynamics.state_dim))
 

@@ -8,13 +8,14 @@ q is centred on a trajectory that was executed, where k = 0; the means of δx an
 and the covariances are all that is left to compute.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
+from vgps_ros.core.settings import setting
 
 # Least standard deviation in each direction where a density or distance needs an inverse
 # [m, rad, m/s, rad/s]: a coordinate of x_1 may be exact.
@@ -24,31 +25,62 @@ STD_BOUND = 1e6
 
 
 @dataclass(frozen=True)
-class MarginalSettings:
-    """What the marginals assume about noise.
+class Spread:
+    """What spreads the states, and what bounds it.
 
     Attributes:
         initial_std: standard deviation of x_1, shape (n_x,).
         dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_x,).
-        std_limit: largest standard deviation of each coordinate at α = 1, shape (n_x,); inf for
-            none. It keeps linearised covariances inside the region where they mean something, and
-            the policy's fit to states near the trajectory.
-        std_limit_annealing: exponent p of the limit std_limit · α^p. The policy's noise falls
-            while α does; with p > 0 the region that the fit covers shrinks with it.
+        std_limit: largest standard deviation of each coordinate, shape (n_x,); inf for none. It
+            keeps linearised covariances inside the region where they mean something, and the
+            policy's fit to states near the trajectory.
     """
 
     initial_std: Array
     dynamics_std: Array
     std_limit: Array
-    std_limit_annealing: float = 0.0
 
-    def at(self, alpha: float) -> "MarginalSettings":
-        """Returns the settings with the limit that holds at α."""
-        return replace(self, std_limit=self.std_limit * alpha**self.std_limit_annealing)
+
+@dataclass(frozen=True)
+class MarginalSettings:
+    """How wide the marginals are made. The policy learns to come back from as far as they reach."""
+
+    initial_std_factor: float = setting(
+        1.0, "factor on the standard deviation of x_1 that the task names", minimum=0.0,
+        maximum=100.0,
+    )  # fmt: skip
+    velocity_noise: float = setting(
+        0.0,
+        "standard deviation of the noise Sigma_f that each step adds to each velocity [m/s, rad/s]",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    std_limit_annealing: float = setting(
+        0.0,
+        "exponent p of the task's limits on the standard deviations, times alpha^p: with p > 0 "
+        "the region that the policy is fitted in shrinks as alpha falls",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    def spread(self, initial_std: Array, std_limit: Array, alpha: float) -> Spread:
+        """Returns the spread at α.
+
+        Args:
+            initial_std: of the task, shape (n_x,): positions, then as many velocities.
+            std_limit: of the task, at α = 1, shape (n_x,).
+            alpha: the cost's scale.
+        """
+        n_v = initial_std.size // 2
+        return Spread(
+            self.initial_std_factor * initial_std,
+            np.repeat([0.0, self.velocity_noise], n_v),
+            alpha**self.std_limit_annealing * std_limit,
+        )
 
 
 def state_covariances(
-    linear: LinearDynamics, gains: Array, control_covariances: Array, settings: MarginalSettings
+    linear: LinearDynamics, gains: Array, control_covariances: Array, spread: Spread
 ) -> Array:
     """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_x, n_x), by the recursion of section 4.
 
@@ -56,9 +88,9 @@ def state_covariances(
         DivergenceError: a standard deviation passes STD_BOUND.
     """
     horizon, n_x, _ = linear.f_x.shape
-    sigma_f = np.diag(settings.dynamics_std**2)
+    sigma_f = np.diag(spread.dynamics_std**2)
     sigma = np.empty((horizon + 1, n_x, n_x))
-    sigma[0] = _capped(np.diag(settings.initial_std**2), settings.std_limit)
+    sigma[0] = _capped(np.diag(spread.initial_std**2), spread.std_limit)
     for t in range(horizon):
         f_u = linear.f_u[t]
         closed_loop = linear.f_x[t] + f_u @ gains[t]
@@ -66,7 +98,7 @@ def state_covariances(
         following = (
             closed_loop @ sigma[t] @ closed_loop.T + f_u @ control_covariances[t] @ f_u.T + sigma_f
         )
-        sigma[t + 1] = _capped(following, settings.std_limit)
+        sigma[t + 1] = _capped(following, spread.std_limit)
         # Written so that NaN counts.
         if not np.diagonal(sigma[t + 1]).max() <= STD_BOUND**2:
             raise DivergenceError(

@@ -66,7 +66,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         self.state = self._task.initial_state.copy()
         if not (options or {}).get("exact", False):
             noise = self.np_random.standard_normal(self.state.shape)
-            self.state += self._task.marginals.initial_std * noise
+            self.state += self._task.initial_std * noise
         self._t = 0
         return self.state[self._observed], {}
 

@@ -69,8 +69,9 @@ class Protocol:
     def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
         """Returns the protocol with the settings as they are in this software."""
         tasks = [make_task(name) for name in sorted(TASKS)]
-        values = [(asdict(search_settings(t)), asdict(t.ddp), repr(t.marginals)) for t in tasks]
-        digest = hashlib.sha256(json.dumps(values).encode()).hexdigest()
+        limits = [(t.initial_std.tolist(), t.std_limit.tolist()) for t in tasks]
+        settings = [(asdict(search_settings(t)), asdict(t.optimizer)) for t in tasks]
+        digest = hashlib.sha256(json.dumps([limits, settings]).encode()).hexdigest()
         return cls(iterations, evaluation_rollouts, digest[:12])
 
 

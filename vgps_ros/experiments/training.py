@@ -18,7 +18,6 @@ from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimizer import (
     OptimizationRequest,
     OptimizationResult,
-    OptimizerSettings,
     TrajectoryOptimizer,
 )
 from vgps_ros.tasks import Task
@@ -58,7 +57,7 @@ def train(
             those of another training.
     """
     output.mkdir(parents=True, exist_ok=True)
-    optimizer = TrajectoryOptimizer(task, OptimizerSettings(task.ddp))
+    optimizer = TrajectoryOptimizer(task)
 
     def optimize(request: OptimizationRequest) -> OptimizationResult:
         report = on_initial_ddp if request.iteration == 0 else lambda _: None

@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -27,7 +28,7 @@ from vgps_ros.nodes.qos import LATCHED, STREAM
 from vgps_ros.nodes.robot_description import publish_robot_description
 from vgps_ros.nodes.runner import run
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.trajectory_optimizer import OptimizerSettings, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
 
@@ -39,9 +40,9 @@ class TrajectoryOptimizerNode(Node):
         task = make_task(
             declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
         )
-        settings = declare_settings(self, OptimizerSettings(task.ddp))
+        task = replace(task, optimizer=declare_settings(self, task.optimizer))
         prepare(task)  # before the node is there: no request and no peer waits for the compiler
-        self._optimizer = TrajectoryOptimizer(task, settings)
+        self._optimizer = TrajectoryOptimizer(task)
         self._health = Health(self)
         self._cancelled = threading.Event()
         self._solving = threading.Event()

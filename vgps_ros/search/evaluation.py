@@ -81,7 +81,7 @@ def evaluate(
     noise = np.zeros((len(starts), task.horizon, len(policy.noise_std)))
     rng = generator(seed, Stream.EVALUATION, iteration)
     spread = rng.standard_normal(starts[stochastic].shape)
-    starts[stochastic] += task.marginals.initial_std * spread
+    starts[stochastic] += task.initial_std * spread
     draws = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
     noise[stochastic] = policy.noise_std * np.swapaxes(draws, 0, 1)
 

@@ -18,33 +18,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.settings import setting
 from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.tasks import Task
-
-
-@dataclass(frozen=True)
-class OptimizerSettings:
-    """How q(ζ) is optimised.
-
-    Attributes:
-        ddp: solver settings; its regularisations are multiplied by α, so that they keep their
-            weight beside a cost that is annealed.
-    """
-
-    ddp: DdpSettings
-    policy_samples: int = setting(
-        10,
-        "samples of each step's marginal over which log pi_theta is averaged",
-        minimum=1,
-        maximum=10_000,
-    )
-    demonstration_tolerance: float = setting(
-        0.1,
-        "largest deviation from a demonstration that counts as following it [m, rad]",
-        minimum=1e-12,
-        maximum=10.0,
-    )
 
 
 @dataclass(frozen=True)
@@ -98,11 +73,10 @@ class OptimizationResult:
 
 
 class TrajectoryOptimizer:
-    """Optimises q(ζ) of one task."""
+    """Optimises q(ζ) of one task, with the settings that it names."""
 
-    def __init__(self, task: Task, settings: OptimizerSettings):
+    def __init__(self, task: Task):
         self.task = task
-        self.settings = settings
 
     def optimize(
         self,
@@ -126,7 +100,7 @@ class TrajectoryOptimizer:
             self.task.dynamics,
             cost if request.policy is None else self._policy_cost(cost, request),
             initial,
-            _scaled(self.settings.ddp, request.cost_scale),
+            _scaled(self.task.optimizer.ddp, request.cost_scale),
             request.max_iterations,
             linear_dynamics=linear,
             on_iteration=on_iteration,
@@ -186,7 +160,7 @@ class TrajectoryOptimizer:
             demonstration,
             start,
             self.task.joint_names,
-            self.settings.demonstration_tolerance,
+            self.task.optimizer.demonstration_tolerance,
         )
 
     def _policy_cost(self, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
@@ -194,15 +168,16 @@ class TrajectoryOptimizer:
         assert request.policy is not None
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
-        deviations = sample_deviations(request.previous, self.settings.policy_samples, rng)
+        deviations = sample_deviations(request.previous, self.task.optimizer.policy_samples, rng)
         return PolicyCost(scaled, request.policy, deviations, request.previous.gains)
 
     def _distribution(self, solution: Solution, alpha: float) -> TrajectoryDistribution:
         """q(ζ) around the trajectory that was executed, with its marginals."""
         covariances = solution.policy.control_covariances()
         gains, linear = solution.policy.gains, solution.linear_dynamics
-        noise = self.task.marginals.at(alpha)
-        marginals = state_covariances(linear, gains, covariances, noise)
+        settings, task = self.task.optimizer.marginals, self.task
+        spread = settings.spread(task.initial_std, task.std_limit, alpha)
+        marginals = state_covariances(linear, gains, covariances, spread)
         return TrajectoryDistribution(
             mean=solution.trajectory,
             gains=gains,

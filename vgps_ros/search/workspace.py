@@ -238,7 +238,7 @@ class Workspace:
         What a robot does after it has fallen tells nothing: each step costs what lying still does.
         """
         task, dynamics = self.task, self.task.dynamics
-        spread = task.marginals.initial_std * rng.standard_normal((count, dynamics.state_dim))
+        spread = task.initial_std * rng.standard_normal((count, dynamics.state_dim))
         before = dynamics.simulator_steps
         states, controls = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
         self.simulator_steps += dynamics.simulator_steps - before

@@ -12,7 +12,6 @@ import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.dynamics import Dynamics
-from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.records import Array
 from vgps_ros.tasks.task import Task, load_model
 
@@ -35,9 +34,8 @@ def rotor() -> Task:
         varied_state_std=np.array([0.5, 0.5]),
         observed=(0, 1),
         guess=lambda rng: np.zeros((HORIZON, 1)),
-        marginals=MarginalSettings(
-            initial_std=np.full(2, 0.1), dynamics_std=np.zeros(2), std_limit=np.full(2, np.inf)
-        ),
+        initial_std=np.full(2, 0.1),
+        std_limit=np.full(2, np.inf),
     )
 
 

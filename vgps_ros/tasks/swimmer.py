@@ -13,6 +13,7 @@ import numpy as np
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.marginals import MarginalSettings
+from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array
 from vgps_ros.tasks.task import Task, load_model, smoothed_noise
 
@@ -39,15 +40,12 @@ def swimmer() -> Task:
         guess=lambda rng: smoothed_noise(
             rng, (HORIZON, n_u), amplitude=30.0, time_constant=0.5 / dynamics.time_step
         ),
-        marginals=MarginalSettings(
-            initial_std=np.full(n_x, 0.01),
-            dynamics_std=np.zeros(n_x),
-            # Without it the trajectory drifts, as α falls, towards what five units can represent
-            # far from it: in trials 1.05 to 1.10 of the initial DDP's cost at k = 50 (four seeds);
-            # with it and three DDP iterations 0.97 to 1.05 (seeds 0 to 4).
-            std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
-            std_limit_annealing=0.5,
-        ),
+        initial_std=np.full(n_x, 0.01),
+        # Without it the trajectory drifts, as α falls, towards what five units can represent far
+        # from it: in trials 1.05 to 1.10 of the initial DDP's cost at k = 50 (four seeds); with it
+        # and three DDP iterations 0.97 to 1.05 (seeds 0 to 4).
+        std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
+        optimizer=OptimizerSettings(marginals=MarginalSettings(std_limit_annealing=0.5)),
     )
 
 

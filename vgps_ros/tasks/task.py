@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.joints import actuated_joint_names, joint_names
-from vgps_ros.core.marginals import MarginalSettings
+from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 
 
@@ -38,7 +37,9 @@ class Task:
         varied_state_std: standard deviation of the starts where one policy learns from several
             initial states, shape (n_x,).
         observed: coordinates of the state that a policy reads.
-        marginals: noise that the marginals assume.
+        initial_std: standard deviation of x_1, shape (n_x,).
+        std_limit: largest standard deviation of each coordinate in the marginals, shape (n_x,); inf
+            for none.
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
         demonstration: what the first solve starts from where there is no guess.
         demonstrate: does the demonstration anew from another x_1 for a number of steps; None if the
@@ -46,7 +47,7 @@ class Task:
         lookahead: steps that are optimised beyond T, so that the end of the optimised horizon,
             after which nothing costs, is not what the policy learns.
         fallen: tells of states (..., n_x) whether the robot has fallen, shape (...,).
-        ddp: solver settings.
+        optimizer: settings of the trajectory optimisation that suit the task.
         search: settings of a policy search that suit the task, by dotted name.
     """
 
@@ -58,13 +59,14 @@ class Task:
     initial_state: Array
     varied_state_std: Array
     observed: tuple[int, ...]
-    marginals: MarginalSettings
+    initial_std: Array
+    std_limit: Array
     guess: Callable[[np.random.Generator], Array] | None = None
     demonstration: Trajectory | None = None
     demonstrate: Callable[[Array, int], Trajectory] | None = None
     lookahead: int = 0
     fallen: Callable[[Array], NDArray[np.bool_]] = never
-    ddp: DdpSettings = field(default_factory=DdpSettings)
+    optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
     search: Mapping[str, Any] = field(default_factory=dict)
 
     @property

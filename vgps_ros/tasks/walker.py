@@ -19,6 +19,7 @@ from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.marginals import MarginalSettings
+from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
 from vgps_ros.tasks.task import Task, load_model
@@ -56,18 +57,19 @@ def walker() -> Task:
         demonstration=first,
         demonstrate=demonstrate,
         fallen=fallen,
-        # A floor under μ keeps steps small where contact is hard; q's gains keep away from it too.
-        ddp=DdpSettings(
-            initial_regularization=0.1, regularization_floor=0.1, distribution_regularization=0.1
+        initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
+        # Linearised covariances explode through contact.
+        std_limit=np.concatenate(
+            [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
         ),
-        marginals=MarginalSettings(
-            initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-            dynamics_std=np.zeros(n_x),
-            # Linearised covariances explode through contact.
-            std_limit=np.concatenate(
-                [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
+        optimizer=OptimizerSettings(
+            # A floor under μ keeps steps small where contact is hard; q's gains keep away from it.
+            ddp=DdpSettings(
+                initial_regularization=0.1,
+                regularization_floor=0.1,
+                distribution_regularization=0.1,
             ),
-            std_limit_annealing=0.5,
+            marginals=MarginalSettings(std_limit_annealing=0.5),
         ),
         search={"initial_ddp_iterations": 45, "ddp_iterations": 1},
     )

@@ -20,7 +20,7 @@ def swim(short_swimmer, rng):
     controls = task.guess(rng)
     initial = task.dynamics.rollout(task.initial_state, lambda t, _: controls[t], task.horizon)
 
-    def run(settings=task.ddp, max_iterations=8, **options):
+    def run(settings=task.optimizer.ddp, max_iterations=8, **options):
         return solve(task.dynamics, task.cost, initial, settings, max_iterations, **options)
 
     return run
@@ -81,7 +81,7 @@ def test_solution_is_around_its_own_trajectory(swim, short_swimmer):
 
 
 def test_gains_of_the_distribution_use_their_own_regularisation(swim, short_swimmer):
-    settings = dataclasses.replace(short_swimmer.ddp, distribution_regularization=0.5)
+    settings = dataclasses.replace(short_swimmer.optimizer.ddp, distribution_regularization=0.5)
     solution = swim(settings, 1)
     expansion = short_swimmer.cost.expand(solution.trajectory)
     expected = backward_pass(solution.linear_dynamics, expansion, 0.5)
@@ -97,7 +97,7 @@ def test_known_derivatives_change_nothing(swim, short_swimmer, rng):
 
 
 def test_regularisation_never_falls_below_its_floor(swim, short_swimmer):
-    settings = dataclasses.replace(short_swimmer.ddp, regularization_floor=0.003)
+    settings = dataclasses.replace(short_swimmer.optimizer.ddp, regularization_floor=0.003)
     logged = [i.regularization for i in swim(settings).iterations]
     assert logged[0] == 0.01
     assert min(logged) == 0.003
@@ -157,7 +157,7 @@ def test_diverging_initial_trajectory_is_an_error_with_advice(short_swimmer):
     states = np.full((task.horizon + 1, 10), np.nan)
     initial = Trajectory(states, np.zeros((task.horizon, 2)))
     with pytest.raises(DivergenceError, match=r"initial trajectory diverges; start from smaller"):
-        solve(task.dynamics, task.cost, initial, task.ddp, 5)
+        solve(task.dynamics, task.cost, initial, task.optimizer.ddp, 5)
 
 
 def test_concave_cost_is_an_error_with_advice(lq_problem):
