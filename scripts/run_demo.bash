@@ -1,16 +1,22 @@
 #!/usr/bin/env bash
 # Learns a policy in a graph of separate ROS 2 processes, then executes it.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
+# PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source env.bash
 
 task=${TASK:-swimmer} method=${METHOD:-vgps} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
 output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
-parameters=config/$task.yaml
-if [[ ! -f $parameters ]]; then
+parameters=(--params-file "config/$task.yaml")
+[[ -z ${PARAMETERS:-} ]] || parameters+=(--params-file "$PARAMETERS")
+if [[ ! -f config/$task.yaml ]]; then
   known=$(cd config && printf '%s ' *.yaml)
   printf "demo: TASK is '%s', but it must be one of: %s\n" "$task" "${known//.yaml/}" >&2
+  exit 1
+fi
+if [[ -n ${PARAMETERS:-} && ! -f $PARAMETERS ]]; then
+  printf "demo: PARAMETERS is '%s', but it must name a parameter file, as in config/.\n" "$PARAMETERS" >&2
   exit 1
 fi
 if [[ -e $output ]]; then
@@ -25,7 +31,7 @@ declare -A pids=()
 start() {  # start NODE [ROS arguments]: runs a node, its output goes to a log
   local node=$1
   shift
-  "install/vgps_ros/lib/vgps_ros/$node" --ros-args --params-file "$parameters" "$@" \
+  "install/vgps_ros/lib/vgps_ros/$node" --ros-args "${parameters[@]}" "$@" \
     >"$output/log/$node.log" 2>&1 &
   pids[$node]=$!
 }

@@ -148,9 +148,7 @@ def test_marginals_that_explode_are_named_with_the_step():
 
 
 def test_settings_widen_what_the_task_names():
-    widened = MarginalSettings(
-        initial_std_factor=3.0, velocity_noise=0.02, std_limit_annealing=0.5
-    )
+    widened = MarginalSettings(initial_std_factor=3.0, velocity_noise=0.02, std_limit_annealing=0.5)
     task_std, task_limit = np.array([0.0, 0.1, 0.2, 0.3]), np.array([np.inf, 1.0, 2.0, 4.0])
     spread = widened.spread(task_std, task_limit, alpha=0.25)
     assert_allclose(spread.initial_std, [0.0, 0.3, 0.6, 0.9])

@@ -3,11 +3,13 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from vgps_ros.core.distribution_file import DISTRIBUTION
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.experiments.command_line import add_flags, settings_from
+from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.experiments.training import train
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import METHOD, METHODS
@@ -62,12 +64,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     which.add_argument(
         "--demonstration", default="", help="table of a recorded motion to start from"
     )
+    which.add_argument(
+        "--params-file",
+        type=Path,
+        help="parameter file of the graph, whose blocks policy_learner and trajectory_optimizer "
+        "become the defaults of the flags",
+    )
     chosen, _ = which.parse_known_args(arguments)
     try:
         task = make_task(chosen.task, chosen.demonstration)
-    except VgpsError as error:
+        defaults, optimizer = search_settings(task), task.optimizer
+        if chosen.params_file:
+            defaults = with_parameters_of(defaults, "policy_learner", chosen.params_file)
+            optimizer = with_parameters_of(optimizer, "trajectory_optimizer", chosen.params_file)
+    except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
-    # The task names the defaults of the other flags.
+    # The task, and then the file, name the defaults of the other flags.
     parser = argparse.ArgumentParser(
         prog="train",
         parents=[which],
@@ -77,10 +89,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
-    add_flags(parser, search_settings(task))
+    add_flags(parser, defaults)
+    add_flags(parser, optimizer)
     parsed = parser.parse_args(arguments)
     try:
-        settings = settings_from(parsed, search_settings(task))
+        settings = settings_from(parsed, defaults)
+        task = replace(task, optimizer=settings_from(parsed, optimizer))
         train_with_progress(parsed.method, task, settings, parsed.seed, parsed.output)
     except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
