@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # Prints the README's figures of the walker: the demonstration's, then those of each seed, none left out.
-# usage: scripts/walker_figures.bash OUTPUT [HIDDEN] [ITERATIONS] [SEED...]
+# usage: [PARAMETERS=FILE] scripts/walker_figures.bash OUTPUT [HIDDEN] [ITERATIONS] [SEED...]
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source env.bash
 
 output=${1:?walker_figures: name a folder for the results} hidden=${2:-10} iterations=${3:-50}
-seeds=("${@:4}")
+seeds=("${@:4}") parameters=()
+[[ -z ${PARAMETERS:-} ]] || parameters=(--params-file "$PARAMETERS")
 [[ ${#seeds[@]} -gt 0 ]] || seeds=(0 1 2 3 4)
 programs=install/vgps_ros/lib/vgps_ros
 
@@ -25,7 +26,7 @@ printf '%-6s %-16s %-14s %-22s %s\n' seed 'cost / DDP cost' '20 s from x_1' 'per
 for seed in "${seeds[@]}"; do
   folder=$output/$hidden-units-seed-$seed
   if [[ ! -e $folder/learning_curve.png ]]; then  # a run that was finished before is kept
-    "$programs/train" --task walker --hidden-units "$hidden" --seed "$seed" \
+    "$programs/train" --task walker "${parameters[@]}" --hidden-units "$hidden" --seed "$seed" \
       --iterations "$iterations" --evaluation-rollouts 4 --output "$folder" >&2
   fi
   ratio=$(python -c '

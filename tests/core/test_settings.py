@@ -16,7 +16,7 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
     assert {"iterations", "hidden_units", "fit.form", "fit.resample_every"} <= names
     changed = with_values(SearchSettings(), {"fit.form": "sampled", "iterations": 7})
     assert (changed.fit.form, changed.iterations) == ("sampled", 7)
-    assert changed.final_alpha == SearchSettings().final_alpha
+    assert changed.alphas == SearchSettings().alphas
 
 
 @pytest.mark.parametrize(
@@ -29,8 +29,8 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("hidden_units", (5, 0), "hidden_units is 0"),
         ("hidden_units", (2.5,), "hidden_units is 2.5"),
         ("hidden_units", ("five",), "hidden_units is 'five'"),
-        ("final_alpha", float("nan"), "final_alpha is nan"),
-        ("final_alpha", float("inf"), "final_alpha is inf"),
+        ("alphas", (1.0, float("nan")), "alphas is nan"),
+        ("alphas", (float("inf"), 1.0), "alphas is inf"),
         ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),
         ("fit.size", 3, "setting is 'fit.size', but it must be one of activation"),
     ],

@@ -16,7 +16,7 @@ policy_learner:
   ros__parameters:
     iterations: 2
     hidden_units: [3]
-    initial_alpha: 2.0
+    alphas: [2.0, 1.0]
     optimizers: [trajectory_optimizer]
     fit:
       samples_per_step: 4
@@ -31,9 +31,9 @@ def test_a_block_replaces_settings_nested_ones_too_and_leaves_the_nodes_own_para
     path = tmp_path / "parameters.yaml"
     path.write_text(FILE)
     found = with_parameters_of(SearchSettings(), "policy_learner", path)
-    assert (found.iterations, found.hidden_units, found.initial_alpha) == (2, (3,), 2.0)
+    assert (found.iterations, found.hidden_units, found.alphas) == (2, (3,), (2.0, 1.0))
     assert found.fit.samples_per_step == 4
-    assert found.final_alpha == SearchSettings().final_alpha
+    assert found.alpha_iterations == SearchSettings().alpha_iterations
     assert with_parameters_of(SearchSettings(), "recorder", path) == SearchSettings()
 
 

@@ -68,8 +68,9 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     [
         (["--task", "runner"], "'runner' (choose from"),
         (["--iterations", "0"], "iterations is 0, but it must be from 1"),
-        (["--final-alpha", "-0.1"], "final_alpha is -0.1, but it must be from"),
-        (["--initial-alpha", "nan"], "initial_alpha is nan"),
+        (["--alphas", "1", "-0.1"], "alphas is -0.1, but it must be from"),
+        (["--alphas", "nan", "1"], "alphas is nan"),
+        (["--alphas", "1"], "alphas has 1 values, but alpha_iterations has 2"),
         (["--hidden-units", "5", "0"], "hidden_units is 0"),
         (["--seed", "-1"], "seed is -1"),
         (["--fit-optimizer", "newton"], "newton"),
@@ -90,7 +91,7 @@ def test_help_tells_what_each_setting_does_and_its_range(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     text = " ".join(capsys.readouterr().out.split())
-    assert "alpha after the annealing; from 1e-09 to 1e+09; default 0.1" in text
+    assert "exponential between them, then constant; from 1e-09 to 1e+09; default 1.0 0.1" in text
     assert "--fit-resample-every" in text
 
 

@@ -105,7 +105,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
     optimum = total(0.5 * (low - high) / (high - 2 * standing + low))
     imitates = method in ("dagger", "weighted_dagger")
     # Weights by cost need costs that differ as those of a robot's whole motion do.
-    scale = {"initial_alpha": 5.0, "final_alpha": 5.0} if method.startswith("cost") else {}
+    scale = {"alphas": (5.0,), "alpha_iterations": (0,)} if method.startswith("cost") else {}
     first, *_, last = run(
         method,
         ONE_DECISION,

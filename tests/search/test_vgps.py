@@ -44,6 +44,29 @@ def test_alpha_falls_exponentially_and_then_stays():
     assert_allclose(ratios, 0.1 ** (1 / 50))
 
 
+def test_alpha_passes_through_the_points_of_its_schedule():
+    settings = SearchSettings(alphas=(4.0, 1.0, 9.0), alpha_iterations=(0, 20, 60))
+    assert_allclose(
+        [settings.alpha(k) for k in (0, 10, 20, 40, 60, 61, 500)], [4, 2, 1, 3, 9, 9, 9]
+    )
+    constant = SearchSettings(alphas=(3.0,), alpha_iterations=(0,))
+    assert {constant.alpha(k) for k in (0, 1, 100)} == {3.0}
+
+
+@pytest.mark.parametrize(
+    ("alphas", "iterations", "sentence"),
+    [
+        ((1.0, 0.1, 1.0), (0, 50), "alphas has 3 values, but alpha_iterations has 2"),
+        ((), (), r"alpha_iterations is \[\], but it must begin with 0 and increase"),
+        ((1.0, 0.1), (1, 50), r"alpha_iterations is \[1, 50\]"),
+        ((1.0, 0.1), (0, 0), r"alpha_iterations is \[0, 0\]"),
+    ],
+)
+def test_a_schedule_that_is_none_is_refused(alphas, iterations, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        SearchSettings(alphas=alphas, alpha_iterations=iterations)
+
+
 def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
     iterations, requests = run(short_swimmer, QUICK)
     first, *later = requests
@@ -110,7 +133,7 @@ def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):
     ("settings", "seed", "sentence"),
     [
         (replace(QUICK, iterations=0), 0, "iterations is 0"),
-        (replace(QUICK, initial_alpha=-1.0), 0, "initial_alpha is -1"),
+        (replace(QUICK, alphas=(-1.0, 0.1)), 0, "alphas is -1"),
         (QUICK, -1, "seed is -1, but it must be at least 0"),
     ],
 )

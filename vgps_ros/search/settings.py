@@ -1,9 +1,12 @@
 """Settings of a policy search, which all methods share."""
 
+from bisect import bisect
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.policy_fit import FitSettings
 from vgps_ros.core.settings import setting, with_values
@@ -55,12 +58,14 @@ class SearchSettings:
     )
     hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
     output_bias: bool = setting(True, "whether the output layer has bias terms")
-    initial_alpha: float = setting(
-        1.0, "alpha, the cost's scale, at k = 0", minimum=1e-9, maximum=1e9
+    alphas: tuple[float, ...] = setting(
+        (1.0, 0.1),
+        "values of alpha, the cost's scale; exponential between them, then constant",
+        minimum=1e-9,
+        maximum=1e9,
     )
-    final_alpha: float = setting(0.1, "alpha after the annealing", minimum=1e-9, maximum=1e9)
-    annealing_iterations: int = setting(
-        50, "iterations over which alpha falls exponentially", minimum=1, maximum=100_000
+    alpha_iterations: tuple[int, ...] = setting(
+        (0, 50), "iteration at which each of them is reached", minimum=0, maximum=100_000
     )
     initial_ddp_iterations: int = setting(
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
@@ -89,12 +94,28 @@ class SearchSettings:
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
 
+    def __post_init__(self) -> None:
+        """Checks what no range says of alpha's schedule."""
+        count, reached = len(self.alphas), self.alpha_iterations
+        if count != len(reached):
+            raise InvalidInputError(
+                f"alphas has {count} values, but alpha_iterations has {len(reached)}: name for "
+                "each alpha the iteration at which it is reached."
+            )
+        if reached[:1] != (0,) or any(a >= b for a, b in pairwise(reached)):
+            raise InvalidInputError(
+                f"alpha_iterations is {list(reached)}, but it must begin with 0 and increase."
+            )
+
     def alpha(self, k: int) -> float:
-        """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), constant after the annealing."""
-        done = min(k / self.annealing_iterations, 1.0)
-        return float(
-            np.exp((1 - done) * np.log(self.initial_alpha) + done * np.log(self.final_alpha))
-        )
+        """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), for each piece of the schedule."""
+        if len(self.alphas) == 1:
+            return self.alphas[0]
+        i = min(bisect(self.alpha_iterations, k), len(self.alphas) - 1)
+        begin, end = self.alpha_iterations[i - 1 : i + 1]
+        done = min((k - begin) / (end - begin), 1.0)
+        log_alphas = np.log(self.alphas[i - 1 : i + 1])
+        return float(np.exp((1 - done) * log_alphas[0] + done * log_alphas[1]))
 
 
 def architecture(task: Task, settings: SearchSettings) -> Architecture:
