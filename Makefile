@@ -9,7 +9,7 @@ help:  ## list these targets
 setup:  ## virtual environment, wheels, colcon build; skips what stands
 	@scripts/setup.bash
 
-demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS=)
+demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS= PARAMETERS=)
 	@scripts/run_demo.bash
 
 test: setup  ## run the tests and check that they leave nothing behind

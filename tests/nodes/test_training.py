@@ -19,6 +19,7 @@ from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_file import load_policy
+from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
 from vgps_ros.search.result import iteration_entry
@@ -276,18 +277,22 @@ def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path):
+@pytest.mark.parametrize("file", ["walker.yaml", "walker/five_units.yaml"])
+def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, file):
     """Each node makes its own demonstration: no request carries one."""
-    walker = make_task("walker")
+    path, walker = Path(__file__).parents[2] / "config" / file, make_task("walker")
+    optimizer = with_parameters_of(walker.optimizer, "trajectory_optimizer", path)
+    walker = replace(walker, optimizer=optimizer)
     settings = replace(
-        search_settings(walker),
+        with_parameters_of(search_settings(walker), "policy_learner", path),
         iterations=2,
         hidden_units=(4,),
         initial_ddp_iterations=2,
         evaluation_rollouts=2,
     )
-    graph.start("trajectory_optimizer", task="walker")
-    graph.start("policy_learner", task="walker", **parameters(settings))
+    given = ("--ros-args", "--params-file", str(path))
+    graph.start("trajectory_optimizer", *given, task="walker")
+    graph.start("policy_learner", *given, task="walker", **parameters(settings))
     program = start_training(graph, settings, 7, tmp_path / "out")
     assert program.wait() == 0, program.output
 
