@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -15,9 +16,13 @@ SILENT = "/trajectory_optimizer has been silent for over 3 s: it was killed, or 
 
 
 @pytest.fixture
-def pair(graph):
+def simulation(graph):
+    return graph.start("simulation", start_paused=True)
+
+
+@pytest.fixture
+def pair(graph, simulation):
     """A simulation that has heard an optimizer, and the optimizer."""
-    graph.start("simulation", start_paused=True)
     optimizer = graph.start("trajectory_optimizer")
     graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK)
     graph.spin_for(1.5)
@@ -42,6 +47,33 @@ def test_a_stopped_node_is_noticed_and_takes_no_one_for_dead_when_it_goes_on(gra
     graph.diagnosis("simulation", DiagnosticStatus.OK)
     assert graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK).message == "Running."
     assert "silent" not in pair.output
+
+
+def test_a_stopped_node_is_noticed_in_time_by_one_that_was_held_up_meanwhile(
+    graph, simulation, pair
+):
+    """As the middleware does, for two seconds, where a node is stopped while it holds a lock."""
+    began = time.monotonic()
+    pair.send(signal.SIGSTOP)
+    simulation.send(signal.SIGSTOP)
+    try:
+        graph.spin_for(2.0)
+        simulation.send(signal.SIGCONT)
+        left = NOTICED - (time.monotonic() - began)
+        status = graph.diagnosis("simulation", DiagnosticStatus.WARN, timeout=left)
+        assert status.message == SILENT
+    finally:
+        pair.send(signal.SIGCONT)
+    graph.diagnosis("simulation", DiagnosticStatus.OK)
+
+
+def test_a_node_that_was_stopped_for_long_takes_no_one_for_dead(graph, simulation, pair):
+    simulation.send(signal.SIGSTOP)
+    graph.spin_for(NOTICED)
+    simulation.send(signal.SIGCONT)
+    graph.spin_for(3.0)
+    assert "silent" not in simulation.output
+    assert pair.running
 
 
 def test_a_node_that_ends_properly_is_missed_by_no_one(graph, pair):

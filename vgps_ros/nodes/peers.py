@@ -21,6 +21,7 @@ from vgps_ros.nodes.qos import SIGNS_OF_LIFE
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
+_GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
 OWNS = "owns"  # key of the value that names what only one node may publish
 
 PEER_TIMEOUT = Setting(
@@ -82,8 +83,10 @@ class Peers:
         now = time.monotonic()
         asleep, self._looked = now - self._looked, now
         for name, peer in list(self._peers.items()):
-            if asleep > 0.5 * self._timeout:  # this process was stopped itself, and heard nobody
-                peer.heard += asleep
+            # This process was stopped itself, and heard nobody; or held up for a second or two by
+            # the middleware, since a node was stopped that held a lock: that one is not excused.
+            if asleep > 0.5 * self._timeout:
+                peer.heard = max(peer.heard, now - self._timeout + _GRACE)
             if now - peer.heard <= self._timeout:
                 continue
             if not peer.silent and not self._is_there(name):
