@@ -1,5 +1,6 @@
 """What a node prints for `--help`: what it does, and its parameters, as it declares them itself."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -36,6 +37,7 @@ def show_help(make_node: Callable[[], Node], name: str) -> None:
         with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
             make_node().destroy_node()
         rclpy.try_shutdown()
+        gc.collect()  # what such a node, or one with a lifecycle, still holds
     table = Table("parameter", "default", "what it does (valid values)", box=box.SIMPLE)
     for descriptor, default in DECLARED:
         changes = "" if descriptor.read_only else " [may change while it runs]"
