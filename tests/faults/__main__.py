@@ -29,8 +29,21 @@ def main() -> int:
     arguments = parser.parse_args()
     seed = random.randrange(10**6) if arguments.seed is None else arguments.seed
     print(f"faults: seed {seed}", flush=True)
+    folder, good = Path(tempfile.mkdtemp(prefix="vgps_ros_faults_")), False
+    try:
+        good = inject(arguments, seed, folder)
+    finally:
+        if good:
+            shutil.rmtree(folder)
+        else:
+            kept = f"Logs and bags are kept in {folder}; remove it when you have looked at them."
+            print(kept, file=sys.stderr)  # the last line of the output is the summary
+    return 0 if good else 1
+
+
+def inject(arguments: argparse.Namespace, seed: int, folder: Path) -> bool:
+    """Runs the campaign or the soak and prints its table; returns whether all went well."""
     began, tally = time.monotonic(), Tally()
-    folder = Path(tempfile.mkdtemp(prefix="vgps_ros_faults_"))
     if arguments.minutes:
         growth = soak(folder, arguments.task, seed, 60.0 * arguments.minutes, tally)
     else:
@@ -50,13 +63,8 @@ def main() -> int:
         growth.show()
     for sentence in tally.wrong + tally.lost:
         print(sentence)
-    good = tally.is_good and (growth is None or growth.is_flat)
-    if good:
-        shutil.rmtree(folder)
-    else:
-        print(f"Logs and bags are kept in {folder}; remove it when you have looked at them.")
     print(tally.summary())
-    return 0 if good else 1
+    return tally.is_good and (growth is None or growth.is_flat)
 
 
 def show(tally: Tally) -> None:

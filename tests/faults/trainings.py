@@ -19,8 +19,10 @@ class Trainings:
         rng: draws their seeds.
 
     Attributes:
+        iterations: of each.
         all: in the order in which they were begun.
         may_end_early: whether the learner was ended since, which cancels what it trains.
+        finishing: whether the one under way is the last.
     """
 
     def __init__(self, graph: Graph, iterations: int, rng: Random):

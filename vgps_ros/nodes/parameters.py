@@ -64,6 +64,7 @@ def declare(
     DECLARED.append((descriptor, _to_ros(setting.default)))
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
+        """Refuses a wrong value of this parameter with a sentence."""
         for parameter in parameters:
             if parameter.name == setting.name:
                 try:

@@ -27,6 +27,7 @@ def _set_each(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(
         request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
+        """Sets one after the other; a failure refuses its own alone."""
         for parameter in request.parameters:
             one = SetParameters.Request(parameters=[parameter])
             try:
