@@ -67,6 +67,13 @@ class SearchSettings:
     alpha_iterations: tuple[int, ...] = setting(
         (0, 50), "iteration at which each of them is reached", minimum=0, maximum=100_000
     )
+    first_networks: int = setting(
+        1,
+        "networks drawn at first; where there are several, each is fitted to the initial solutions "
+        "and the one of highest likelihood goes on",
+        minimum=1,
+        maximum=1000,
+    )
     initial_ddp_iterations: int = setting(
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
     )

@@ -12,9 +12,11 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import (
     Targets,
+    draw_targets,
     fit_policy,
     fit_to_targets,
     initial_policy,
+    objective,
     resampled,
 )
 from vgps_ros.core.policy_network import Standardization
@@ -146,12 +148,23 @@ class Workspace:
         )
 
     def random_policy(self) -> GaussianPolicy:
-        """Draws the network that the first fit starts from."""
-        return initial_policy(
-            architecture(self.task, self.settings),
-            self.scored(self.initial_solutions),
-            generator(self.seed, Stream.POLICY_PARAMETERS),
-        )
+        """Draws the network that the first fit starts from.
+
+        A fit may end in a poor local optimum, which later ones start from and trajectories then
+        bend to. So several networks may be drawn: each is fitted to the initial solutions, and the
+        one of highest likelihood is returned.
+        """
+        count, distributions = self.settings.first_networks, self.scored(self.initial_solutions)
+        shape = architecture(self.task, self.settings)
+        rng = generator(self.seed, Stream.POLICY_PARAMETERS)
+        networks = [initial_policy(shape, distributions, rng) for _ in range(count)]
+        if count == 1:
+            return networks[0]
+        fit = self.settings.fit
+        rng = generator(self.seed, Stream.POLICY_FIT, 0)
+        fitted = [fit_policy(network, distributions, fit, rng) for network in networks]
+        targets = draw_targets(distributions, fit.form, fit.samples_per_step, rng)
+        return max(fitted, key=lambda policy: objective(policy, targets))
 
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
