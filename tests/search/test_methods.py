@@ -141,7 +141,7 @@ def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_of_several_first_networks_the_one_that_fits_best_goes_on(seed):
-    shape = {"hidden_units": (1,), "activation": "relu"}  # a unit that never turns on learns nothing
+    shape = {"hidden_units": (1,), "activation": "relu"}  # a dead unit learns nothing
     sharp = {"alphas": (1e3,), "alpha_iterations": (0,)}
     settings = dataclasses.replace(search_settings(ROTOR), first_networks=5, **shape, **sharp)
     work = Workspace(ROTOR, settings, seed, solver(ROTOR))
