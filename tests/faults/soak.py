@@ -75,10 +75,15 @@ class Growth:
 
 
 class Lives:
-    """Samples of each process's memory and open files while it lives."""
+    """Samples of each process's memory and open files while it lives.
 
-    def __init__(self, growth: Growth):
-        self._growth = growth
+    Args:
+        growth: what the rates of growth are added to.
+        path: file for the samples, which stays with the logs of a run that fails.
+    """
+
+    def __init__(self, growth: Growth, path: Path):
+        self._growth, self._path = growth, path
         self._samples: dict[int, tuple[str, list[tuple[float, float, float]]]] = {}
 
     def sample(self, system: System) -> None:
@@ -92,10 +97,13 @@ class Lives:
             self._samples.setdefault(pid, (name, []))[1].append(sample)
 
     def close(self) -> None:
-        """Turns the samples into rates of growth."""
-        for name, samples in self._samples.values():
+        """Writes the samples, and turns them into rates of growth."""
+        lines = [",".join(("node", "pid", "time [s]", "memory [MB]", "open files"))]
+        for pid, (name, samples) in self._samples.items():
+            lines += [f"{name},{pid},{t:.1f},{mb:.1f},{files:g}" for t, mb, files in samples]
             for quantity, rate in growth_rates(samples).items():
                 self._growth.rates[name][quantity].append(rate)
+        self._path.write_text("\n".join(lines) + "\n")
 
 
 def growth_rates(samples: Sequence[tuple[float, ...]]) -> dict[str, float]:
@@ -119,7 +127,7 @@ def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> G
         (folder / mode).mkdir()
         with open_graph(folder / mode) as graph:
             system = System(graph, task, mode, iterations=20, rng=rng)
-            lives = Lives(growth)
+            lives = Lives(growth, folder / mode / "memory.csv")
             end = time.monotonic() + duration / 2
             while time.monotonic() < end:
                 kind = _choose(rng)

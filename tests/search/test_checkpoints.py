@@ -28,6 +28,8 @@ SETTINGS = dataclasses.replace(
     supervised_iterations=50,
     policy_rollouts=4,
     num_initial_states=2,
+    candidates=2,
+    candidate_iterations=3,
 )
 RUN = Run("vgps", ROTOR, SETTINGS, 3)
 

@@ -7,10 +7,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
-from vgps_ros.core.policy_fit import draw_targets, fit_policy, initial_policy, objective
 from vgps_ros.search.gps import combined
 from vgps_ros.search.methods import METHODS, search
-from vgps_ros.search.settings import GpsSettings, architecture, search_settings
+from vgps_ros.search.settings import GpsSettings, search_settings
 from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
@@ -125,7 +124,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
 
 def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
     work = Workspace(ROTOR, search_settings(ROTOR), 5, solver(ROTOR))
-    policy = work.random_policy()
+    (policy,) = work.random_policies(1)
     before = work.simulator_steps
     (rollouts,) = work.sample_policy(policy, 40, k=2)
     assert work.simulator_steps - before == 40 * ROTOR.horizon
@@ -137,29 +136,6 @@ def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
     expected = policy.noise_std / np.sqrt(2 * noise.size)
     assert abs(noise.std() - policy.noise_std[0]) < 5 * expected[0]
     np.testing.assert_allclose(rollouts.costs, ROTOR.cost(rollouts.states, rollouts.controls))
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_of_several_first_networks_the_one_that_fits_best_goes_on(seed):
-    shape = {"hidden_units": (1,), "activation": "relu"}  # a dead unit learns nothing
-    sharp = {"alphas": (1e3,), "alpha_iterations": (0,)}
-    settings = dataclasses.replace(search_settings(ROTOR), first_networks=5, **shape, **sharp)
-    work = Workspace(ROTOR, settings, seed, solver(ROTOR))
-    distributions = work.scored(work.initial_solutions)
-    networks, fits = np.random.default_rng(seed), np.random.default_rng(seed)
-    one_by_one = [
-        fit_policy(
-            initial_policy(architecture(ROTOR, settings), distributions, networks),
-            distributions,
-            settings.fit,
-            fits,
-        )
-        for _ in range(10)
-    ]
-    targets = draw_targets(distributions, "analytic", 1000, np.random.default_rng(0))
-    worst, *_, best = sorted(objective(policy, targets) for policy in one_by_one)
-    assert best - worst > 1.0
-    assert objective(work.random_policy(), targets) > best - 0.01
 
 
 def test_a_fallen_robot_costs_what_lying_still_does():

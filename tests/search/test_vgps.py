@@ -12,12 +12,14 @@ from numpy.testing import assert_allclose
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_fit import draw_targets, objective
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
-from vgps_ros.search.workspace import initial_states
+from vgps_ros.search.vgps import vgps
+from vgps_ros.search.workspace import Workspace, initial_states
 
 QUICK = SearchSettings(
     iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
@@ -78,6 +80,42 @@ def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
         assert batch[0].cost_scale == QUICK.alpha(k)
         assert batch[0].policy is iterations[k - 1].policy
     assert later[1][0].previous is iterations[0].solutions[0].distribution
+
+
+@pytest.mark.parametrize(("candidate_iterations", "iterations"), [(3, 5), (9, 3)])
+def test_candidates_are_learned_side_by_side_until_the_likeliest_goes_on(
+    short_swimmer, candidate_iterations, iterations
+):
+    settings = replace(
+        QUICK, iterations=iterations, candidates=3, candidate_iterations=candidate_iterations,
+        alphas=(1e4,), alpha_iterations=(0,),  # sharp distributions, so that fits differ
+    )  # fmt: skip
+    optimizer = TrajectoryOptimizer(short_swimmer)
+    work = Workspace(short_swimmer, settings, 0, lambda batch: [optimizer.optimize(*batch)])
+    before = vgps(work, vgps(work, None, 1), 2)
+    assert len({pair.policy.parameters.tobytes() for pair in before.pairs}) == 3
+    assert len({pair.solutions[0].cost for pair in before.pairs}) == 3
+    after = vgps(work, before, 3)
+    assert after.pairs == (after,)
+
+    def likelihood(policy, pair):
+        rng = np.random.default_rng(0)
+        return objective(policy, draw_targets(work.scored(pair.solutions), "analytic", 500, rng))
+
+    fits = [work.fit(pair.policy, pair.solutions, 3) for pair in before.pairs]
+    likelihoods = [likelihood(*both) for both in zip(fits, before.pairs, strict=True)]
+    first, second, _ = sorted(likelihoods, reverse=True)
+    assert first > second + 0.01
+    best = fits[int(np.argmax(likelihoods))]
+    assert after.policy.parameters.tobytes() == best.parameters.tobytes()
+
+
+def test_the_first_of_several_candidates_is_the_only_one_there_would_be(short_swimmer):
+    alone, several = (
+        run(short_swimmer, replace(QUICK, iterations=2, candidates=n, candidate_iterations=2))[0]
+        for n in (1, 2)
+    )
+    assert alone[0].policy.parameters.tobytes() == several[0].policy.parameters.tobytes()
 
 
 def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):

@@ -29,7 +29,7 @@ from vgps_ros.search.trajectory_optimizer import OptimizationResult, check_distr
 from vgps_ros.search.workspace import Update, initial_states
 from vgps_ros.tasks import Task
 
-FORMAT = 1  # of the files; a change of the records that they hold is a new one
+FORMAT = 2  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 
 Solutions = tuple[OptimizationResult, ...]
@@ -178,12 +178,13 @@ def _check(state: SearchState, run: Run) -> None:
     ):
         raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
     starts = initial_states(run.task, run.settings, run.seed)
-    for solutions in (state.initial_solutions, *([state.last.solutions] if state.last else [])):
+    pairs = state.last.pairs if state.last else ()
+    for solutions in (state.initial_solutions, *(pair.solutions for pair in pairs)):
         for start, solution in zip(starts, solutions, strict=True):
             check_distribution("q", solution.distribution, run.task, start)
+    if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
+        raise InvalidInputError("its policy has another shape.")
     if state.last:
-        if state.last.policy.architecture != architecture(run.task, run.settings):
-            raise InvalidInputError("its policy has another shape.")
         state.last.check(run.task)
 
 

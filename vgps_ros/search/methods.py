@@ -30,7 +30,7 @@ from vgps_ros.search.iteration import (
     policy_kl,
 )
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.vgps import vgps
+from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import weighted_dagger
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
@@ -51,7 +51,7 @@ class Method:
 
 
 METHODS = {
-    "vgps": Method(vgps, Update),
+    "vgps": Method(vgps, Candidates),
     "gps": Method(gps, GuidedUpdate),
     "adaptive_gps": Method(adaptive_gps, GuidedUpdate),
     "dagger": Method(dagger, Imitation),

@@ -67,12 +67,15 @@ class SearchSettings:
     alpha_iterations: tuple[int, ...] = setting(
         (0, 50), "iteration at which each of them is reached", minimum=0, maximum=100_000
     )
-    first_networks: int = setting(
+    candidates: int = setting(
         1,
-        "networks drawn at first; where there are several, each is fitted to the initial solutions "
-        "and the one of highest likelihood goes on",
+        "policies that vgps learns at first, each with trajectories of its own; the one of highest "
+        "likelihood goes on",
         minimum=1,
         maximum=1000,
+    )
+    candidate_iterations: int = setting(
+        15, "iterations after which it is chosen", minimum=1, maximum=100_000
     )
     initial_ddp_iterations: int = setting(
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000

@@ -9,15 +9,53 @@ It alternates between two problems until the policy reproduces what the trajecto
 samples are drawn from good parts of the state space" (section 6); the policy is never rolled out.
 
 Several initial states may be given; each has its own q, and all train one policy (section 5).
+
+Both steps only descend, and a small network may end in a poor optimum to which its trajectory then
+bends. So several candidates may begin, each a policy with trajectories of its own; after some
+iterations the one whose fit is best goes on.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from vgps_ros.search.workspace import Update, Workspace
 
 
-def vgps(work: Workspace, last: Update | None, k: int) -> Update:
+@dataclass(frozen=True)
+class Candidates(Update):
+    """What one iteration ends with; until one is chosen the first candidate is shown.
+
+    Attributes:
+        others: the other candidates; none once one is chosen.
+    """
+
+    others: tuple[Update, ...]
+
+    @property
+    def pairs(self) -> tuple[Update, ...]:
+        """The candidates."""
+        return (self, *self.others)
+
+
+def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     """Does iteration k of Algorithm 1."""
-    last = last or Update(work.random_policy(), work.initial_solutions)  # line 1
+    pairs: Sequence[Update] = last.pairs if last else _first(work)
     # Line 3 is part of lines 1 and 6: a solution comes with its marginals.
-    policy = work.fit(last.policy, last.solutions, k)  # line 4
-    solutions = work.reoptimize(last.solutions, policy, k)  # lines 5 and 6
-    return Update(policy, solutions)
+    pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k)) for p in pairs]  # line 4
+    if k >= min(work.settings.candidate_iterations, work.settings.iterations):
+        pairs = [max(pairs, key=_likelihood)]
+    # Lines 5 and 6:
+    first, *others = (Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in pairs)
+    return Candidates(first.policy, first.solutions, tuple(others))
+
+
+def _first(work: Workspace) -> Sequence[Update]:  # line 1
+    policies = work.random_policies(work.settings.candidates)
+    return [Update(policy, work.initial_solutions) for policy in policies]
+
+
+def _likelihood(pair: Update) -> float:
+    """L(q, θ) up to a constant: with the best noise nothing else is left of it."""
+    return -float(np.log(pair.policy.noise_std).sum())

@@ -12,11 +12,9 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import (
     Targets,
-    draw_targets,
     fit_policy,
     fit_to_targets,
     initial_policy,
-    objective,
     resampled,
 )
 from vgps_ros.core.policy_network import Standardization
@@ -45,6 +43,11 @@ class Update:
 
     policy: GaussianPolicy
     solutions: tuple[OptimizationResult, ...]
+
+    @property
+    def pairs(self) -> tuple["Update", ...]:
+        """All that are learned side by side, each with solutions of its own; this one first."""
+        return (self,)
 
     def check(self, task: Task) -> None:
         """Checks what a method remembers beside these, after it was read from a file.
@@ -147,24 +150,12 @@ class Workspace:
             ]
         )
 
-    def random_policy(self) -> GaussianPolicy:
-        """Draws the network that the first fit starts from.
-
-        A fit may end in a poor local optimum, which later ones start from and trajectories then
-        bend to. So several networks may be drawn: each is fitted to the initial solutions, and the
-        one of highest likelihood is returned.
-        """
-        count, distributions = self.settings.first_networks, self.scored(self.initial_solutions)
+    def random_policies(self, count: int) -> list[GaussianPolicy]:
+        """Draws networks that a first fit starts from; fewer are the first ones of more."""
         shape = architecture(self.task, self.settings)
+        distributions = self.scored(self.initial_solutions)
         rng = generator(self.seed, Stream.POLICY_PARAMETERS)
-        networks = [initial_policy(shape, distributions, rng) for _ in range(count)]
-        if count == 1:
-            return networks[0]
-        fit = self.settings.fit
-        rng = generator(self.seed, Stream.POLICY_FIT, 0)
-        fitted = [fit_policy(network, distributions, fit, rng) for network in networks]
-        targets = draw_targets(distributions, fit.form, fit.samples_per_step, rng)
-        return max(fitted, key=lambda policy: objective(policy, targets))
+        return [initial_policy(shape, distributions, rng) for _ in range(count)]
 
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
@@ -172,7 +163,7 @@ class Workspace:
         """Returns a copy of the initial DDP solutions, or of the distributions that are given."""
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
-            self.random_policy(),
+            self.random_policies(1)[0],
             self.scored(self.initial_solutions) if distributions is None else distributions,
             fit,
             generator(self.seed, Stream.POLICY_FIT, 1),
