@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ WALL_TIME = "wall_time"  # stamps of what does not belong to the robot's time
 ITERATION = "iteration"  # of Algorithm 1
 
 # Each piece of an entity's data costs memory until the file is complete, and room in it.
-_BATCHES = rr.ChunkBatcherConfig(flush_tick=5.0)
+_PERIOD = 5.0  # of pieces [s]
+_BATCHES = rr.ChunkBatcherConfig(flush_tick=_PERIOD)
 
 _PIECE = 2**18  # that is written at once [bytes]
 _PATIENCE = 0.8  # with a disk that does not move, at the end [s]
@@ -57,6 +59,7 @@ class Recording:
         source, sink = os.pipe()
         self._stream.save(f"/proc/self/fd/{sink}")
         os.close(sink)
+        self._flushed = time.monotonic()
         self._pump = threading.Thread(target=self._take, args=[source], name="pump", daemon=True)
         self._pump.start()
 
@@ -73,6 +76,11 @@ class Recording:
     def log(self, entity: str, *what: Any) -> None:
         """Shows something at the time that was set last."""
         self._stream.log(entity, *what)
+        # Rerun's own tick comes only where nothing is logged for as long. Without it a row of a
+        # quiet entity waits among busy ones, and keeps the whole page of memory in which it lies.
+        if time.monotonic() - self._flushed > _PERIOD:
+            self._stream.flush(timeout_sec=0.0)  # begins it, and does not wait
+            self._flushed = time.monotonic()
 
     def log_static(self, entity: str, *what: Any) -> None:
         """Shows something at all times."""
