@@ -46,9 +46,11 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k)) for p in pairs]  # line 4
     if k >= min(work.settings.candidate_iterations, work.settings.iterations):
         pairs = [max(pairs, key=_likelihood)]
-    # Lines 5 and 6:
-    first, *others = (Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in pairs)
-    return Candidates(first.policy, first.solutions, tuple(others))
+    # Lines 5 and 6; the first candidate's come last, so that the latest q(ζ) are the policy's.
+    *others, first = (
+        Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in reversed(pairs)
+    )
+    return Candidates(first.policy, first.solutions, tuple(reversed(others)))
 
 
 def _first(work: Workspace) -> Sequence[Update]:  # line 1
