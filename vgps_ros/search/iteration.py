@@ -29,7 +29,8 @@ class Figures:
         stochastic_survival: share of the rollouts that survive.
         noise_std: σ of the policy [N·m], one a control.
         policy_kl: KL(q(u|x) ‖ π_θ(u|x)) along the trajectories before they were adapted to the
-            policy, mean over steps [nat].
+            policy, mean over steps [nat]; in the iteration in which vgps chooses among candidates,
+            along those of the first one.
         policy_entropy: entropy of π_θ(u|x) [nat].
         q_step_seconds: wall time of trajectory optimisation.
         m_step_seconds: wall time of the rest of the update.
