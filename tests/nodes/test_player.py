@@ -1,5 +1,6 @@
 """The player: what was recorded comes back, byte for byte, in order and in time."""
 
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from vgps_msgs.msg import GaussianPolicy
 
+from tests.nodes.conftest import owned_segments
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
 from vgps_ros.messages.conversions import pack
 from vgps_ros.nodes.bag_qos import to_bag
@@ -232,9 +234,11 @@ def test_signals_end_it_whatever_it_is_doing(graph, make_bag, number, doing):
     graph.spin_until_output(player, "Plays 1 topics")
     if doing == "playing":
         graph.spin_until(lambda: received, what="a message")
+    segments = owned_segments(player.pid) - owned_segments(os.getpid())
     player.send(number)
     player.send(number)
     assert player.wait() == 0, player.output
+    assert not [path for path in segments if "port" not in path.name and path.exists()]
     assert "Traceback" not in player.output
     assert "of /" in player.output.splitlines()[-1]
 

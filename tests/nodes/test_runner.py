@@ -62,13 +62,17 @@ def test_a_node_whose_code_fails_says_where_and_takes_its_shared_memory_away(gra
 _SLOW = """
 import time
 from rclpy.node import Node
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.nodes.runner import run
 
 class Slow(Node):
     def __init__(self):
         super().__init__("slow")
         print("begins", flush=True)
-        time.sleep(300.0)
+        try:
+            time.sleep(300.0)
+        except Exception as error:  # as where a file is read that may be damaged
+            raise InvalidInputError("It cannot be read.") from error
 
 raise SystemExit(run(Slow, close=lambda *_: print("closed")))
 """

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import Executor
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
@@ -86,11 +86,11 @@ class Ending:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Lets the first signal raise ExternalShutdownException in what may take long."""
+        """Lets the first signal raise KeyboardInterrupt in what may take long."""
         self._may_interrupt = True
         try:
             if self.is_wanted:
-                raise ExternalShutdownException
+                raise KeyboardInterrupt
             yield
         finally:
             self._may_interrupt = False
@@ -100,7 +100,7 @@ class Ending:
         self._signals += 1
         if self._may_interrupt:
             self._may_interrupt = False
-            raise ExternalShutdownException
+            raise KeyboardInterrupt
 
     def _follow(self, reader: int) -> None:
         os.read(reader, 1)

@@ -68,12 +68,15 @@ class Player(Node):
             f"at rate {self._settings.rate:g}{', paused' * self._settings.start_paused}."
         )
         self._thread = threading.Thread(target=self._play, name="playback")
-        self._thread.start()
+        # Not here: a signal may still end this constructor, and a running thread would keep the
+        # node, and with it its shared memory, to the end of the process.
+        self.create_guard_condition(self._thread.start).trigger()
 
     def close(self, _is_hurried: Callable[[], bool]) -> None:
         """Ends the playback."""
         self._playback.stop()
-        self._thread.join()
+        if self._thread.ident:
+            self._thread.join()
         counts = self._replayed.counts
         print(
             f"Played {counts.total()} messages of {len(counts)} topics of {self._bag.path}, up to "

@@ -72,6 +72,8 @@ def run(
             ending.spin(node, executor)
         finally:
             close(node, ending.is_hurried)
+    except KeyboardInterrupt:
+        pass  # INT or TERM, before the node was made
     except VgpsError as error:
         print(error, file=sys.stderr)
         code = 1
