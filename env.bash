@@ -1,9 +1,9 @@
 # shellcheck shell=bash
 # Puts vgps_ros, and the ROS 2 it was set up with, on this shell's path: source env.bash
 #
-# Set before sourcing, these are kept: OMP_NUM_THREADS and FASTRTPS_DEFAULT_PROFILES_FILE. The
-# default profile keeps all traffic on the loopback interface; to reach other machines, name
-# one of your own, or set it to nothing for the defaults of Fast DDS.
+# Set before sourcing, these are kept: OMP_NUM_THREADS, OPENBLAS_NUM_THREADS and
+# FASTRTPS_DEFAULT_PROFILES_FILE. The default profile keeps all traffic on the loopback interface;
+# to reach other machines, name one of your own, or set it to nothing for the defaults of Fast DDS.
 
 _vgps_env() {
   local root venv nounset=''
@@ -41,8 +41,9 @@ _vgps_env() {
     export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE-$root/config/fastdds_loopback.xml}
   fi
   # One thread a process: the matrices are small, the processes are many, and sums that are
-  # split over threads depend on the number of cores.
-  export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+  # split over threads depend on the number of cores. Where OMP_NUM_THREADS gives torch more, BLAS
+  # keeps one: its threads would take the cores from torch's (an M-step took ten times as long).
+  export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1} OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
 }
 
 if _vgps_env; then

@@ -91,10 +91,12 @@ def maximize(
     count = len(policy.parameters)
     theta = scaling.to_standard(policy.parameters)
     log_sigma = np.log(policy.noise_std / scaling.output_scale)
-    variables = torch.nn.Parameter(torch.from_numpy(np.concatenate([theta, log_sigma])))
     losses = [_loss(samples, regularization, scaling, count) for samples in sets]
-    minimize_lbfgs(variables, lambda v: torch.stack([loss(v) for loss in losses]).sum(), iterations)
-    found = variables.detach().numpy()
+    found = minimize_lbfgs(
+        np.concatenate([theta, log_sigma]),
+        lambda variables: torch.stack([loss(variables) for loss in losses]).sum(),
+        iterations,
+    )
     parameters = scaling.to_raw(found[:count])
     noise_std = np.exp(found[count:]) * scaling.output_scale
     # Φ may grow without bound where the noise vanishes around a single rollout.
@@ -110,13 +112,13 @@ def _loss(
     """Returns −Φ ÷ T of (θ, log σ), all in standardised units."""
     x, u = scaling.inputs(samples.states), scaling.controls(samples.controls)
     costs, log_q = torch.from_numpy(samples.costs), torch.from_numpy(samples.log_density)
-    constant = np.log(scaling.output_scale).sum() + 0.5 * u.shape[-1] * np.log(2 * np.pi)
+    constant = np.log(scaling.output_scale).sum() + 0.5 * len(u) * np.log(2 * np.pi)
 
     def loss(variables: torch.Tensor) -> torch.Tensor:
         log_sigma = variables[count:]
-        z = (u - scaling.network(variables[:count], x)) * torch.exp(-log_sigma)
-        log_density = -0.5 * (z**2).sum(dim=2) - log_sigma.sum() - constant
-        log_w = torch.cumsum(log_density, dim=1) - log_q
+        z = (u - scaling.network(variables[:count], x)) * torch.exp(-log_sigma)[:, None]
+        log_density = -0.5 * (z**2).sum(dim=0) - log_sigma.sum() - constant
+        log_w = torch.cumsum(log_density.reshape(costs.shape), dim=1) - log_q
         estimate = (torch.softmax(log_w, dim=0) * costs).sum(dim=0)
         return (estimate - regularization * torch.logsumexp(log_w, dim=0)).mean()
 

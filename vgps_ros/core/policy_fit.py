@@ -172,14 +172,14 @@ def fit_to_targets(
     Raises:
         DivergenceError: SGD or Adam left the finite numbers.
     """
-    theta = torch.nn.Parameter(torch.from_numpy(scaling.to_standard(policy.parameters)))
+    theta = scaling.to_standard(policy.parameters)
     if settings.optimizer == "lbfgs":  # with a new memory wherever samples are new
         for start in range(0, settings.iterations, settings.resample_every):
             iterations = min(settings.resample_every, settings.iterations - start)
-            minimize_lbfgs(theta, _loss(scaling, next(samples)), iterations)
+            theta = minimize_lbfgs(theta, _loss(scaling, next(samples)), iterations)
     else:
-        _fit_gradient(theta, scaling, samples, settings)
-    parameters = scaling.to_raw(theta.detach().numpy())
+        theta = _fit_gradient(theta, scaling, samples, settings)
+    parameters = scaling.to_raw(theta)
     if not np.isfinite(parameters).all():
         if settings.optimizer == "lbfgs":  # no setting of ours would help: the policy stays
             return with_best_noise(policy, next(samples))
@@ -202,18 +202,17 @@ def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
 
 
 def _fit_gradient(
-    theta: torch.nn.Parameter,
-    scaling: Standardization,
-    samples: Iterator[Targets],
-    settings: FitSettings,
-) -> None:
+    start: Array, scaling: Standardization, samples: Iterator[Targets], settings: FitSettings
+) -> Array:
     """SGD or Adam with new samples every iteration."""
+    theta = torch.nn.Parameter(torch.from_numpy(start))
     kind = torch.optim.Adam if settings.optimizer == "adam" else torch.optim.SGD
     optimizer = kind([theta], lr=settings.learning_rate)
     for _ in range(settings.iterations):
         optimizer.zero_grad()
         _loss(scaling, next(samples))(theta).backward()
         optimizer.step()
+    return np.asarray(theta.detach())
 
 
 def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
@@ -223,6 +222,6 @@ def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor]
 
     def profiled(theta: torch.Tensor) -> torch.Tensor:
         squares = (scaling.network(theta, x) - mu_q) ** 2
-        return 0.5 * torch.log(squares.mean(dim=0) + sigma_q).sum()
+        return 0.5 * torch.log(squares.mean(dim=1) + sigma_q).sum()
 
     return profiled

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.optimize import minimize
 
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -18,6 +19,7 @@ _ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "tanh": torch.tanh,
     "relu": torch.relu,
 }
+_MEMORY = 20  # steps from which LBFGS knows the curvature; ten leave a fit that is worse
 
 
 @dataclass(frozen=True)
@@ -88,40 +90,46 @@ class Standardization:
         return standard
 
     def inputs(self, states: Array) -> torch.Tensor:
-        """Returns what the network reads of states (..., n_x), standardised."""
+        """Returns what the network reads of N states (..., n_x), standardised, (n_observed, N)."""
         observed = states[..., self.architecture.observed]
-        return torch.from_numpy((observed - self.input_shift) / self.input_scale)
+        return _columns((observed - self.input_shift) / self.input_scale)
 
     def controls(self, controls: Array) -> torch.Tensor:
-        """Returns controls (..., n_u), standardised."""
-        return torch.from_numpy((controls - self.output_shift) / self.output_scale)
+        """Returns N controls (..., n_u), standardised, (n_u, N)."""
+        return _columns((controls - self.output_shift) / self.output_scale)
 
     def network(self, theta: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns the network's outputs, all in standardised units."""
+        """Returns the network's outputs (n_u, N) for inputs, all in standardised units."""
         a = inputs
         *hidden, (weight, bias) = self.architecture.unpack(theta)
         for w, b in hidden:
-            a = _ACTIVATIONS[self.architecture.activation](a @ w.T + b)
-        return a @ weight.T + bias
+            a = _ACTIVATIONS[self.architecture.activation](_affine(w, a, b))
+        return _affine(weight, a, bias)
 
 
 def minimize_lbfgs(
-    variables: torch.nn.Parameter, loss: Callable[[torch.Tensor], torch.Tensor], iterations: int
-) -> None:
-    """Minimises a loss in place, by LBFGS with strong Wolfe line search."""
-    optimizer = torch.optim.LBFGS(
-        [variables],
-        max_iter=iterations,
-        history_size=20,
-        tolerance_grad=1e-9,
-        tolerance_change=1e-12,
-        line_search_fn="strong_wolfe",
-    )
+    start: Array, loss: Callable[[torch.Tensor], torch.Tensor], iterations: int
+) -> Array:
+    """Returns where LBFGS with a strong Wolfe line search gets from `start` on, shape (n,)."""
 
-    def closure() -> torch.Tensor:
-        optimizer.zero_grad()
+    def value_and_gradient(point: Array) -> tuple[float, Array]:
+        variables = torch.from_numpy(point).requires_grad_()
         value = loss(variables)
-        value.backward()
-        return value
+        (gradient,) = torch.autograd.grad(value, variables)
+        return value.item(), gradient.numpy()
 
-    optimizer.step(closure)
+    options = {"maxiter": iterations, "maxcor": _MEMORY, "maxfun": np.inf, "ftol": 0.0, "gtol": 0.0}
+    found = minimize(value_and_gradient, start, jac=True, method="L-BFGS-B", options=options)
+    return np.asarray(found.x)
+
+
+def _columns(samples: Array) -> torch.Tensor:
+    """One sample a column: products of so few rows, and sums over samples, take less time so."""
+    return torch.from_numpy(np.ascontiguousarray(samples.reshape(-1, samples.shape[-1]).T))
+
+
+def _affine(weight: torch.Tensor, a: torch.Tensor, bias: torch.Tensor | float) -> torch.Tensor:
+    """W a + b for one sample a column."""
+    if isinstance(bias, torch.Tensor):
+        return torch.addmm(bias[:, None], weight, a)
+    return weight @ a
