@@ -5,10 +5,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from tempfile import TemporaryDirectory
 
+import mujoco
 import numpy as np
+from mujoco.rollout import rollout
 
 from vgps_ros.benchmarks.centred_dynamics import CentredDynamics
 from vgps_ros.benchmarks.comparison import Comparison, compare
@@ -18,6 +21,7 @@ from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
 from vgps_ros.tasks import Task, make_task
 
 SIZES = ((10, 2, 500), (18, 6, 460))
+BARE_STEPS = 10_000
 CLOSE = 1.01  # a trajectory has converged whose cost is within 1 % of the last one
 
 
@@ -121,6 +125,7 @@ def ddp_iteration() -> Iterator[Comparison]:
 
 def derivatives() -> Iterator[Comparison]:
     """Derivatives on one thread against two, and against MuJoCo's plain centred differences."""
+    yield _second_thread()
     for name in TASKS:
         task, motion = moving(name)
         one, two = (with_threads(task, n).dynamics for n in (1, 2))
@@ -137,6 +142,24 @@ def derivatives() -> Iterator[Comparison]:
             partial(plain.linearize, motion),
             None,
             remark=f"error {_error(one.linearize(motion), plain.linearize(motion))}",
+        )
+
+
+def _second_thread() -> Comparison:
+    """What a second thread is worth on this machine at all: virtual cores may share a real one."""
+    task = make_task("swimmer")
+    model = task.dynamics.model
+    start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    start[0, 1 : 1 + task.dynamics.state_dim] = task.initial_state  # after the time
+    work = partial(rollout, model, initial_state=start, nstep=BARE_STEPS)
+    data = [mujoco.MjData(model) for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        return compare(
+            "MuJoCo's bare steps, two threads / one",
+            lambda: list(pool.map(work, data)),
+            lambda: list(map(work, data)),
+            None,
+            remark="what a second thread is worth on this machine",
         )
 
 
