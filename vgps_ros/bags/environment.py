@@ -9,7 +9,13 @@ from pathlib import Path
 import yaml
 
 _PACKAGES = ("vgps_ros", "mujoco", "numpy", "numba", "scipy", "torch", "mcap", "rosbags")
-_VARIABLES = ("ROS_DISTRO", "ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "OMP_NUM_THREADS")
+_VARIABLES = (
+    "ROS_DISTRO",
+    "ROS_DOMAIN_ID",
+    "RMW_IMPLEMENTATION",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+)
 
 
 def environment() -> str:
