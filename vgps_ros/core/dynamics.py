@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
+from queue import SimpleQueue
 from typing import TypeVar
 
 import mujoco
@@ -24,11 +25,14 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.simulator import Simulator
+from vgps_ros.core.simulator_warnings import count_warnings
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
 DIVERGENCE_BOUND = 1e4
 # MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
 CONTROL_BOUND = 1e9
+# Into which work is divided for each thread: one on a core that others use too must do fewer.
+_PARTS = 4
 _FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 T = TypeVar("T")
@@ -71,6 +75,7 @@ class Dynamics:
             )
         # MuJoCo would silently reset a state that it finds bad; here it counts as diverged.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        count_warnings()
         self.model = model
         self.substeps = substeps
         self.eps = eps
@@ -81,7 +86,9 @@ class Dynamics:
         self.simulator_steps = 0
         self.cyclic_joints = tuple(cyclic_joints)
         cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
-        self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
+        self._simulators = SimpleQueue[Simulator]()  # those that no thread is using
+        for _ in range(self.threads):
+            self._simulators.put(Simulator(model, substeps, cyclic))
         self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
         self._data = mujoco.MjData(model)
         self._full_state_size = mujoco.mj_stateSize(model, _FULL_STATE)
@@ -213,13 +220,19 @@ class Dynamics:
         return LinearDynamics(f_x, f_u)
 
     def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
-        """Divides `count` pieces of work into a part for each thread."""
-        threads = min(self.threads, count)
-        if threads == 1:
-            return [work(self._simulators[0], slice(0, count))]
-        ends = np.linspace(0, count, threads + 1).astype(int)
-        parts = map(slice, ends[:-1], ends[1:])
-        return list(self._pool.map(work, self._simulators, parts))
+        """Divides `count` pieces of work into parts, and each thread takes the next one."""
+
+        def do(part: slice) -> T:
+            simulator = self._simulators.get()
+            try:
+                return work(simulator, part)
+            finally:
+                self._simulators.put(simulator)
+
+        if min(self.threads, count) == 1:
+            return [do(slice(0, count))]
+        ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
+        return list(self._pool.map(do, map(slice, ends[:-1], ends[1:])))
 
     def _steps(self, states: Array, controls: Array) -> Array:
         """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.

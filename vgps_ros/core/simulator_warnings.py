@@ -31,7 +31,9 @@ def _count(sentence: str) -> None:
     _counts[kind_of(sentence)] += 1
 
 
-mujoco.set_mju_user_warning(_count)
+def count_warnings() -> None:
+    """Lets MuJoCo's warnings be counted from now on."""
+    mujoco.set_mju_user_warning(_count)
 
 
 def simulator_warnings() -> Counter[str]:
