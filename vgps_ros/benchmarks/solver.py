@@ -5,23 +5,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from multiprocessing import get_context
 from tempfile import TemporaryDirectory
 
-import mujoco
 import numpy as np
-from mujoco.rollout import rollout
 
 from vgps_ros.benchmarks.centred_dynamics import CentredDynamics
-from vgps_ros.benchmarks.comparison import Comparison, compare
+from vgps_ros.benchmarks.comparison import Comparison, compare, compare_in_turns
 from vgps_ros.benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
 from vgps_ros.core.ddp import backward_pass, solve
-from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
 from vgps_ros.tasks import Task, make_task
 
 SIZES = ((10, 2, 500), (18, 6, 460))
-BARE_STEPS = 10_000
 CLOSE = 1.01  # a trajectory has converged whose cost is within 1 % of the last one
 
 
@@ -125,42 +124,52 @@ def ddp_iteration() -> Iterator[Comparison]:
 
 def derivatives() -> Iterator[Comparison]:
     """Derivatives on one thread against two, and against MuJoCo's plain centred differences."""
-    yield _second_thread()
-    for name in TASKS:
-        task, motion = moving(name)
-        one, two = (with_threads(task, n).dynamics for n in (1, 2))
-        plain = with_threads(task, 1, CentredDynamics).dynamics
-        yield compare(
-            f"{name}: derivatives, two threads / one",
-            partial(two.linearize, motion),
-            partial(one.linearize, motion),
-            1 / 1.7,
-        )
-        yield compare(
-            f"{name}: derivatives, one thread / mjd_transitionFD, centred",
-            partial(one.linearize, motion),
-            partial(plain.linearize, motion),
-            None,
-            remark=f"error {_error(one.linearize(motion), plain.linearize(motion))}",
-        )
+    with ProcessPoolExecutor(2, get_context("spawn")) as processes:
+        for name in TASKS:
+            one, motion = _single(name)
+            two = with_threads(make_task(name), 2).dynamics
+            ours = partial(two.linearize, motion)
+            # In the same turns, since a lone thread may find a faster core than two do.
+            yield from compare_in_turns(
+                [
+                    (
+                        f"{name}: derivatives, two threads / one",
+                        ours,
+                        partial(one.linearize, motion),
+                        1 / 1.7,
+                    ),
+                    (
+                        f"{name}: derivatives, two threads / two processes, half a motion each",
+                        ours,
+                        lambda name=name: list(processes.map(_linearize_half, [name] * 2, [0, 1])),  # type: ignore[misc]
+                        None,
+                    ),
+                ],
+                repetitions=41,
+            )
+            plain = with_threads(make_task(name), 1, CentredDynamics).dynamics
+            yield compare(
+                f"{name}: derivatives, one thread / mjd_transitionFD, centred",
+                partial(one.linearize, motion),
+                partial(plain.linearize, motion),
+                None,
+                remark=f"error {_error(one.linearize(motion), plain.linearize(motion))}",
+            )
 
 
-def _second_thread() -> Comparison:
-    """What a second thread is worth on this machine at all: virtual cores may share a real one."""
-    task = make_task("swimmer")
-    model = task.dynamics.model
-    start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-    start[0, 1 : 1 + task.dynamics.state_dim] = task.initial_state  # after the time
-    work = partial(rollout, model, initial_state=start, nstep=BARE_STEPS)
-    data = [mujoco.MjData(model) for _ in range(2)]
-    with ThreadPoolExecutor(2) as pool:
-        return compare(
-            "MuJoCo's bare steps, two threads / one",
-            lambda: list(pool.map(work, data)),
-            lambda: list(map(work, data)),
-            None,
-            remark="what a second thread is worth on this machine",
-        )
+@cache
+def _single(name: str) -> tuple[Dynamics, Trajectory]:
+    """Returns a task's dynamics for one thread, and a motion of it."""
+    task, motion = moving(name)
+    return with_threads(task, 1).dynamics, motion
+
+
+def _linearize_half(name: str, half: int) -> None:
+    """What each of two processes does that share nothing: no two threads can do more."""
+    dynamics, motion = _single(name)
+    middle = motion.horizon // 2
+    first, end = (0, middle) if half == 0 else (middle, motion.horizon)
+    dynamics.linearize(Trajectory(motion.states[first : end + 1], motion.controls[first:end]))
 
 
 def _error(found: LinearDynamics, expected: LinearDynamics) -> str:

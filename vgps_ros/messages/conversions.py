@@ -5,9 +5,11 @@ Arrays cross as their bytes, so a value that goes there and back keeps every bit
 
 from array import array
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import (
     GaussianPolicy as GaussianPolicyMsg,
@@ -197,12 +199,17 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
 
 
-def _order(message: JointState, joint_names: Sequence[str]) -> list[int]:
-    index = {name: i for i, name in enumerate(message.name)}
+def _order(message: JointState, joint_names: Sequence[str]) -> NDArray[np.intp]:
+    return _order_of(tuple(message.name), tuple(joint_names))
+
+
+@lru_cache(maxsize=16)  # a sender keeps to one order
+def _order_of(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+    index = {name: i for i, name in enumerate(names)}
     missing = [name for name in joint_names if name not in index]
-    if missing or len(index) != len(message.name):
+    if missing or len(index) != len(names):
         raise InvalidInputError(
-            f"The message has the joints {quoted(list(message.name))}, but each of "
+            f"The message has the joints {quoted(list(names))}, but each of "
             f"{list(joint_names)} must be there once."
         )
-    return [index[name] for name in joint_names]
+    return np.array([index[name] for name in joint_names], dtype=np.intp)

@@ -37,11 +37,12 @@ class SimulatedRobot:
         Raises:
             InvalidInputError: one is so large that MuJoCo would put zero in its place.
         """
-        too_large = np.flatnonzero(np.abs(command) >= mujoco.mjMAXVAL)
-        if too_large.size:
+        too_large = np.abs(command) >= mujoco.mjMAXVAL
+        if too_large.any():
+            first = np.argmax(too_large)
             raise InvalidInputError(
-                f"joint_command.effort is {command[too_large[0]]:g} at index {too_large[0]}; every "
-                f"value must be below {mujoco.mjMAXVAL:g}."
+                f"joint_command.effort is {command[first]:g} at index {first}; every value "
+                f"must be below {mujoco.mjMAXVAL:g}."
             )
 
     def advance(self, command: Array) -> None:
@@ -52,13 +53,13 @@ class SimulatedRobot:
         """
         state = self._task.dynamics.step(self.state, command)
         # A NaN fails the comparison too.
-        outside = np.flatnonzero(~(np.abs(state) < DIVERGENCE_BOUND))
-        if outside.size:
-            names = self._task.joint_names
-            kind = "position" if outside[0] < len(names) else "velocity"
+        inside = np.abs(state) < DIVERGENCE_BOUND
+        if not inside.all():
+            names, first = self._task.joint_names, np.argmin(inside)
+            kind = "position" if first < len(names) else "velocity"
             raise DivergenceError(
                 f"The state diverged at {self.stamp * 1e-9:g} s: the {kind} of "
-                f"{names[outside[0] % len(names)]} became {state[outside[0]]:g}. The simulation is "
+                f"{names[first % len(names)]} became {state[first]:g}. The simulation is "
                 "paused; reset it, and check the policy and the initial state."
             )
         self.previous_stamp = self.stamp
