@@ -61,7 +61,9 @@ def test_info_tells_topics_parameters_and_versions(capsys):
     assert nodes["/simulation"]["ros__parameters"]["task"] == "swimmer"
     assert len(content["attachments"]["environment.yaml"]["commit"].split("-")[0]) == 40
     main(["info", str(SAMPLE)])
-    assert "/trajectory_distribution" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    for topic in content["topics"]:  # a pipe has no width at which a name might be cut
+        assert any(topic["name"] in row and topic["type"] in row for row in table.splitlines())
 
 
 def test_the_recorded_torques_are_those_of_the_recorded_policy(capsys):

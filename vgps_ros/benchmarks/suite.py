@@ -13,6 +13,7 @@ from vgps_ros.benchmarks.comparison import Comparison
 from vgps_ros.benchmarks.report import growth_figure, markdown, terminal_table
 from vgps_ros.core.files import write_json
 from vgps_ros.views.plots import save
+from vgps_ros.views.table_console import table_console
 
 Benchmark = Callable[[], Iterator[Comparison]]
 
@@ -97,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sound = run(
             parsed.names or [name for name in BENCHMARKS if name not in LONG],
             parsed.output,
-            Console(width=140),
+            table_console(wide=True),
         )
     except OSError as error:
         sys.exit(f"benchmark: {error}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from vgps_ros.core.checks import positive
@@ -19,6 +18,7 @@ from vgps_ros.core.policy_file import load_policy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import TASKS, Task, make_task
+from vgps_ros.views.table_console import table_console
 
 VELOCITY_PER_POSITION = 10.0  # a start perturbed by 0.01 rad is perturbed by 0.1 rad/s
 
@@ -109,7 +109,7 @@ def show(result: dict[str, Any]) -> None:
         table.add_column(column, justify="right")
     for key, name in names.items():
         table.add_row(name, *(f"{result[key][column]:.3f}" for column in columns))
-    Console().print(table)
+    table_console().print(table)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-from rich.console import Console
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.experiments.cells import Cell, Panel
@@ -20,6 +19,7 @@ from vgps_ros.views.comparison import ComparisonPanel, Curve, comparison
 from vgps_ros.views.comparison_recording import record_comparison
 from vgps_ros.views.plots import save
 from vgps_ros.views.run_record import RunRecord, read_results
+from vgps_ros.views.table_console import table_console
 
 _PICTURES = ("figure1.png", "figure1.svg")
 _RECORDING = "figure1.rrd"
@@ -105,5 +105,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows = figure(parsed.experiment, output, average=parsed.average, overwrite=parsed.overwrite)
     except (VgpsError, OSError) as error:
         sys.exit(f"figure: {error}")
-    Console().print(summary_table(rows))
+    table_console(wide=True).print(summary_table(rows))
     print(f"Wrote {', '.join((*_PICTURES, _RECORDING, _SUMMARY))} to {output}.")

@@ -20,6 +20,7 @@ from vgps_ros.tools.episode import last_episode, write_table
 from vgps_ros.tools.topics import needed_topic
 from vgps_ros.tools.torque_check import check_torques
 from vgps_ros.views.graph_scene import GraphScene, is_drawn
+from vgps_ros.views.table_console import table_console
 
 
 def info(path: Path, *, as_json: bool) -> None:
@@ -32,13 +33,15 @@ def info(path: Path, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(content, indent=2))
         return
-    console = Console()
+    console = table_console()
     started = datetime.fromtimestamp(content["start"]).isoformat(" ", "seconds")
     console.print(
         f"{path}: {content['messages']} messages over {content['duration']:.3f} s from {started}, "
         f"{content['size'] / 1e6:.2f} MB"
     )
-    table = Table("topic", "type")
+    table = Table()
+    for name in ("topic", "type"):
+        table.add_column(name, overflow="fold")  # a narrow terminal cuts no name
     for heading in ("messages", "per second"):
         table.add_column(heading, justify="right")
     for topic in content["topics"]:
