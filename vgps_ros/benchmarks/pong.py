@@ -1,5 +1,7 @@
 """The peer of a controller: a bare node that answers each state at once with the same torques."""
 
+from contextlib import suppress
+
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -11,8 +13,14 @@ from vgps_ros.tasks import make_task
 
 
 def main() -> None:
-    """Runs the node."""
+    """Runs the node until INT or TERM."""
     rclpy.init()
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        _serve()
+    rclpy.try_shutdown()
+
+
+def _serve() -> None:
     node = rclpy.create_node("pong")
     names = make_task("swimmer").actuated_joint_names
     answer = JointState(name=names, effort=pack(np.zeros(len(names))))
@@ -25,11 +33,8 @@ def main() -> None:
     node.create_subscription(JointState, "joint_states", reply, NEWEST)
     try:
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":
