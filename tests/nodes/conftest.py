@@ -17,7 +17,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,6 +33,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.nodes.qos import STREAM
+from vgps_ros.nodes.shared_memory import files_of, owned_segments
 from vgps_ros.tasks import Task
 
 T = TypeVar("T")
@@ -159,7 +160,7 @@ class Graph:
 
     def remove_orphaned_memory(self) -> None:
         """Removes what killed processes have left, as `fastdds shm clean` does."""
-        _remove({segment for process in self.processes for segment in process.orphaned})
+        remove_orphans({segment for process in self.processes for segment in process.orphaned})
 
     # The test's own node
 
@@ -265,6 +266,13 @@ def random_policy(swimmer: Task) -> Callable[[int], GaussianPolicy]:
     return draw
 
 
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """A domain in which nobody is."""
+    with _free_domain() as free:
+        yield free
+
+
 @contextmanager
 def _free_domain() -> Iterator[int]:
     """Reserves a domain by an abstract socket: it vanishes with the process and is no file."""
@@ -279,32 +287,14 @@ def _free_domain() -> Iterator[int]:
     raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
 
 
-def owned_segments(pid: int) -> set[Path]:
-    """Shared memory of Fast DDS that a process made: it holds a lock file open for each."""
-    files = Path(f"/proc/{pid}/fd")
-    try:
-        opened = map(_target, files.iterdir())
-        locks = [file for file in opened if re.fullmatch("/dev/shm/fastrtps_.*_el", file)]
-    except OSError:  # it has ended meanwhile, or belongs to somebody else
-        return set()
-    return {Path(lock.removesuffix("_el")) for lock in locks}
-
-
-def _target(link: Path) -> str:
-    """What an open file is; nothing if it was closed meanwhile, as the listing itself."""
-    with suppress(FileNotFoundError):
-        return os.readlink(link)
-    return ""
-
-
-def _remove(segments: set[Path]) -> None:
+def remove_orphans(segments: set[Path]) -> None:
     """Removes shared memory that no living process has made."""
     if not segments:
         return
     living = (int(f.name) for f in Path("/proc").iterdir() if f.name.isdecimal())
     for segment in segments - {owned for pid in living for owned in owned_segments(pid)}:
-        for name in (segment.name, f"{segment.name}_el", f"sem.{segment.name}_mutex"):
-            segment.with_name(name).unlink(missing_ok=True)
+        for file in files_of(segment):
+            file.unlink(missing_ok=True)
 
 
 def _yaml(value: Any) -> str:
