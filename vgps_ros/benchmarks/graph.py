@@ -22,7 +22,7 @@ from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
 from vgps_ros.tasks import Task, make_task
 
 LOOPS = 3000  # of each lock-step run
-ROUNDS = 3  # runs of each
+ROUNDS = 5  # runs of each
 IDLE_SECONDS = 15.0
 SOLVES = 41
 SOLVE_ITERATIONS = 10

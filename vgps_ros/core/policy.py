@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
@@ -171,10 +172,14 @@ class GaussianPolicy:
         """Weight, shape (n_out, n_in), and bias, shape (n_out,) or 0.0, of each layer."""
         return self.architecture.unpack(self.parameters)
 
+    @cached_property
+    def _observed(self) -> NDArray[np.intp]:
+        return np.array(self.architecture.observed, dtype=np.intp)
+
     def mean(self, states: Array) -> Array:
         """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
         activation = ACTIVATIONS[self.architecture.activation][0]
-        a = states[..., self.architecture.observed]
+        a = states[..., self._observed]
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:
             a = activation(a @ w.T + b)
@@ -183,7 +188,7 @@ class GaussianPolicy:
     def linearize(self, states: Array) -> tuple[Array, Array]:
         """Returns μ_θ(x), shape (..., n_u), and ∂μ/∂x, shape (..., n_u, n_x)."""
         activation, derivative = ACTIVATIONS[self.architecture.activation]
-        a = states[..., self.architecture.observed]
+        a = states[..., self._observed]
         jacobian = np.eye(len(self.architecture.observed))
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:

@@ -48,7 +48,7 @@ class TorqueLimiter:
 
     def clipped(self, torques: Array) -> Array:
         """Returns torques within the limits, shape (n_u,), [N·m]."""
-        return np.clip(torques, -self._limits, self._limits)
+        return _clip(torques, -self._limits, self._limits)
 
     def limited(self, torques: Array, stamp: int) -> Array:
         """Returns torques within all limits, shape (n_u,), [N·m], for the state of a stamp [ns]."""
@@ -59,7 +59,7 @@ class TorqueLimiter:
         elapsed = self._period
         if before_stamp >= 0:
             elapsed = min(elapsed, (stamp - before_stamp) * 1e-9)
-        return np.clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
+        return _clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
 
     def note(self, torques: Array, stamp: int) -> None:
         """Takes note of torques that were sent, from which the next ones may change."""
@@ -74,3 +74,8 @@ class TorqueLimiter:
         if stamp > self._latest[0]:
             return self._latest
         return self._earlier if stamp == self._latest[0] else self._start
+
+
+def _clip(values: Array, lowest: Array, highest: Array) -> Array:
+    """np.clip in a quarter of its time, which counts between a state and its command."""
+    return np.minimum(np.maximum(values, lowest), highest)
