@@ -141,7 +141,7 @@ def derivatives() -> Iterator[Comparison]:
                     (
                         f"{name}: derivatives, two threads / two processes, half a motion each",
                         ours,
-                        lambda name=name: list(processes.map(_linearize_half, [name] * 2, [0, 1])),  # type: ignore[misc]
+                        partial(_linearize_halves, processes, name),
                         None,
                     ),
                 ],
@@ -164,8 +164,12 @@ def _single(name: str) -> tuple[Dynamics, Trajectory]:
     return with_threads(task, 1).dynamics, motion
 
 
+def _linearize_halves(processes: ProcessPoolExecutor, name: str) -> None:
+    """Does the same in two processes, which share nothing but the machine."""
+    list(processes.map(_linearize_half, [name, name], [0, 1]))
+
+
 def _linearize_half(name: str, half: int) -> None:
-    """What each of two processes does that share nothing: no two threads can do more."""
     dynamics, motion = _single(name)
     middle = motion.horizon // 2
     first, end = (0, middle) if half == 0 else (middle, motion.horizon)

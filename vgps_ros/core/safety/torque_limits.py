@@ -77,5 +77,5 @@ class TorqueLimiter:
 
 
 def _clip(values: Array, lowest: Array, highest: Array) -> Array:
-    """np.clip in a quarter of its time, which counts between a state and its command."""
+    """np.clip in less than half of its time, which counts between a state and its command."""
     return np.minimum(np.maximum(values, lowest), highest)
