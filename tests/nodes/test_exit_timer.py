@@ -1,4 +1,4 @@
-"""The timer that ends a process which hangs with Python's lock held."""
+"""The timers that end a process which hangs with Python's lock held."""
 
 import os
 import subprocess

@@ -11,11 +11,11 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.nodes.parameters import DECLARED
+from vgps_ros.views.table_console import table_console
 
 
 def show_help(make_node: Callable[[], Node], name: str) -> None:
@@ -38,10 +38,12 @@ def show_help(make_node: Callable[[], Node], name: str) -> None:
             make_node().destroy_node()
         rclpy.try_shutdown()
         gc.collect()  # what such a node, or one with a lifecycle, still holds
-    table = Table("parameter", "default", "what it does (valid values)", box=box.SIMPLE)
+    table = Table(box=box.SIMPLE)
+    for heading in ("parameter", "default", "what it does (valid values)"):
+        table.add_column(heading, overflow="fold")
     for descriptor, default in DECLARED:
         changes = "" if descriptor.read_only else " [may change while it runs]"
         table.add_row(descriptor.name, str(default), descriptor.description + changes)
     print(f"usage: ros2 run vgps_ros {name} [--ros-args -p PARAMETER:=VALUE ...]\n")
     print(sys.modules[make_node.__module__].__doc__)
-    Console(markup=False, highlight=False).print(table)
+    table_console().print(table, markup=False, highlight=False)

@@ -149,19 +149,14 @@ class PolicyExecutor(LifecycleNode):
     def _answer(self, policy: GaussianPolicy, message: JointState) -> Command | None:
         state = state_from_msg(message, self._task.joint_names)
         stamp = nanoseconds(message.header.stamp)
-        age = self._age(stamp) if self._settings.max_state_age else 0.0
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
         return self._supervisor.answer(
             state,
             stamp,
-            age,
+            lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
             time.monotonic(),
             lambda: executed_control(policy, state, stamp, seed),
         )
-
-    def _age(self, stamp: int) -> float:
-        """The time of the node's clock less a stamp [s]."""
-        return (self.get_clock().now().nanoseconds - stamp) * 1e-9
 
     def _watch(self) -> None:
         """Sends the safe action where it is due without a state, once a control period."""

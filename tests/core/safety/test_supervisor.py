@@ -25,7 +25,9 @@ class Robot:
     def send(self, step, state=STATE, torques=TORQUES, age=0.0):
         """Sends a state; returns the torques and the stamp that answer it."""
         self.now += PERIOD * 1e-9
-        command = self.supervisor.answer(state, step * PERIOD, age, self.now, lambda: torques)
+        command = self.supervisor.answer(
+            state, step * PERIOD, lambda: age, self.now, lambda: torques
+        )
         return command and (command.torques.tolist(), command.stamp // PERIOD)
 
     def wait(self, duration):

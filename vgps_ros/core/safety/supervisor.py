@@ -72,14 +72,19 @@ class Supervisor:
         self._newest = -1
 
     def answer(
-        self, state: Array, stamp: int, age: float, now: float, law: Callable[[], Array]
+        self,
+        state: Array,
+        stamp: int,
+        age: Callable[[], float],
+        now: float,
+        law: Callable[[], Array],
     ) -> Command | None:
         """Returns the answer to a state.
 
         Args:
             state: x, shape (n_x,), finite.
             stamp: its time [ns].
-            age: the time of the robot's clock less the stamp [s].
+            age: gives the time of the robot's clock less the stamp [s], where that matters.
             now: when it came.
             law: gives the policy's torques for it, shape (n_u,), [N·m].
         """
@@ -118,7 +123,7 @@ class Supervisor:
             return None
         return self._sent_safely(np.zeros(len(self._actuated)))
 
-    def _unusable(self, stamp: int, age: float, now: float) -> str | None:
+    def _unusable(self, stamp: int, age: Callable[[], float], now: float) -> str | None:
         """Why a state cannot be used, from its stamp."""
         if stamp < 0:
             return f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
@@ -129,9 +134,9 @@ class Supervisor:
                 "must come in order; is one robot publishing joint_states?"
             )
         allowed = self._settings.max_state_age
-        if allowed and not abs(age) <= allowed:
+        if allowed and not (difference := abs(age())) <= allowed:
             return (
-                f"the state's stamp differs from the node's clock by {abs(age):.2g} s, but "
+                f"the state's stamp differs from the node's clock by {difference:.2g} s, but "
                 f"max_state_age is {allowed:g} s; do the clocks agree, or is use_sim_time not set?"
             )
         return None
