@@ -11,6 +11,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import pack, policy_to_msg
+from vgps_ros.messages.optimization import ENDING
 
 NODE = "trajectory_optimizer"
 
@@ -114,8 +115,14 @@ def test_a_termination_ends_a_running_solve(graph, request_message):
     node = graph.start(NODE)
     iterations = graph.messages(OptimizerIteration, f"{NODE}/iterations")
     request_message.max_iterations = 100_000
-    graph.call_async(OptimizeTrajectory, f"{NODE}/optimize", request_message)
-    graph.spin_until(lambda: iterations, what="a running solve")
+    answers = [
+        graph.call_async(OptimizeTrajectory, f"{NODE}/optimize", request_message) for _ in range(2)
+    ]
+    # So many that the node has discovered who waits for its answers.
+    graph.spin_until(lambda: len(iterations) > 30, what="a running solve")
     node.send(15)
     node.send(15)
+    graph.spin_until(lambda: all(a.done() for a in answers), what="answers of a node that ends")
+    assert [answer.result().status for answer in answers] == [ENDING, ENDING]
     assert node.wait() == 0, node.output
+    assert "Traceback" not in node.output

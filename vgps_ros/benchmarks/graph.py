@@ -24,7 +24,7 @@ from vgps_ros.tasks import Task, make_task
 LOOPS = 3000  # of each lock-step run
 ROUNDS = 5  # runs of each
 IDLE_SECONDS = 15.0
-SOLVES = 41
+SOLVES = 101
 SOLVE_ITERATIONS = 10
 NODES = ("simulation", "policy_executor", "trajectory_optimizer", "policy_learner", "recorder")
 

@@ -1,12 +1,12 @@
 """Node `trajectory_optimizer`: DDP on ᾱ c − log π_θ, as a service that answers with q(ζ)."""
 
 import threading
+import traceback
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
@@ -21,7 +21,7 @@ from vgps_ros.messages.optimization import (
     request_from_msg,
     result_to_msg,
 )
-from vgps_ros.nodes.executors import ThreadedExecutor
+from vgps_ros.nodes.executors import streaming_executor
 from vgps_ros.nodes.health import Health
 from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.nodes.qos import LATCHED, STREAM
@@ -46,61 +46,62 @@ class TrajectoryOptimizerNode(Node):
         self._health = Health(self)
         self._cancelled = threading.Event()
         self._solving = threading.Event()
-        self._worker = ThreadPoolExecutor(1, "solve")  # each thread that computes keeps memory
+        self._ending = threading.Event()
+        # A solve must not keep the node from being cancelled or diagnosed.
+        self._worker = ThreadPoolExecutor(1, "solve")
         self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", STREAM)
         self._distributions = self.create_publisher(
             TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
         )
-        # Groups of their own: a solve must not keep the node from being cancelled or diagnosed.
-        self.create_service(
-            OptimizeTrajectory,
-            "~/optimize",
-            lambda *request: self._worker.submit(self._optimize, *request).result(),
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        self.create_service(
-            CancelOptimization,
-            "~/cancel",
-            self._cancel,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
+        self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue)
+        self.create_service(CancelOptimization, "~/cancel", self._cancel)
         publish_robot_description(self, task)
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
 
-    def _optimize(
-        self, request: OptimizeTrajectory.Request, response: OptimizeTrajectory.Response
-    ) -> OptimizeTrajectory.Response:
+    def stop(self) -> None:
+        """Hands back what is being solved, and what waits for it."""
+        self._ending.set()
+        self._worker.shutdown()
+
+    def _enqueue(self, request: OptimizeTrajectory.Request, _: object) -> Future:
+        answer = Future()
+        self._worker.submit(lambda: answer.set_result(self._optimize(request)))
+        return answer
+
+    def _optimize(self, request: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:
+        """Does a solve; whatever keeps it from its end becomes its answer."""
         self._cancelled.clear()
         self._solving.set()
         try:
-            parsed = request_from_msg(request, self._optimizer.task)
-
-            def publish(iteration: Iteration) -> None:
-                stamp = self.get_clock().now().to_msg()
-                self._iterations.publish(iteration_to_msg(iteration, parsed, stamp))
-
-            result = self._optimizer.optimize(
-                parsed,
-                on_iteration=publish,
-                is_cancelled=lambda: self._cancelled.is_set() or not self.context.ok(),
-            )
-        except VgpsError as error:
-            response.success = False
-            response.status = error.status if isinstance(error, DivergenceError) else "refused"
-            response.message = str(error)
-            self._health.set_value("last status", response.status)
-            self._health.error(f"Refused a request: {error}")
-            return response
+            response = self._solve(request)
+        except Exception as error:
+            if not self._ending.is_set():
+                return self._refused(error)
         finally:
             self._solving.clear()
-        if not self.context.ok():
-            response.status = ENDING
-            response.message = "The node ends, so that the solve is to be done elsewhere."
-            return response
-        self._health.clear()
-        self._health.set_value("last status", result.status.value)
+        if self._ending.is_set():
+            return OptimizeTrajectory.Response(
+                status=ENDING,
+                message="The node ends, so that the solve is to be done elsewhere.",
+            )
+        return response
+
+    def _solve(self, message: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:
+        request = request_from_msg(message, self._optimizer.task)
+
+        def publish(iteration: Iteration) -> None:
+            stamp = self.get_clock().now().to_msg()
+            self._iterations.publish(iteration_to_msg(iteration, request, stamp))
+
+        result = self._optimizer.optimize(
+            request,
+            on_iteration=publish,
+            is_cancelled=lambda: self._cancelled.is_set() or self._ending.is_set(),
+        )
         stamp = self.get_clock().now().to_msg()
-        response = result_to_msg(result, parsed, self._optimizer.task, stamp)
+        response = result_to_msg(result, request, self._optimizer.task, stamp)
+        self._health.clear()
+        self._health.set_value("last status", response.status)
         if result.status in TROUBLE:
             self._health.warn(response.message, "solve")
         else:
@@ -109,6 +110,16 @@ class TrajectoryOptimizerNode(Node):
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)
         return response
+
+    def _refused(self, error: Exception) -> OptimizeTrajectory.Response:
+        sentence = str(error)
+        if not isinstance(error, VgpsError):
+            self.get_logger().error(traceback.format_exc())
+            sentence = f"{type(error).__name__}: {error}"
+        status = error.status if isinstance(error, DivergenceError) else "refused"
+        self._health.set_value("last status", status)
+        self._health.error(f"Refused a request: {sentence}")
+        return OptimizeTrajectory.Response(status=status, message=sentence)
 
     def _cancel(
         self, _: CancelOptimization.Request, response: CancelOptimization.Response
@@ -121,4 +132,4 @@ class TrajectoryOptimizerNode(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(TrajectoryOptimizerNode, partial(ThreadedExecutor, 3))
+    return run(TrajectoryOptimizerNode, streaming_executor, close=lambda node, _: node.stop())
