@@ -71,3 +71,16 @@ def test_training_without_a_graph_needs_no_ros():
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert run.returncode == 0, run.stderr
+
+
+def test_only_what_learns_waits_for_torch():
+    script = """
+import importlib, pkgutil, sys
+from vgps_ros import nodes, tools
+for package in (nodes, tools):
+    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        if module.name != "vgps_ros.nodes.policy_learner":
+            importlib.import_module(module.name)
+            assert "torch" not in sys.modules, module.name
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -6,7 +6,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.search.iteration import Figures
+from vgps_ros.search.figures import Figures
 
 
 def progress_to_msg(

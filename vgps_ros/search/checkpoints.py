@@ -23,7 +23,8 @@ from vgps_ros.core.files import part_of, replacing
 from vgps_ros.core.record_tree import from_tree, to_tree
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import settings_of
-from vgps_ros.search.iteration import Figures, SearchState
+from vgps_ros.search.figures import Figures
+from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimizer import OptimizationResult, check_distribution
 from vgps_ros.search.workspace import Update, initial_states

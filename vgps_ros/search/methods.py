@@ -21,9 +21,9 @@ from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
+from vgps_ros.search.figures import Figures
 from vgps_ros.search.gps import GuidedUpdate, gps
 from vgps_ros.search.iteration import (
-    Figures,
     SearchIteration,
     SearchState,
     mean_solution_cost,

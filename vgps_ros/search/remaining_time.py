@@ -2,7 +2,7 @@
 
 import time
 
-from vgps_ros.search.iteration import Figures
+from vgps_ros.search.figures import Figures
 
 
 class RemainingTime:

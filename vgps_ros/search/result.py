@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from vgps_ros.search.iteration import Figures
+from vgps_ros.search.figures import Figures
 
 
 def iteration_entry(iteration: Figures) -> dict[str, Any]:

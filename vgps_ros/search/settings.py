@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.fit_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
-from vgps_ros.core.policy_fit import FitSettings
 from vgps_ros.core.settings import setting, with_values
 from vgps_ros.tasks import Task
 
