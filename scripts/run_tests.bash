@@ -41,14 +41,36 @@ run_pytest() {
 
 # Tests of real processes wait for each other, and a shared machine may stand still for seconds: what
 # fails is run once more, and both outcomes stand in the output. More than a few are no accident.
-few=3 status=0 failed=.pytest_cache/v/cache/lastfailed
-rm -f "$failed"
-run_pytest "${@:-tests}" || status=$?
-if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]]; then
-  printf 'run_tests: these failed, and are run once more:\n' >&2
-  grep -o '^ *"[^"]*' "$failed" | tr -d ' "' >&2
-  status=0
-  run_pytest --last-failed "${@:-tests}" || status=$?
+few=3
+run_group() {
+  local name=$1 status=0 failed=$scratch/$1/v/cache/lastfailed
+  shift
+  run_pytest -o cache_dir="$scratch/$name" "$@" || status=$?
+  if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]]; then
+    printf 'run_tests: these failed, and are run once more:\n' >&2
+    grep -o '^ *"[^"]*' "$failed" | tr -d ' "' >&2
+    status=0
+    run_pytest -o cache_dir="$scratch/$name" --last-failed "$@" || status=$?
+  fi
+  return "$status"
+}
+
+# Those tests mostly wait, so that the others run beside them, and give way to them.
+status=0
+waiting=(tests/nodes tests/faults tests/bags)
+if [[ $# -gt 0 ]]; then
+  run_group chosen "$@" || status=$?
+else
+  (
+    renice -n 19 "$BASHPID" >/dev/null
+    run_group computing tests "${waiting[@]/#/--ignore=}"
+  ) >"$scratch/computing.log" 2>&1 &
+  computing=$!
+  printf 'run_tests: real processes; what computes runs beside, log in %s\n' "$scratch/computing.log"
+  run_group waiting "${waiting[@]}" || status=$?
+  printf 'run_tests: what computes\n'
+  wait "$computing" || status=$?
+  cat "$scratch/computing.log"
 fi
 
 left=$(leftover_processes)
