@@ -178,8 +178,8 @@ class Graph:
 
     def spin_for(self, duration: float) -> None:
         end = time.monotonic() + duration
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
 
     def spin_until_output(self, process: Process, text: str) -> None:
         self.spin_until(lambda: text in process.output, what=f"{process.name} to say '{text}'")

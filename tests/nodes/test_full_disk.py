@@ -45,6 +45,12 @@ def stamps(path: Path) -> list[int]:
         ]
 
 
+def positions(path: Path) -> int:
+    """Counts the states in a recording."""
+    chunks = (c for c in RrdReader(path).stream() if not c.is_static)
+    return sum(c.num_rows for c in chunks if str(c.entity_path) == "/joint_states/position")
+
+
 class Source:
     """Publishes numbered states and large messages."""
 
@@ -228,7 +234,7 @@ def test_the_visualizer_goes_on_after_a_full_disk_and_ends_on_one(graph, swimmer
     limit(visualizer, resource.RLIM_INFINITY)
     graph.diagnosis("visualizer", DiagnosticStatus.OK)
     publish(100)
-    graph.spin_for(7.0)  # Rerun writes every five seconds
+    graph.spin_until(lambda: positions(path) >= 300, what="the visualizer to write it all")
     limit(visualizer, path.stat().st_size + 1000)
     publish(300)
     graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "Cannot write to")
@@ -237,6 +243,4 @@ def test_the_visualizer_goes_on_after_a_full_disk_and_ends_on_one(graph, swimmer
     assert time.monotonic() - began < END
     assert "lacks its end" in visualizer.output
     assert "Traceback" not in visualizer.output
-    chunks = (c for c in RrdReader(path).stream() if not c.is_static)
-    rows = sum(c.num_rows for c in chunks if str(c.entity_path) == "/joint_states/position")
-    assert rows >= 300
+    assert positions(path) >= 300

@@ -237,7 +237,7 @@ def test_files_split_and_are_compressed_as_parameters_say(graph, tmp_path):
     )
     graph.spin_until_output(recorder, "Recording to")
     stream = graph.publisher(JointState, "joint_states", STREAM)
-    for i in range(150):
+    for i in range(200):
         stream.publish(joint_state(i))
         graph.spin_for(0.01)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
@@ -249,7 +249,7 @@ def test_files_split_and_are_compressed_as_parameters_say(graph, tmp_path):
         assert {chunk.compression for chunk in chunks} <= {"zstd"}
     recorded = rows(tmp_path / "bag")["/joint_states"]
     stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
-    assert stamps == list(range(150))
+    assert stamps == list(range(200))
 
 
 def test_recording_pauses_and_goes_on_by_service(graph, tmp_path):
