@@ -1,5 +1,7 @@
 """Goals are what they say, and a peer is driven, looked at and ended as it should be."""
 
+import tempfile
+
 import gymnasium
 import numpy as np
 import pytest
@@ -39,7 +41,8 @@ def test_a_rollout_that_diverges_is_no_success(swimmer):
 
 
 @pytest.mark.parametrize("algorithm", [PPO, SAC])
-def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm):
+def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     cost = swimmer.trajectory_cost
     at_once = Goal("cost", 50, cost, 1e9)
     there = stable_baselines.learn(algorithm, swimmer, at_once, 5, limit=600.0)
@@ -50,14 +53,15 @@ def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm):
     given_up = stable_baselines.learn(algorithm, swimmer, never, None, limit=there.seconds)
     assert not given_up.reached
     assert given_up.seconds >= there.seconds
+    assert not list(tmp_path.glob("SB3-*"))
 
 
-@pytest.mark.parametrize("algorithm", [PPO, SAC])
-def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, algorithm):
+@pytest.mark.parametrize(("algorithm", "steps"), [(PPO, 2048), (SAC, 300)])
+def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, algorithm, steps):
     """The rollout of the law, normalised and scaled, is the environment's own episode."""
     environment = stable_baselines.environments(algorithm, swimmer)
     model = algorithm("MlpPolicy", environment, seed=3, device="cpu")
-    model.learn(total_timesteps=2048)
+    model.learn(total_timesteps=steps)
     law = stable_baselines.control_law(model, swimmer)
     rollout = swimmer.dynamics.rollout(swimmer.initial_state, law, 20)
     episode = gymnasium.make("vgps_ros/Swimmer-v0")

@@ -12,6 +12,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import vgps_ros.environments  # noqa: F401  registers them
@@ -81,6 +82,7 @@ def learn(
         }
     environment, look = environments(algorithm, task), Look(task, goal, limit)
     model = algorithm("MlpPolicy", environment, seed=SEED, device="cpu", **settings)
+    model.set_logger(Logger(folder=None, output_formats=[]))  # its own makes a folder in /tmp
     model.learn(total_timesteps=10**9, callback=look)
     environment.close()
     reached = look.best <= goal.bound
