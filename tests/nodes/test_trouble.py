@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import Log
 from vgps_msgs.msg import Trajectory
 from vgps_msgs.srv import OptimizeTrajectory, StepSimulation
 
 from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
+from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
+from vgps_ros.nodes.health import Health
 from vgps_ros.tasks import make_task
 
 NODE = "trajectory_optimizer"
@@ -75,3 +78,14 @@ def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):
     values = {value.key: value.value for value in status.values}
     assert values["MuJoCo warnings"] == "bad acceleration (1)"
     graph.spin_until_output(node, "MuJoCo warns of bad acceleration (1)")
+
+
+def test_only_an_error_that_was_not_foreseen_leaves_its_traceback(graph):
+    health, lines = Health(graph.node), graph.messages(Log, "/rosout")
+    assert health.sentence_of(VgpsError("Name another task.")) == "Name another task."
+    with pytest.raises(ZeroDivisionError) as caught:
+        divmod(1, 0)
+    sentence = health.sentence_of(caught.value)
+    assert sentence.startswith("ZeroDivisionError: ")
+    graph.spin_until(lambda: any("divmod(1, 0)" in x.msg for x in lines), what="the traceback")
+    assert not any("another task" in line.msg for line in lines)

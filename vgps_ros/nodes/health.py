@@ -1,11 +1,13 @@
 """What a node says of itself: diagnostics, and what it is waiting for."""
 
 import time
+import traceback
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.nodes.parameters import declare
 from vgps_ros.nodes.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
@@ -87,6 +89,13 @@ class Health:
             about: faults about different things are reported and cleared on their own.
         """
         self._report(DiagnosticStatus.ERROR, sentence, about)
+
+    def sentence_of(self, error: Exception) -> str:
+        """Returns what an error says; of one that was not foreseen the traceback is in the log."""
+        if isinstance(error, VgpsError):
+            return str(error)
+        self._node.get_logger().error("".join(traceback.format_exception(error)))
+        return f"{type(error).__name__}: {error}"
 
     def warn(self, sentence: str, about: str) -> None:
         """Reports in the same way what is not a fault yet."""

@@ -1,7 +1,6 @@
 """Node `policy_learner`: drives a policy search over the optimizers' services, as an action."""
 
 import threading
-import traceback
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,6 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
@@ -107,10 +105,7 @@ class PolicyLearner(Node):
             except Exception as error:
                 if not self.context.ok():
                     raise  # nobody can be told any more
-                result.message = str(error)
-                if not isinstance(error, VgpsError):
-                    self.get_logger().error(traceback.format_exc())
-                    result.message = f"{type(error).__name__}: {error}"
+                result.message = self._health.sentence_of(error)
                 self._health.error(f"The training failed: {result.message}")
                 goal.abort()
             else:

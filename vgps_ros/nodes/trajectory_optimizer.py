@@ -1,7 +1,6 @@
 """Node `trajectory_optimizer`: DDP on ᾱ c − log π_θ, as a service that answers with q(ζ)."""
 
 import threading
-import traceback
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
-from vgps_ros.core.errors import DivergenceError, VgpsError
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.messages.optimization import (
     ENDING,
@@ -112,10 +111,7 @@ class TrajectoryOptimizerNode(Node):
         return response
 
     def _refused(self, error: Exception) -> OptimizeTrajectory.Response:
-        sentence = str(error)
-        if not isinstance(error, VgpsError):
-            self.get_logger().error(traceback.format_exc())
-            sentence = f"{type(error).__name__}: {error}"
+        sentence = self._health.sentence_of(error)
         status = error.status if isinstance(error, DivergenceError) else "refused"
         self._health.set_value("last status", status)
         self._health.error(f"Refused a request: {sentence}")
