@@ -32,7 +32,7 @@ lint: setup  ## ruff (rules and format) and mypy
 
 clean:  ## remove build, install, log and caches; keeps the virtual environment
 	@rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
-	@find vgps_ros tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	@find vgps_ros tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean  ## the same, and the virtual environment
 	@rm -rf .venv

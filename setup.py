@@ -13,16 +13,15 @@ NODES = [
     "visualizer",
 ]
 PROGRAMS = {
-    "bag": "vgps_ros.tools.bag",
-    "plot": "vgps_ros.tools.plot",
-    "train": "vgps_ros.experiments.train",
-    "evaluate": "vgps_ros.experiments.evaluate",
-    "experiment": "vgps_ros.experiments.experiment",
-    "figure": "vgps_ros.experiments.figure",
-    "benchmark": "vgps_ros.benchmarks.suite",
-    "find_gait": "vgps_ros.experiments.find_gait",
-    "train_through_graph": "vgps_ros.nodes.train_through_graph",
-    "execute_policy": "vgps_ros.nodes.execute_policy",
+    "bag": "vgps_ros.programs.bag",
+    "plot": "vgps_ros.programs.plot",
+    "train": "vgps_ros.programs.train",
+    "evaluate": "vgps_ros.programs.evaluate",
+    "experiment": "vgps_ros.programs.experiment",
+    "figure": "vgps_ros.programs.figure",
+    "find_gait": "vgps_ros.programs.find_gait",
+    "train_through_graph": "vgps_ros.programs.train_through_graph",
+    "execute_policy": "vgps_ros.programs.execute_policy",
 }
 
 setup(
@@ -46,7 +45,7 @@ setup(
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={
-        "console_scripts": [f"{name} = vgps_ros.nodes.start:main" for name in NODES]
+        "console_scripts": [f"{name} = vgps_ros.programs.start_node:main" for name in NODES]
         + [f"{name} = {module}:main" for name, module in PROGRAMS.items()],
     },
 )

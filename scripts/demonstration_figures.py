@@ -3,7 +3,7 @@
 import numpy as np
 
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import OptimizationRequest, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
 

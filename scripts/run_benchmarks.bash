@@ -11,4 +11,4 @@ if ! python -c 'import crocoddyl, stable_baselines3' 2>/dev/null; then
   python -m pip install --progress-bar off --no-input -r requirements/peers.txt >log/setup/peers.log 2>&1 ||
     { tail -n 30 log/setup/peers.log >&2; exit 1; }
 fi
-exec install/vgps_ros/lib/vgps_ros/benchmark "$@" --output "${OUTPUT:-recordings/benchmarks}"
+exec python -m benchmarks "$@" --output "${OUTPUT:-recordings/benchmarks}"

@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.joints import compile_model
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.policy_file import load_policy, save_policy
 from vgps_ros.core.records import Trajectory
+from vgps_ros.simulation.model import compile_model
+from vgps_ros.storage.policy_file import load_policy, save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.demonstration import load_demonstration, save_demonstration
+from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
 from vgps_ros.tasks.task import load_model
 from vgps_ros.views.run_record import RunRecord, read_results
 

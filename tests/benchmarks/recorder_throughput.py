@@ -27,7 +27,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagWriter, MessageDefinitions
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 
 KIND = "sensor_msgs/msg/JointState"
 RECORDER = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros" / "recorder"

@@ -8,14 +8,14 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from vgps_ros.benchmarks import suite
-from vgps_ros.benchmarks.centred_dynamics import CentredDynamics
-from vgps_ros.benchmarks.comparison import Comparison, compare
-from vgps_ros.benchmarks.problems import linear_quadratic, with_threads
+from benchmarks import suite
+from benchmarks.centred_dynamics import CentredDynamics
+from benchmarks.problems import linear_quadratic, with_threads
+from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.ddp.backward_pass import _recursion
-from vgps_ros.core.simulator import _differentiate, _execute, _follow
 from vgps_ros.search.preparation import prepare
+from vgps_ros.simulation.compiled_loops import _differentiate, _execute, _follow
 from vgps_ros.tasks import make_task
 
 

@@ -8,9 +8,9 @@ import pytest
 from stable_baselines3 import PPO, SAC
 
 import vgps_ros.environments  # noqa: F401  registers them
-from vgps_ros.benchmarks import stable_baselines
-from vgps_ros.benchmarks.goals import Goal, Stopwatch, walking_goal
-from vgps_ros.benchmarks.reinforcement import learn
+from benchmarks import stable_baselines
+from benchmarks.goals import Goal, Stopwatch, walking_goal
+from benchmarks.reinforcement import learn
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
 

@@ -21,11 +21,11 @@ from tests.faults.system import System
 from tests.faults.trainings import HIDDEN_UNITS, LEARNING
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import reindex
-from vgps_ros.core.policy_file import save_policy
 from vgps_ros.search.methods import search
-from vgps_ros.search.result import iteration_entry
+from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
 
 

@@ -24,7 +24,7 @@ from tests.faults.listener import RESENT
 from tests.faults.system import NODES, NOTICED, System
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
-from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.tasks import make_task
 
 Fault = Callable[[System], None]

@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import LearningProgress, OptimizerIteration
 
 from tests.faults.records import Published, Recording
-from vgps_ros.nodes.qos import NEWEST, SIGNS_OF_LIFE, STREAM
+from vgps_ros.ros_runtime.qos import NEWEST, SIGNS_OF_LIFE, STREAM
 
 KEPT = {  # what must be in the bags, by who publishes it
     "policy_learner": "/learning_progress",

@@ -32,8 +32,8 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.nodes.qos import STREAM
-from vgps_ros.nodes.shared_memory import files_of, owned_segments
+from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.shared_memory import files_of, owned_segments
 from vgps_ros.tasks import Task
 
 T = TypeVar("T")

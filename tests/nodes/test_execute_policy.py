@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from vgps_ros.messages.conversions import policy_to_msg
-from vgps_ros.nodes.qos import LATCHED
+from vgps_ros.ros_runtime.qos import LATCHED
 
 
 def test_its_figures_are_those_of_a_rollout_in_process_each_time(

@@ -8,19 +8,19 @@ from pathlib import Path
 import pytest
 
 from tests.nodes.conftest import remove_orphans
-from vgps_ros.nodes.shared_memory import files_of, is_port
+from vgps_ros.ros_runtime.shared_memory import files_of, is_port
 
 # With PyDLL a call keeps Python's lock: nothing of Python can run in this process any more.
 _HANG = """
 import ctypes
-from vgps_ros.nodes.exit_timer import exit_after
+from vgps_ros.ros_runtime.exit_timer import exit_after
 exit_after(0.2, {code})
 ctypes.PyDLL(None).pause()
 """
 _NODE = """
 import os
 import rclpy
-from vgps_ros.nodes.shared_memory import owned_segments
+from vgps_ros.ros_runtime.shared_memory import owned_segments
 rclpy.init()
 node = rclpy.create_node("hangs")
 print(*owned_segments(os.getpid()), sep="\\n", flush=True)
@@ -54,4 +54,7 @@ def test_it_leaves_no_shared_memory(domain_id):
 
 
 def test_a_process_that_ends_earlier_does_not_wait_for_it():
-    assert _exit_code("from vgps_ros.nodes.exit_timer import exit_after; exit_after(60.5, 3)") == 0
+    assert (
+        _exit_code("from vgps_ros.ros_runtime.exit_timer import exit_after; exit_after(60.5, 3)")
+        == 0
+    )

@@ -14,7 +14,7 @@ import pytest
 from rclpy.expand_topic_name import expand_topic_name
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 
 POLICY = Path(__file__).parents[2] / "config" / "security" / "policy.xml"
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"

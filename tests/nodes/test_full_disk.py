@@ -22,8 +22,8 @@ from std_msgs.msg import UInt8MultiArray
 from tests.nodes.conftest import EXECUTABLES
 from vgps_ros.bags.reindex import missing_parts, reindex
 from vgps_ros.messages.conversions import pack, stamp_of, state_to_msg
-from vgps_ros.nodes.qos import STREAM
-from vgps_ros.nodes.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.tasks import make_task
 
 # 2 s are promised, and 0.3 s measured where the machine is quiet; here others may work, too [s].

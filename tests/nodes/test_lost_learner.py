@@ -15,11 +15,11 @@ from tests.nodes.test_training import (
     train_in_process,
     without_times,
 )
-from vgps_ros.core.policy_file import save_policy
-from vgps_ros.nodes.qos import LATCHED
+from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.checkpoints import Run
-from vgps_ros.search.result import iteration_entry
+from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import search_settings
+from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
 
 ROTOR = make_task("rotor")

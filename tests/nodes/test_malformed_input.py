@@ -57,8 +57,8 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.messages.optimization import request_from_msg
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
 MESSAGES = int(os.environ.get("MALFORMED_MESSAGES", "10500"))

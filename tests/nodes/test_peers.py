@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from vgps_msgs.srv import GetSimulationState
 
-from vgps_ros.nodes.shared_memory import owned_segments
+from vgps_ros.ros_runtime.shared_memory import owned_segments
 
 NOTICED = 5.0  # what docs/reliability.md promises [s]
 SILENT = "/trajectory_optimizer has been silent for over 3 s: it was killed, or it hangs."

@@ -21,9 +21,9 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
 from vgps_ros.messages.conversions import pack
-from vgps_ros.nodes.bag_qos import to_bag
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.nodes.shared_memory import is_port, owned_segments
+from vgps_ros.ros_runtime.bag_qos import to_bag
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.shared_memory import is_port, owned_segments
 
 START = 10**18
 KINDS = {

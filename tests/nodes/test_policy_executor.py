@@ -13,7 +13,6 @@ from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import StepSimulation
 
-from vgps_ros.core.policy_file import save_policy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -23,7 +22,8 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
-from vgps_ros.nodes.qos import LATCHED
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.storage.policy_file import save_policy
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
 ONES = np.ones(10)

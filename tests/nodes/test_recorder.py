@@ -24,7 +24,7 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
-from vgps_ros.nodes.qos import LATCHED, SIGNS_OF_LIFE, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, SIGNS_OF_LIFE, STREAM
 from vgps_ros.tools import bag as bag_program
 
 

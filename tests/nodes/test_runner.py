@@ -13,7 +13,7 @@ import os
 from pathlib import Path
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
-from vgps_ros.nodes.runner import run
+from vgps_ros.ros_runtime.runner import run
 
 def segments():
     opened = [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()]
@@ -63,7 +63,7 @@ _SLOW = """
 import time
 from rclpy.node import Node
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.nodes.runner import run
+from vgps_ros.ros_runtime.runner import run
 
 class Slow(Node):
     def __init__(self):

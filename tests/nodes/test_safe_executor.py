@@ -15,9 +15,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import StepSimulation
 
-from vgps_ros.core.distribution_file import save_distributions
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
-from vgps_ros.core.safety import TrainingMarginals
 from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_to_msg,
@@ -27,7 +25,9 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
-from vgps_ros.nodes.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.safety import TrainingMarginals
+from vgps_ros.storage.distribution_file import save_distributions
 
 ERROR, WARN, OK = DiagnosticStatus.ERROR, DiagnosticStatus.WARN, DiagnosticStatus.OK
 PERIOD = 20_000_000  # of the swimmer's control [ns]

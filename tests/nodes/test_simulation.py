@@ -12,7 +12,7 @@ from vgps_msgs.msg import Result, SimulationState
 from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
 
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
-from vgps_ros.nodes.qos import STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
 STOPPED = SimulationState.STATE_STOPPED

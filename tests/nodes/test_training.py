@@ -18,14 +18,14 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistri
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_file import load_policy
 from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
-from vgps_ros.search.result import iteration_entry
+from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import SearchSettings, search_settings
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.search.workspace import initial_states
+from vgps_ros.storage.policy_file import load_policy
 from vgps_ros.tasks import Task, make_task
 
 SHORT = SearchSettings(

@@ -10,7 +10,7 @@ from vgps_msgs.srv import OptimizeTrajectory, StepSimulation
 from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
-from vgps_ros.nodes.health import Health
+from vgps_ros.ros_runtime.health import Health
 from vgps_ros.tasks import make_task
 
 NODE = "trajectory_optimizer"

@@ -20,7 +20,6 @@ from vgps_msgs.msg import (
 )
 from vgps_msgs.srv import ResetSimulation, StepSimulation
 
-from vgps_ros.core.policy_file import save_policy
 from vgps_ros.core.records import LinearDynamics, Trajectory
 from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
 from vgps_ros.messages.conversions import (
@@ -31,10 +30,11 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     state_to_msg,
 )
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.nodes.robot_description import publish_robot_description
+from vgps_ros.programs.bag import to_rerun
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tools.bag import to_rerun
 
 
 def rows(path, entity: str) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.trajectory_optimizer import OptimizationRequest, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
 
 
 @pytest.fixture(scope="session")

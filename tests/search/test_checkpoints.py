@@ -12,11 +12,11 @@ import pytest
 
 from tests.search.test_methods import solver
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.files import part_of
-from vgps_ros.core.record_tree import to_tree
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import search_settings
+from vgps_ros.storage.files import part_of
+from vgps_ros.storage.record_tree import to_tree
 from vgps_ros.tasks import make_task
 
 ROTOR = make_task("rotor")

@@ -10,7 +10,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.search.gps import combined
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import GpsSettings, search_settings
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 

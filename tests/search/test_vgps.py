@@ -17,7 +17,7 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.search.vgps import vgps
 from vgps_ros.search.workspace import Workspace, initial_states
 
@@ -241,7 +241,7 @@ def test_the_method_runs_where_there_is_no_ros():
         "for name in ('rclpy', 'vgps_msgs', 'std_msgs', 'sensor_msgs'):\n"
         "    sys.modules[name] = None\n"
         "import vgps_ros.search.methods, vgps_ros.tasks\n"
-        "import vgps_ros.experiments.train\n"
+        "import vgps_ros.programs.train\n"
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root)

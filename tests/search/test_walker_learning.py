@@ -7,7 +7,7 @@ import pytest
 
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.tasks import make_task
 
 

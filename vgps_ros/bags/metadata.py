@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from vgps_ros.bags.storage import Topic
-from vgps_ros.core.files import replacing
+from vgps_ros.storage.files import replacing
 
 FILE_NAME = "metadata.yaml"
 

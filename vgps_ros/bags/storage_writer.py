@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.disk import DiskFile
+from vgps_ros.storage.disk import DiskFile
 
 COMPRESSIONS = {
     "none": CompressionType.NONE,

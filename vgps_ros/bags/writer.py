@@ -10,8 +10,8 @@ from vgps_ros.bags.definitions import MessageDefinitions
 from vgps_ros.bags.metadata import FileSummary, bag_information, write_metadata
 from vgps_ros.bags.storage import Topic
 from vgps_ros.bags.storage_writer import StorageWriter
-from vgps_ros.core.disk import Disk, DiskFault, DiskFile
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.storage.disk import Disk, DiskFault, DiskFile
 
 _PATIENCE = 0.8  # with a disk that does not move, at the end [s]
 

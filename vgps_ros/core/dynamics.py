@@ -1,263 +1,49 @@
-"""A MuJoCo model as discrete dynamics.
+"""The dynamics that trajectory optimisation works on, x_{t+1} = f(x_t, u_t), as a protocol.
 
-A control is held for a number of simulator steps:
-
-    x_{t+1} = f(x_t, u_t),    x = (qpos, qvel),
-
-with f_x, f_u from finite differences. The model must have as many positions as velocities (hinges
-and slides only), so that states can be subtracted.
+The simulation of a MuJoCo model is one implementation (`vgps_ros.simulation.dynamics`); a test may
+bring another.
 """
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import chain
-from queue import SimpleQueue
-from typing import TypeVar
+from typing import Protocol
 
-import mujoco
-import numpy as np
-from mujoco.rollout import Rollout
-from numpy.typing import NDArray
-
-from vgps_ros.core.compiled_network import compiled_network
-from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.core.simulator import Simulator
-from vgps_ros.core.simulator_warnings import count_warnings
 
 # A state beyond this magnitude has diverged: neither metres nor radians per second get there.
 DIVERGENCE_BOUND = 1e4
 # MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
 CONTROL_BOUND = 1e9
-# Into which work is divided for each thread: one on a core that others use too must do fewer.
-_PARTS = 4
-_FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-
-T = TypeVar("T")
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
 
 
-class Dynamics:
-    """x' = f(x, u) for a MuJoCo model, with rollouts and derivatives.
+class Dynamics(Protocol):
+    """x' = f(x, u) with its derivatives.
 
     Attributes:
-        simulator_steps: simulator steps done so far, those of finite differences included.
-        threads: threads that share finite differences and rollouts.
-
-    Args:
-        model: the robot; positions and velocities must have the same dimension.
-        substeps: simulator steps for which one control is held.
-        eps: perturbation of the finite differences.
-        threads: threads that share the differences; their number does not change the result.
-        cyclic_joints: names of joints on whose position nothing depends but that position itself,
-            such as a slide along a level floor; no difference is taken along it.
-
-    Raises:
-        InvalidInputError: the model has quaternions or actuator states.
+        state_dim: n_x.
+        control_dim: n_u.
+        time_step: for which one control is held [s].
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        substeps: int = 1,
-        eps: float = 1e-7,
-        threads: int | None = None,
-        cyclic_joints: Sequence[str] = (),
-    ):
-        if model.nq != model.nv or model.na:
-            raise InvalidInputError(
-                f"The model has nq={model.nq}, nv={model.nv}, na={model.na}, but nq must equal nv "
-                "and na must be 0: use hinge and slide joints and motors only."
-            )
-        # MuJoCo would silently reset a state that it finds bad; here it counts as diverged.
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        count_warnings()
-        self.model = model
-        self.substeps = substeps
-        self.eps = eps
-        self.state_dim = 2 * model.nv
-        self.control_dim = model.nu
-        self.time_step = model.opt.timestep * substeps
-        self.threads = threads or len(os.sched_getaffinity(0))
-        self.simulator_steps = 0
-        self.cyclic_joints = tuple(cyclic_joints)
-        cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
-        self._simulators = SimpleQueue[Simulator]()  # those that no thread is using
-        for _ in range(self.threads):
-            self._simulators.put(Simulator(model, substeps, cyclic))
-        self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
-        self._data = mujoco.MjData(model)
-        self._full_state_size = mujoco.mj_stateSize(model, _FULL_STATE)
-        self._stepper = Rollout(nthread=0)
-
-    def step(self, state: Array, control: Array) -> Array:
-        """Returns f(x, u), shape (n_x,)."""
-        return self._steps(state[None], control[None])[0]
-
-    def rollouts(
-        self, initial_states: Array, control_law: ControlLaw, horizon: int
-    ) -> tuple[Array, Array]:
-        """Runs several rollouts in closed loop, side by side.
-
-        A rollout that diverges is NaN from the step after which it did.
-
-        Args:
-            initial_states: shape (N, n_x).
-            control_law: maps t and the states (N, n_x) to controls (N, n_u).
-            horizon: T.
-
-        Returns:
-            States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
-        """
-        n = len(initial_states)
-        states = np.full((n, horizon + 1, self.state_dim), np.nan)
-        controls = np.full((n, horizon, self.control_dim), np.nan)
-        states[:, 0] = initial_states
-        x = np.nan_to_num(states[:, 0])  # the law sees zeros where a rollout has diverged
-        alive = _sound(states[:, 0], DIVERGENCE_BOUND, slice(None))
-        for t in range(horizon):
-            control = control_law(t, x)  # one may serve all
-            controls[alive, t] = control if control.ndim == 1 else control[alive]
-            alive = _sound(controls[:, t], CONTROL_BOUND, alive)
-            if not len(x[alive]):
-                break
-            states[alive, t + 1] = self._steps(states[alive, t], controls[alive, t])
-            x = states[:, t + 1]
-            alive = _sound(x, DIVERGENCE_BOUND, alive)
-            if not isinstance(alive, slice):
-                states[np.setdiff1d(np.arange(n), alive), t + 1] = np.nan
-                x = np.nan_to_num(x)
-        return states, controls
-
-    def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
-        """Runs one rollout; `control_law` still sees states of shape (1, n_x)."""
-        states, controls = self.rollouts(initial_state[None], control_law, horizon)
-        return Trajectory(states[0], controls[0])
+    state_dim: int
+    control_dim: int
+    time_step: float
 
     def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
-        """Runs one rollout of u = ū + K (x − x̄), many times faster than under a Python law.
+        """Returns the rollout of u = ū + K (x − x̄) from x_1, NaN from where it diverges.
 
         Args:
             start: x_1, shape (n_x,).
             nominal: x̄, ū.
             gains: K, shape (T, n_u, n_x).
         """
-        return next(self.follow_each(start, [nominal], gains))
 
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Does the same for several nominal trajectories, as many at once as there are threads.
-
-        Those that nobody takes do not count as simulator steps, so that the count does not depend
-        on the number of threads.
-        """
-        bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
-        for first in range(0, len(nominals), self.threads):
-            batch = nominals[first : first + self.threads]
-
-            def work(
-                simulator: Simulator, part: slice, batch: Sequence[Trajectory] = batch
-            ) -> list[Trajectory]:
-                return [
-                    Trajectory(*simulator.follow(start, nominal, gains, bounds))
-                    for nominal in batch[part]
-                ]
-
-            for trajectory in chain.from_iterable(self._in_threads(len(batch), work)):
-                self.simulator_steps += self.substeps * trajectory.horizon
-                yield trajectory
-
-    def execute(
-        self, policy: GaussianPolicy, initial_states: Array, noise: Array
-    ) -> tuple[Array, Array]:
-        """Runs rollouts of u = μ_θ(x) + noise over several threads.
-
-        A rollout that diverges is NaN from the step after which it did.
-
-        Args:
-            policy: π_θ.
-            initial_states: shape (N, n_x).
-            noise: shape (N, T, n_u), [N·m].
-
-        Returns:
-            States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
-
-        Raises:
-            InvalidInputError: the policy is one of another robot.
-        """
-        policy.check_fits(self.state_dim, self.control_dim)  # compiled loops check no index
-        n, horizon, _ = noise.shape
-        states = np.full((n, horizon + 1, self.state_dim), np.nan)
-        controls = np.full((n, horizon, self.control_dim), np.nan)
-        states[:, 0] = initial_states
-        network, bounds = compiled_network(policy), (DIVERGENCE_BOUND, CONTROL_BOUND)
-        self._in_threads(
-            n,
-            lambda simulator, part: simulator.execute(
-                network, noise[part], bounds, states[part], controls[part]
-            ),
-        )
-        self.simulator_steps += n * horizon * self.substeps
-        return states, controls
+        """Yields the same for several nominal trajectories, in order."""
 
     def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory, by finite differences over several threads."""
-        horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
-        f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
-        states, controls = trajectory.states[:-1], trajectory.controls
-        steps = self._in_threads(
-            horizon,
-            lambda simulator, part: simulator.differentiate(
-                states[part], controls[part], self.eps, f_x[part], f_u[part]
-            ),
-        )
-        self.simulator_steps += sum(steps)
-        return LinearDynamics(f_x, f_u)
-
-    def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
-        """Divides `count` pieces of work into parts, and each thread takes the next one."""
-
-        def do(part: slice) -> T:
-            simulator = self._simulators.get()
-            try:
-                return work(simulator, part)
-            finally:
-                self._simulators.put(simulator)
-
-        if min(self.threads, count) == 1:
-            return [do(slice(0, count))]
-        ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
-        return list(self._pool.map(do, map(slice, ends[:-1], ends[1:])))
-
-    def _steps(self, states: Array, controls: Array) -> Array:
-        """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.
-
-        MuJoCo's loop over them is faster than Python's, for a single one too.
-        """
-        n, end = len(states), 1 + self.state_dim
-        before = np.zeros((n, self._full_state_size))
-        before[:, 1:end] = states  # the simulator's time comes first
-        held = np.empty((n, self.substeps, self.control_dim))
-        held[:] = controls[:, None]
-        after = np.empty((n, self.substeps, before.shape[1]))
-        self._stepper.rollout(
-            [self.model] * n, [self._data], before, held,
-            state=after, nstep=self.substeps, skip_checks=True,
-        )  # fmt: skip
-        self.simulator_steps += n * self.substeps
-        return after[:, -1, 1:end]
-
-
-def _sound(
-    rows: Array, bound: float, alive: "slice | NDArray[np.intp]"
-) -> "slice | NDArray[np.intp]":
-    """Returns those that are alive, and inside the bound in all their values; NaN is not."""
-    if np.abs(rows[alive]).max(initial=0.0) < bound:
-        return alive
-    inside = np.logical_and.reduce(np.abs(rows) < bound, axis=1)
-    return np.arange(len(rows))[alive][inside[alive]]
+        """Returns f_x, f_u along a trajectory."""

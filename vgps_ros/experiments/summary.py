@@ -8,8 +8,8 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from vgps_ros.core.records import Array
+from vgps_ros.experiments.cell_table import MethodResults
 from vgps_ros.experiments.cells import Panel
-from vgps_ros.experiments.results import MethodResults
 
 SUCCESS = 1.5  # a policy succeeds that survives at no more than this multiple of the DDP's cost
 

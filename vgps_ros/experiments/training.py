@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.ddp import Iteration
-from vgps_ros.core.distribution_file import DISTRIBUTION, save_distributions
-from vgps_ros.core.files import write_json
-from vgps_ros.core.policy_file import save_policy
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
-from vgps_ros.search.result import iteration_entry, result_content
+from vgps_ros.search.result_file import iteration_entry, result_content
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimizer import (
+from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
     TrajectoryOptimizer,
 )
+from vgps_ros.storage.distribution_file import DISTRIBUTION, save_distributions
+from vgps_ros.storage.files import write_json
+from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import Task
 from vgps_ros.views.run_record import RunRecord
 

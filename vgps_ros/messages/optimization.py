@@ -16,7 +16,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     policy_to_msg,
 )
-from vgps_ros.search.trajectory_optimizer import (
+from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
     check_distribution,

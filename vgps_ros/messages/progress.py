@@ -6,11 +6,11 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.search.figures import Figures
+from vgps_ros.search.metrics import IterationMetrics
 
 
 def progress_to_msg(
-    iteration: Figures,
+    iteration: IterationMetrics,
     *,
     task: str,
     method: str,

@@ -7,9 +7,9 @@ from sensor_msgs.msg import JointState
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.qos import NEWEST, STREAM
-from vgps_ros.nodes.runner import run
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.runner import run
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.simbicon import GAIT, FootLoads, Simbicon
 

@@ -14,11 +14,11 @@ from vgps_ros.bags.reader import BagMessage, BagReader
 from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameters import declare, declare_settings
-from vgps_ros.nodes.replay_publishers import ReplayPublishers
-from vgps_ros.nodes.runner import run
-from vgps_ros.nodes.steady_timer import steady_timer
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare, declare_settings
+from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
+from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.steady_timer import steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")

@@ -17,12 +17,12 @@ from vgps_msgs.msg import LearningProgress
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
-from vgps_ros.nodes.executors import ThreadedExecutor
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.optimizer_pool import CancelledError, OptimizerPool
-from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.nodes.runner import run
+from vgps_ros.ros_runtime.executors import ThreadedExecutor
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.optimizer_pool import CancelledError, OptimizerPool
+from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.methods import METHOD, search

@@ -19,19 +19,19 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.environment import environment
+from vgps_ros.bags.software import environment
 from vgps_ros.bags.storage_writer import COMPRESSIONS
 from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
-from vgps_ros.nodes.bag_qos import recording, to_bag
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameter_collector import ParameterCollector
-from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.runner import run
-from vgps_ros.nodes.steady_timer import steady_timer
+from vgps_ros.ros_runtime.bag_qos import recording, to_bag
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameter_collector import ParameterCollector
+from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.steady_timer import steady_timer
 
 OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")

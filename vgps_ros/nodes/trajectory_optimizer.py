@@ -12,7 +12,6 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.simulator_warnings import in_words, simulator_warnings
 from vgps_ros.messages.optimization import (
     ENDING,
     TROUBLE,
@@ -20,14 +19,15 @@ from vgps_ros.messages.optimization import (
     request_from_msg,
     result_to_msg,
 )
-from vgps_ros.nodes.executors import streaming_executor
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameters import DEMONSTRATION, TASK, declare, declare_settings
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.nodes.robot_description import publish_robot_description
-from vgps_ros.nodes.runner import run
+from vgps_ros.ros_runtime.executors import streaming_executor
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.trajectory_optimizer import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.simulation.warnings import in_words, simulator_warnings
 from vgps_ros.tasks import make_task
 
 

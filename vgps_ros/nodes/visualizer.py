@@ -11,11 +11,11 @@ from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.types import message_type
-from vgps_ros.nodes.health import Health
-from vgps_ros.nodes.parameters import declare
-from vgps_ros.nodes.qos import LATCHED, STREAM
-from vgps_ros.nodes.runner import run
-from vgps_ros.nodes.steady_timer import steady_timer
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
 from vgps_ros.views.recording import UnfinishedRecordingError
 

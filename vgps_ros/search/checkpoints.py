@@ -19,18 +19,18 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.files import part_of, replacing
-from vgps_ros.core.record_tree import from_tree, to_tree
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import settings_of
-from vgps_ros.search.figures import Figures
 from vgps_ros.search.iteration import SearchState
+from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimizer import OptimizationResult, check_distribution
+from vgps_ros.search.trajectory_optimization import OptimizationResult, check_distribution
 from vgps_ros.search.workspace import Update, initial_states
+from vgps_ros.storage.files import part_of, replacing
+from vgps_ros.storage.record_tree import from_tree, to_tree
 from vgps_ros.tasks import Task
 
-FORMAT = 2  # of the files; a change of the records that they hold is a new one
+FORMAT = 3  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 
 Solutions = tuple[OptimizationResult, ...]
@@ -153,7 +153,7 @@ def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
     tree = content["state"]
     last = None if tree["last"] is None else from_tree(kind, tree["last"], arrays)
     solutions = from_tree(Solutions, tree["initial_solutions"], arrays)
-    history = from_tree(tuple[Figures, ...], tree["history"], arrays)
+    history = from_tree(tuple[IterationMetrics, ...], tree["history"], arrays)
     state = SearchState(solutions, from_tree(int, tree["simulator_steps"], arrays), history, last)
     _check(state, run)
     return state

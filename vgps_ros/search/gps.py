@@ -27,7 +27,7 @@ from vgps_ros.core.marginals import control_log_density, sample_rollout_noise
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.search.trajectory_optimizer import OptimizationResult
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
 from vgps_ros.tasks import Task
 

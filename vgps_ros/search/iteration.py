@@ -9,8 +9,8 @@ from vgps_ros.core.gaussians import kl_divergence
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.search.evaluation import Evaluation
-from vgps_ros.search.figures import Figures
-from vgps_ros.search.trajectory_optimizer import OptimizationResult
+from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Update
 
 
@@ -27,7 +27,7 @@ class SearchState:
 
     initial_solutions: tuple[OptimizationResult, ...]
     simulator_steps: int
-    history: tuple[Figures, ...]
+    history: tuple[IterationMetrics, ...]
     last: Update | None
 
     @property
@@ -37,7 +37,7 @@ class SearchState:
 
 
 @dataclass(frozen=True)
-class SearchIteration(Figures):
+class SearchIteration(IterationMetrics):
     """Outcome of iteration k.
 
     Attributes:
@@ -54,7 +54,7 @@ class SearchIteration(Figures):
     evaluation: Evaluation
     initial_solutions: tuple[OptimizationResult, ...]
     solutions: tuple[OptimizationResult, ...]
-    history: tuple[Figures, ...]
+    history: tuple[IterationMetrics, ...]
     warnings: tuple[str, ...]
 
     @classmethod

@@ -21,7 +21,6 @@ from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
-from vgps_ros.search.figures import Figures
 from vgps_ros.search.gps import GuidedUpdate, gps
 from vgps_ros.search.iteration import (
     SearchIteration,
@@ -29,6 +28,7 @@ from vgps_ros.search.iteration import (
     mean_solution_cost,
     policy_kl,
 )
+from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import weighted_dagger
@@ -128,10 +128,10 @@ def _figures(
     evaluation: Evaluation,
     q_step_seconds: float,
     m_step_seconds: float,
-) -> Figures:
+) -> IterationMetrics:
     policy, k = update.policy, before.k + 1
     solutions = before.last.solutions if before.last else before.initial_solutions
-    return Figures(
+    return IterationMetrics(
         k=k,
         alpha=work.settings.alpha(k),
         initial_ddp_cost=mean_solution_cost(before.initial_solutions),

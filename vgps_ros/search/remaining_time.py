@@ -2,7 +2,7 @@
 
 import time
 
-from vgps_ros.search.figures import Figures
+from vgps_ros.search.metrics import IterationMetrics
 
 
 class RemainingTime:
@@ -12,7 +12,7 @@ class RemainingTime:
         self._iterations = iterations
         self._first: tuple[int, float] | None = None  # k and time of the first call
 
-    def after(self, iteration: Figures) -> float:
+    def after(self, iteration: IterationMetrics) -> float:
         """Returns the time left [s]; call it once as each iteration ends."""
         now = time.monotonic()
         left = self._iterations - iteration.k

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.tasks.demonstration import with_demonstration
+from vgps_ros.tasks.motion_file import with_demonstration
 from vgps_ros.tasks.rotor import rotor
 from vgps_ros.tasks.swimmer import swimmer
 from vgps_ros.tasks.task import Task

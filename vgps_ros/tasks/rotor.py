@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.task import Task, load_model
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")

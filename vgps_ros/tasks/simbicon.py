@@ -15,8 +15,8 @@ from dataclasses import astuple, dataclass
 import mujoco
 import numpy as np
 
-from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
 
 # Coordinates of the walker's positions; velocities are in the same order.
 PITCH, LEFT, RIGHT = 2, slice(3, 6), slice(6, 9)  # a leg: hip, knee, ankle

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.task import Task, load_model, smoothed_noise
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")

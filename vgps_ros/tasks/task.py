@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.joints import actuated_joint_names, joint_names
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import actuated_joint_names, joint_names
 
 
 def never(states: Array) -> NDArray[np.bool_]:

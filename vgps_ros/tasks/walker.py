@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp import DdpSettings
-from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
 from vgps_ros.tasks.task import Task, load_model
 

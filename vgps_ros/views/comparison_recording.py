@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from matplotlib.colors import to_rgb
 
-from vgps_ros.core.joints import compile_model
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.views.comparison import ComparisonPanel, colours
 from vgps_ros.views.recording import ITERATION, Recording
 from vgps_ros.views.robot_shape import RobotShape

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from vgps_ros.core.joints import compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.model import compile_model, hinge_names, joint_names
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 

@@ -11,8 +11,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vgps_ros.core.disk import Disk, DiskFault, DiskFile
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.storage.disk import Disk, DiskFault, DiskFile
 
 TIME = "ros2_timestamp"  # stamps of messages, as Rerun's own MCAP reader names it
 WALL_TIME = "wall_time"  # stamps of what does not belong to the robot's time

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from vgps_ros.core.joints import actuated_joint_names, compile_model, hinge_names, joint_names
 from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.simulation.model import actuated_joint_names, compile_model, hinge_names, joint_names
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import Recording
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.files import replacing
 from vgps_ros.core.records import Array
+from vgps_ros.storage.files import replacing
 from vgps_ros.tasks import TASKS, make_task
 
 TRAJECTORIES = "trajectories.npz"  # beside result.json, where a run has no bag

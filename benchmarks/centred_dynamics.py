@@ -1,0 +1,31 @@
+"""The peer of our derivatives: MuJoCo's plain centred differences at every step, on one thread."""
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.records import LinearDynamics, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+
+_EPS = 1e-6
+
+
+class CentredDynamics(Dynamics):
+    """The same dynamics, differentiated by `mjd_transitionFD`."""
+
+    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
+        """Returns f_x, f_u along a trajectory."""
+        horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
+        f_x, f_u = np.tile(np.eye(n_x), (horizon, 1, 1)), np.zeros((horizon, n_x, n_u))
+        a, b = np.empty((n_x, n_x)), np.empty((n_x, n_u))
+        data = mujoco.MjData(self.model)
+        for t in range(horizon):
+            data.qpos[:], data.qvel[:] = np.split(trajectory.states[t], 2)
+            data.ctrl[:] = trajectory.controls[t]
+            data.qacc_warmstart[:] = 0.0
+            for substep in range(self.substeps):
+                if substep:
+                    mujoco.mj_step(self.model, data)
+                mujoco.mjd_transitionFD(self.model, data, _EPS, True, a, b, None, None)
+                f_x[t], f_u[t] = a @ f_x[t], a @ f_u[t] + b
+        self.simulator_steps += horizon * self.substeps * (2 * (n_x + n_u) + 1)
+        return LinearDynamics(f_x, f_u)

@@ -1,0 +1,78 @@
+"""Control problems that benchmarks share."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from vgps_ros.core.ddp import Iteration
+from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimization import (
+    OptimizationRequest,
+    OptimizationResult,
+    TrajectoryOptimizer,
+)
+from vgps_ros.search.workspace import OptimizeAll
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.tasks import Task, make_task
+
+SEED = 11
+TASKS = ("swimmer", "walker")
+
+
+def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> Task:
+    """Returns the task with other dynamics of the same model."""
+    like = task.dynamics
+    dynamics = kind(like.model, like.substeps, threads=threads, cyclic_joints=like.cyclic_joints)
+    return replace(task, dynamics=dynamics)
+
+
+def initial_request(task: Task, iterations: int | None = None) -> OptimizationRequest:
+    """Returns the first solve of a search; without a number, with all its iterations."""
+    return OptimizationRequest(
+        trajectory_index=0,
+        iteration=0,
+        seed=SEED,
+        cost_scale=1.0,
+        max_iterations=iterations or search_settings(task).initial_ddp_iterations,
+        initial_state=task.initial_state,
+        guess=task.guess(generator(SEED, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
+    )
+
+
+def optimize(
+    task: Task,
+    iterations: int | None = None,
+    on_iteration: Callable[[Iteration], None] = lambda _: None,
+) -> OptimizationResult:
+    """Does the first solve of a search."""
+    optimizer = TrajectoryOptimizer(task)
+    return optimizer.optimize(initial_request(task, iterations), on_iteration)
+
+
+def in_process(optimizer: TrajectoryOptimizer) -> OptimizeAll:
+    """Returns what solves the requests of a search, one after another."""
+    return lambda requests: [optimizer.optimize(request) for request in requests]
+
+
+def moving(name: str) -> tuple[Task, Trajectory]:
+    """Returns a task and a motion that a few iterations have found."""
+    task = make_task(name)
+    return task, optimize(task, 5).distribution.mean
+
+
+def linear_quadratic(n_x: int, n_u: int, horizon: int) -> tuple[LinearDynamics, CostExpansion]:
+    """Draws a stable linear-quadratic problem of a size."""
+    rng = np.random.default_rng(SEED)
+    f_x = 0.9 * np.eye(n_x) + 0.05 * rng.standard_normal((horizon, n_x, n_x))
+    f_u = rng.standard_normal((horizon, n_x, n_u))
+    return LinearDynamics(f_x, f_u), CostExpansion(
+        c=np.zeros(horizon),
+        c_x=rng.standard_normal((horizon, n_x)),
+        c_u=rng.standard_normal((horizon, n_u)),
+        c_xx=np.tile(np.eye(n_x), (horizon, 1, 1)),
+        c_uu=np.tile(np.eye(n_u), (horizon, 1, 1)),
+        c_ux=0.1 * rng.standard_normal((horizon, n_u, n_x)),
+    )

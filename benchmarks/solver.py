@@ -1,0 +1,215 @@
+"""Benchmarks of trajectory optimisation."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from multiprocessing import get_context
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.centred_dynamics import CentredDynamics
+from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
+from benchmarks.timing import Comparison, compare, compare_in_turns
+from vgps_ros.core.ddp import backward_pass, solve
+from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.tasks import Task, make_task
+
+SIZES = ((10, 2, 500), (18, 6, 460))
+CLOSE = 1.01  # a trajectory has converged whose cost is within 1 % of the last one
+
+
+_FIRST_SOLVE = """
+import sys, time
+from benchmarks.problems import optimize
+from vgps_ros.tasks import make_task
+task = make_task("swimmer")
+began = time.perf_counter()
+optimize(task, 1)
+print(time.perf_counter() - began)
+"""
+
+
+def compilation() -> Iterator[Comparison]:
+    """The first solve of a process with the machine code of an earlier one, against without."""
+    with TemporaryDirectory() as cache:
+        first, second = (
+            float(
+                subprocess.run(
+                    [sys.executable, "-c", _FIRST_SOLVE],
+                    env={**os.environ, "NUMBA_CACHE_DIR": cache},
+                    capture_output=True,
+                    text=True,
+                    check=True,
+                ).stdout
+            )
+            for _ in range(2)
+        )
+    yield Comparison(
+        "first solve of a process, compiled before / compiled now", 1e3 * second, 1e3 * first, None
+    )
+
+
+def backward_passes() -> Iterator[Comparison]:
+    """One backward pass against crocoddyl's, on the same linear-quadratic data."""
+    for n_x, n_u, horizon in SIZES:
+        dynamics, cost = linear_quadratic(n_x, n_u, horizon)
+        peer = _crocoddyl(dynamics, cost)
+        ours = backward_pass(dynamics, cost)
+        peer.backwardPass()
+        np.testing.assert_allclose(-np.array(peer.K), ours.gains, rtol=0, atol=1e-6)
+        yield compare(
+            f"backward pass ({n_x}, {n_u}, {horizon}) / crocoddyl's",
+            partial(backward_pass, dynamics, cost),
+            peer.backwardPass,
+            0.8,
+            repetitions=51,
+        )
+
+
+def _crocoddyl(dynamics: LinearDynamics, cost: CostExpansion):  # type: ignore[no-untyped-def]
+    """Returns crocoddyl's solver, all derivatives computed, on the same problem."""
+    import crocoddyl
+
+    n_x = dynamics.f_x.shape[1]
+    steps = zip(
+        dynamics.f_x, dynamics.f_u, cost.c_xx, cost.c_uu, cost.c_ux, cost.c_x, cost.c_u, strict=True
+    )
+    models = [
+        crocoddyl.ActionModelLQR(a, b, q, r, n.T, np.zeros(n_x), c_x, c_u)
+        for a, b, q, r, n, c_x, c_u in steps
+    ]
+    end = crocoddyl.ActionModelLQR(
+        dynamics.f_x[0], dynamics.f_u[0], 0 * cost.c_xx[0], cost.c_uu[0], 0 * cost.c_ux[0].T,
+        np.zeros(n_x), np.zeros(n_x), cost.c_u[0],
+    )  # fmt: skip
+    solver = crocoddyl.SolverDDP(crocoddyl.ShootingProblem(np.zeros(n_x), models, end))
+    controls = [np.zeros(dynamics.f_u.shape[2]) for _ in models]
+    solver.setCandidate(solver.problem.rollout(controls), controls, True)
+    solver.preg = solver.dreg = 0.0
+    solver.computeDirection(True)
+    return solver
+
+
+def ddp_iteration() -> Iterator[Comparison]:
+    """One iteration on one thread against the simulator steps that centred differences need."""
+    for name in TASKS:
+        task, motion = moving(name)
+        single = with_threads(task, 1)
+        steps = motion.horizon * (2 * (single.dynamics.state_dim + single.dynamics.control_dim) + 2)
+        settings = task.optimizer.ddp
+        linear = single.dynamics.linearize(motion)
+        gains = np.zeros((motion.horizon, single.dynamics.control_dim, single.dynamics.state_dim))
+
+        def iterate(task=single, motion=motion, linear=linear, settings=settings) -> None:  # type: ignore[no-untyped-def]
+            solve(task.dynamics, task.cost, motion, settings, 1, linear_dynamics=linear)
+
+        def floor(task=single, motion=motion, gains=gains, steps=steps) -> None:  # type: ignore[no-untyped-def]
+            for _ in range(steps // motion.horizon):
+                task.dynamics.follow(motion.states[0], motion, gains)
+
+        yield compare(
+            f"{name}: DDP iteration, one thread / simulator steps of centred differences",
+            iterate,
+            floor,
+            1.15,
+            remark=f"floor: {steps * task.dynamics.substeps} steps",
+        )
+
+
+def derivatives() -> Iterator[Comparison]:
+    """Derivatives on one thread against two, and against MuJoCo's plain centred differences."""
+    with ProcessPoolExecutor(2, get_context("spawn")) as processes:
+        for name in TASKS:
+            one, motion = _single(name)
+            two = with_threads(make_task(name), 2).dynamics
+            ours = partial(two.linearize, motion)
+            # In the same turns, since a lone thread may find a faster core than two do.
+            yield from compare_in_turns(
+                [
+                    (
+                        f"{name}: derivatives, two threads / one",
+                        ours,
+                        partial(one.linearize, motion),
+                        1 / 1.7,
+                    ),
+                    (
+                        f"{name}: derivatives, two threads / two processes, half a motion each",
+                        ours,
+                        partial(_linearize_halves, processes, name),
+                        None,
+                    ),
+                ],
+                repetitions=41,
+            )
+            plain = with_threads(make_task(name), 1, CentredDynamics).dynamics
+            yield compare(
+                f"{name}: derivatives, one thread / mjd_transitionFD, centred",
+                partial(one.linearize, motion),
+                partial(plain.linearize, motion),
+                None,
+                remark=f"error {_error(one.linearize(motion), plain.linearize(motion))}",
+            )
+
+
+@cache
+def _single(name: str) -> tuple[Dynamics, Trajectory]:
+    """Returns a task's dynamics for one thread, and a motion of it."""
+    task, motion = moving(name)
+    return with_threads(task, 1).dynamics, motion
+
+
+def _linearize_halves(processes: ProcessPoolExecutor, name: str) -> None:
+    """Does the same in two processes, which share nothing but the machine."""
+    list(processes.map(_linearize_half, [name, name], [0, 1]))
+
+
+def _linearize_half(name: str, half: int) -> None:
+    dynamics, motion = _single(name)
+    middle = motion.horizon // 2
+    first, end = (0, middle) if half == 0 else (middle, motion.horizon)
+    dynamics.linearize(Trajectory(motion.states[first : end + 1], motion.controls[first:end]))
+
+
+def _error(found: LinearDynamics, expected: LinearDynamics) -> str:
+    """Says how far derivatives are from others, relative to the largest entry of a step."""
+    errors: Array = np.maximum.reduce(
+        [
+            np.abs(a - b).max(axis=(1, 2)) / np.abs(expected.f_x).max(axis=(1, 2))
+            for a, b in ((found.f_x, expected.f_x), (found.f_u, expected.f_u))
+        ]
+    )
+    return f"{np.median(errors):.1e} (median over steps), {np.quantile(errors, 0.9):.1e} (90 %)"
+
+
+def convergence() -> Iterator[Comparison]:
+    """Time to a cost within 1 % of the final one, against plain centred differences."""
+    for name in TASKS:
+        task = make_task(name)
+        for threads, target in ((1, 0.6), (2, 0.35)):
+            pairs = [
+                [_until_converged(with_threads(task, n, kind)) for n, kind in runs]
+                for runs in 3 * [((threads, type(task.dynamics)), (1, CentredDynamics))]
+            ]
+            (ours, cost), (peer, peer_cost) = (min(column) for column in zip(*pairs, strict=True))
+            yield Comparison(
+                f"{name}: to a converged trajectory, {threads} threads / plain centred, one thread",
+                1e3 * ours,
+                1e3 * peer,
+                target,
+                remark=f"final cost {cost:.2f}, the peer's {peer_cost:.2f}",
+            )
+
+
+def _until_converged(task: Task) -> tuple[float, float]:
+    """Returns the seconds until the cost stays close to the last one, and that one."""
+    times: list[tuple[float, float]] = []
+    began = time.perf_counter()
+    result = optimize(task, on_iteration=lambda i: times.append((time.perf_counter(), i.cost)))
+    reached = next(t for t, cost in times if cost <= CLOSE * result.modified_cost)
+    return reached - began, result.cost

@@ -1,0 +1,107 @@
+"""The benchmarks by name, and the program that runs them."""
+
+import argparse
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks import graph, learning, optimizers, real_time, reinforcement, solver
+from benchmarks.report import growth_figure, markdown, terminal_table
+from benchmarks.timing import Comparison
+from vgps_ros.storage.files import write_json
+from vgps_ros.views.plots import save
+from vgps_ros.views.table_console import table_console
+
+Benchmark = Callable[[], Iterator[Comparison]]
+
+BENCHMARKS: dict[str, Benchmark] = {
+    "compilation": solver.compilation,
+    "backward_pass": solver.backward_passes,
+    "ddp_iteration": solver.ddp_iteration,
+    "derivatives": solver.derivatives,
+    "convergence": solver.convergence,
+    "lock_step": graph.lock_step,
+    "real_time": real_time.real_time,
+    "start": real_time.start,
+    "service": graph.service,
+    "nodes": graph.nodes,
+    "shares": learning.shares,
+    "growth": learning.growth,
+    "optimizers": optimizers.optimizers,
+    "reinforcement_learning": reinforcement.reinforcement_learning,
+}
+LONG = ("reinforcement_learning",)  # run only by name
+RESULT, TABLE = "benchmarks.json", "benchmarks.md"
+
+
+def run(names: Sequence[str], output: Path, console: Console) -> bool:
+    """Runs benchmarks one after another; returns whether none of them failed.
+
+    Each row is shown and written as soon as it is measured. One that fails is told, and the others
+    run.
+    """
+    rows: list[Comparison] = []
+    sound = True
+    output.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(names, start=1):
+        console.print(f"[{number}/{len(names)}] {name}: {BENCHMARKS[name].__doc__}", markup=False)
+        try:
+            for row in BENCHMARKS[name]():
+                rows.append(row)
+                write_json(output / RESULT, [r.entry() for r in rows])
+                console.print(f"  {row.name}: {_verdict(row)}", markup=False)
+        except Exception:
+            sound = False
+            console.print(f"  {name} failed:\n{traceback.format_exc()}", markup=False)
+    console.print(terminal_table(rows))
+    (output / TABLE).write_text(markdown(rows))
+    if any(row.curve for row in rows):
+        save(growth_figure(rows), output / "growth.png")
+    console.print(f"Wrote {RESULT} and {TABLE} to {output}.")
+    return sound
+
+
+def _verdict(row: Comparison) -> str:
+    spread = "" if row.spread is None else f" ± {row.spread:.3f}"
+    met = {None: "", True: ", met", False: ", missed"}[row.met]
+    return f"{row.ratio:.3f}{spread}{met}" + (f" ({row.remark})" if row.remark else "")
+
+
+def _known(name: str) -> str:
+    if name not in BENCHMARKS:
+        raise argparse.ArgumentTypeError(f"'{name}' is none of {', '.join(BENCHMARKS)}.")
+    return name
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the program."""
+    parser = argparse.ArgumentParser(
+        prog="benchmark",
+        description="Measures how fast vgps_ros is, as ratios to peers and to floors measured in "
+        f"the same run, and writes {RESULT}. Peers are installed by 'make bench'.",
+    )
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        type=_known,
+        help=f"of {', '.join(BENCHMARKS)}; without a name all but {', '.join(LONG)}",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("recordings/benchmarks"), help="folder for the result"
+    )
+    parsed = parser.parse_args(arguments)
+    try:
+        sound = run(
+            parsed.names or [name for name in BENCHMARKS if name not in LONG],
+            parsed.output,
+            table_console(wide=True),
+        )
+    except OSError as error:
+        sys.exit(f"benchmark: {error}")
+    except KeyboardInterrupt:
+        sys.exit("benchmark: interrupted; the rows that were measured are written.")
+    sys.exit(0 if sound else "benchmark: one failed; its traceback is above.")

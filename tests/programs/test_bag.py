@@ -1,0 +1,273 @@
+"""The program `bag`, on the real run that the repository ships."""
+
+import json
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message
+from rerun.chunk import RrdReader
+from sensor_msgs.msg import JointState
+
+from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.conversions import distribution_from_msg
+from vgps_ros.programs.bag import main
+from vgps_ros.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.motion_file import load_demonstration
+
+SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
+
+
+def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
+    """Writes the sample again, each message as `change` has it; None leaves it out.
+
+    Keyword arguments are added to the executor's recorded parameters.
+    """
+    writer = BagWriter(target)
+    with BagReader(SAMPLE) as bag:
+        for topic, kind in bag.topics.items():
+            writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
+        if attachments:
+            for name, text in bag.attachments().items():
+                content = yaml.safe_load(text) if name == "parameters.yaml" else {}
+                if content:
+                    content["/policy_executor"]["ros__parameters"].update(parameters)
+                writer.attach(name, yaml.safe_dump(content) if content else text, bag.start)
+        for message in bag.messages():
+            if (data := change(message)) is not None:
+                writer.write(message.topic, message.stamp, data)
+    writer.close()
+    return target
+
+
+def fails(arguments: list[str], sentence: str) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert sentence in str(stop.value.code)
+
+
+def test_info_tells_topics_parameters_and_versions(capsys):
+    main(["info", str(SAMPLE), "--json"])
+    content = json.loads(capsys.readouterr().out)
+    topics = {topic["name"]: topic for topic in content["topics"]}
+    assert topics["/joint_states"]["messages"] > 500
+    assert topics["/policy"]["type"] == "vgps_msgs/msg/GaussianPolicy"
+    nodes = content["attachments"]["parameters.yaml"]
+    assert nodes["/simulation"]["ros__parameters"]["task"] == "swimmer"
+    assert len(content["attachments"]["environment.yaml"]["commit"].split("-")[0]) == 40
+    main(["info", str(SAMPLE)])
+    table = capsys.readouterr().out
+    for topic in content["topics"]:  # a pipe has no width at which a name might be cut
+        assert any(topic["name"] in row and topic["type"] in row for row in table.splitlines())
+
+
+def test_the_recorded_torques_are_those_of_the_recorded_policy(capsys):
+    main(["check", str(SAMPLE)])
+    assert "0 with the noise of the seed. 0 states have no torque." in capsys.readouterr().out
+
+
+def test_one_bit_of_one_torque_is_found_with_its_time_and_joint(tmp_path, capsys):
+    commands = []
+
+    def change(message):
+        if message.topic != "/joint_command":
+            return message.data
+        commands.append(deserialize_message(message.data, JointState))
+        if len(commands) != 100:
+            return message.data
+        torque = struct.unpack("<d", message.data[-8:])[0]  # the last joint's
+        return message.data[:-8] + struct.pack("<d", np.nextafter(torque, 1e9))
+
+    bag = copy(tmp_path / "bag", change)
+    command = commands[99]
+    time = command.header.stamp.sec + command.header.stamp.nanosec * 1e-9
+    fails(["check", str(bag)], f"At {time:.3f} s the torque of {command.name[1]} is")
+    assert "1 torques differ" in capsys.readouterr().out
+
+
+def commanded(change):
+    """Returns what `copy` takes: the torques of command i become change(i, stamp, torques)."""
+    count = iter(range(10_000))
+
+    def apply(message):
+        if message.topic != "/joint_command":
+            return message.data
+        command = deserialize_message(message.data, JointState)
+        stamp = command.header.stamp.sec * 10**9 + command.header.stamp.nanosec
+        torques = change(next(count), stamp, np.array(command.effort))
+        return message.data[:-16] + struct.pack("<2d", *torques)  # efforts come last
+
+    return apply
+
+
+def state_at(stamp):
+    """The sample's state of a stamp [ns]."""
+    with BagReader(SAMPLE) as bag:
+        for message in bag.messages(["/joint_states"]):
+            state = bag.decode(message)
+            if state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == stamp:
+                return np.concatenate([state.position, state.velocity])
+    raise AssertionError(stamp)
+
+
+def test_torques_are_compared_within_the_recorded_limits(tmp_path, capsys):
+    limits = [20.0, 30.0]
+    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    safe = {"safe_action": "zero", "torque_limits": [20.0, 20.0]}
+    main(["check", str(copy(tmp_path / "good", change, **safe))])
+    found = capsys.readouterr().out
+    assert "506 torques are bit for bit what the policy gives" in found
+    clipped = int(found.split(" of them are clipped to torque_limits")[0].split()[-1])
+    assert 50 < clipped < 506
+    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    bag = copy(tmp_path / "bad", change, safe_action="zero", torque_limits=limits)
+    fails(["check", str(bag)], "the torque of back_joint is")
+
+
+@pytest.mark.parametrize("bad", [None, 300])
+def test_a_rate_limit_is_followed_from_torque_to_torque(tmp_path, capsys, bad):
+    limiter = TorqueLimiter(np.full(2, 1e9), 200.0, 0.02)
+
+    def change(i, stamp, torques):
+        torques = limiter.limited(torques, stamp)
+        limiter.note(torques, stamp)
+        return torques + (i == bad) * np.array([0.0, 1e-9])
+
+    bag = copy(tmp_path / "bag", commanded(change), safe_action="zero", torque_rate_limit=200.0)
+    if bad is None:
+        main(["check", str(bag)])
+        found = capsys.readouterr().out
+        assert "506 torques are bit for bit" in found
+        assert int(found.split(" of them are held back")[0].split()[-1]) > 50
+    else:
+        fails(["check", str(bag)], "the torque of back_joint is")
+
+
+@pytest.mark.parametrize("action", ["zero", "damping", "feedback"])
+def test_torques_of_the_safe_action_are_counted_apart(tmp_path, capsys, action):
+    settings = SafetySettings(safe_action=action, damping=3.0)
+    swimmer = make_task("swimmer")
+    with BagReader(SAMPLE) as bag:
+        last = list(bag.messages(["/trajectory_distribution"]))[-1]
+        q = distribution_from_msg(bag.decode(last)).first(swimmer.horizon)
+    marginals = TrainingMarginals(q, swimmer.observed, (10, 2))
+
+    def change(i, stamp, torques):
+        if not 200 <= i < 205:
+            return torques
+        return safe_torques(settings, state_at(stamp), [3, 4], [marginals])
+
+    bag = copy(tmp_path / "bag", commanded(change), safe_action=action, damping=3.0)
+    main(["check", str(bag)])
+    found = capsys.readouterr().out
+    assert "501 torques are bit for bit" in found
+    assert "5 other torques are those of the safe action, or zero." in found
+    # The same torques of an executor that had no safe action are wrong.
+    fails(["check", str(copy(tmp_path / "old", commanded(change)))], "but the policy of iteration")
+
+
+def test_a_state_that_is_not_finite_is_counted_and_needs_no_torque(tmp_path, capsys):
+    seen = iter(range(10_000))
+
+    def change(message):
+        if message.topic != "/joint_states" or next(seen):
+            return message.data
+        # The first copy of the first state: the last velocity stands before five efforts.
+        end = len(message.data) - 5 * 8 - 8
+        return message.data[: end - 8] + struct.pack("<d", np.nan) + message.data[end:]
+
+    main(["check", str(copy(tmp_path / "bag", change))])
+    assert "1 states could not be used." in capsys.readouterr().out
+
+
+def test_a_lost_state_is_found(tmp_path, capsys):
+    count = iter(range(10_000))
+
+    def change(message):
+        if message.topic == "/joint_states" and next(count) == 300:
+            return None
+        return message.data
+
+    fails(["check", str(copy(tmp_path / "bag", change))], "The bag lacks states")
+    assert "1 torques answer states that are not in the bag" in capsys.readouterr().out
+
+
+def test_a_bag_without_joint_states_is_refused(tmp_path):
+    bag = copy(tmp_path / "bag", lambda m: None if m.topic == "/joint_states" else m.data)
+    fails(["check", str(bag)], "has no messages on joint_states")
+    fails(["rerun", str(bag)], "no messages on joint_states")
+    assert not (tmp_path / "bag.rrd").exists()
+
+
+def test_a_bag_becomes_a_recording_and_never_overwrites_one(tmp_path):
+    output = tmp_path / "sample.rrd"
+    main(["rerun", str(SAMPLE), "--output", str(output)])
+    rows: dict[str, int] = {}
+    for chunk in RrdReader(output).stream():
+        if not chunk.is_static:
+            entity = str(chunk.entity_path)
+            rows[entity] = rows.get(entity, 0) + chunk.num_rows
+    with BagReader(SAMPLE) as bag:
+        counts = bag.counts
+    assert rows["/joint_command/effort"] == counts["/joint_command"]
+    assert rows["/learning/alpha"] == counts["/learning_progress"]
+    assert rows["/world/robot/middle"] == rows["/joint_states/effort"] == 501
+    assert rows["/trajectory_distribution/front_joint/0"] == 501
+    before = output.read_bytes()
+    fails(["rerun", str(SAMPLE), "--output", str(output)], "exists already")
+    assert output.read_bytes() == before
+
+
+def test_a_bags_motion_becomes_a_demonstration_bit_for_bit(tmp_path):
+    table = tmp_path / "swim.csv"
+    main(["table", str(SAMPLE), "--output", str(table)])
+    swimmer = make_task("swimmer")
+    recorded = load_demonstration(swimmer, table)
+    replayed = swimmer.dynamics.rollout(
+        recorded.states[0], lambda t, _: recorded.controls[t], swimmer.horizon
+    )
+    np.testing.assert_array_equal(replayed.states, recorded.states)
+    before = table.read_bytes()
+    fails(["table", str(SAMPLE), "--output", str(table)], "exists already")
+    assert table.read_bytes() == before
+    with pytest.raises(InvalidInputError, match="lacks the column"):
+        load_demonstration(make_task("walker"), table)
+
+
+def test_a_motion_without_torques_is_no_demonstration(tmp_path):
+    def change(message):
+        if message.topic != "/joint_states":
+            return message.data
+        # Efforts are the last field: no element instead of one for each of five joints.
+        return message.data[: -5 * 8 - 8] + bytes(4)
+
+    bag = copy(tmp_path / "bag", change)
+    fails(["table", str(bag)], "The joint_states have no effort")
+
+
+def test_an_unfinished_bag_is_explained_and_made_whole(tmp_path, capsys):
+    bag = tmp_path / "bag"
+    shutil.copytree(SAMPLE, bag)
+    (bag / "metadata.yaml").unlink()
+    [file] = bag.glob("*.mcap")
+    with file.open("r+b") as stream:
+        stream.truncate(file.stat().st_size - 100_000)
+    for command in ("check", "info", "rerun"):
+        fails([command, str(bag)], "was not closed: it lacks metadata.yaml and the index")
+    main(["reindex", str(bag)])
+    assert "Rebuilt the index" in capsys.readouterr().out
+    main(["check", str(bag)])
+    main(["reindex", str(bag)])
+    assert "is whole" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["info", "check", "rerun", "table", "reindex"])
+def test_what_is_no_bag_is_refused_with_a_sentence(command, tmp_path):
+    fails([command, str(tmp_path)], "is not a bag")
+    fails([command, str(tmp_path / "nothing")], "is not a bag")
+    assert list(tmp_path.iterdir()) == []

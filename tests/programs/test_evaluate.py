@@ -1,0 +1,68 @@
+"""The program `evaluate`: figures of known policies, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.programs.evaluate import main
+from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.tasks import make_task
+
+ROLLOUTS = ["--seconds", "1", "--rollouts", "3", "--seed", "5"]
+
+
+def rest(task):
+    """A policy without torques and with little noise."""
+    shape = Architecture(task.observed, (), task.dynamics.control_dim)
+    return GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(shape.control_dim))
+
+
+@pytest.fixture
+def evaluated(tmp_path, capsys):
+    def run(name, *arguments):
+        save_policy(rest(make_task(name)), name, tmp_path / "policy.json")
+        output = tmp_path / "evaluation.json"
+        flags = ["--policy", str(tmp_path / "policy.json"), "--json", str(output)]
+        main([*flags, "--task", name, *ROLLOUTS, *arguments])
+        result = json.loads(output.read_text())
+        assert json.loads(capsys.readouterr().out.splitlines()[-1]) == result
+        return result
+
+    return run
+
+
+def test_a_walker_without_torques_falls_before_the_second_is_over(evaluated):
+    result = evaluated("walker", "--seconds", "2")
+    assert result["survival"] == 0.0
+    assert 0.2 < result["time"]["smallest"] <= result["time"]["largest"] < 2.0
+
+
+def test_a_swimmer_at_rest_stays_and_its_steps_cost_1(evaluated):
+    result = evaluated("swimmer", "--perturbation", "0")
+    assert result["survival"] == 1.0
+    assert result["distance"]["mean"] == 0.0
+    assert result["cost_per_step"]["mean"] == pytest.approx(1.0)
+    assert result["time"]["median"] == pytest.approx(1.0)
+
+
+def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
+    first, again, other = (evaluated("swimmer", "--stochastic", "--seed", s) for s in "778")
+    assert first == again
+    assert first["distance"] != other["distance"]
+    assert evaluated("swimmer")["distance"]["smallest"] != 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--seconds", "0"], "seconds is 0.0, but it must be finite and above 0"),
+        (["--rollouts", "0"], "rollouts is 0"),
+        (["--perturbation", "-1"], "perturbation is -1.0, but it must be at least 0"),
+        (["--task", "walker"], "was learned for the task 'swimmer', not 'walker'"),
+    ],
+)
+def test_bad_input_is_refused_with_a_sentence(evaluated, arguments, sentence):
+    with pytest.raises(SystemExit, match=sentence):
+        evaluated("swimmer", *arguments)

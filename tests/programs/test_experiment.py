@@ -1,0 +1,203 @@
+"""The comparison as users run it: in processes, killed and started again, on a cluster."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from distributed import LocalCluster
+
+from vgps_ros.experiments import cells
+from vgps_ros.experiments.cell_table import read_table
+from vgps_ros.experiments.cells import Cell, Panel, Protocol, all_cells, run_cell
+from vgps_ros.programs import experiment
+from vgps_ros.programs.experiment import main
+from vgps_ros.search.methods import METHODS
+
+SMALL = ["--panels", "rotor-3", "--seeds", "2", "--iterations", "3", "--evaluation-rollouts", "4"]
+CELLS = 2 * len(METHODS)
+PROGRAM = "import sys; from vgps_ros.programs.experiment import main; main(sys.argv[1:])"
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """An experiment of all methods that nothing interrupts."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    main([*SMALL, "--output", str(folder), "--jobs", "2"])
+    return folder
+
+
+def start(folder: Path) -> subprocess.Popen:
+    """Starts the program in a process group of its own."""
+    command = [sys.executable, "-c", PROGRAM, *SMALL, "--output", str(folder), "--jobs", "2"]
+    return subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def finished(folder: Path) -> dict[Path, int]:
+    """Result files of finished cells, and when they were written."""
+    results = folder.glob("runs/rotor-3/*/seed-[01]/result.json")
+    return {path: path.stat().st_mtime_ns for path in results}
+
+
+def without_seconds(folder: Path):
+    return read_table(folder).drop_columns("seconds")
+
+
+def test_every_cell_has_a_row_for_each_iteration(undisturbed):
+    table = read_table(undisturbed)
+    assert table.num_rows == 3 * CELLS
+    keys = {(row["method"], row["seed"], row["iteration"]) for row in table.to_pylist()}
+    assert keys == {(m, s, k) for m in METHODS for s in (0, 1) for k in (1, 2, 3)}
+    assert (undisturbed / "results.csv").read_text().count("\n") == 1 + 3 * CELLS
+    assert json.loads((undisturbed / "failures.json").read_text()) == []
+    on_policy, none = (
+        {r["simulator_steps"] for r in table.to_pylist() if r["method"] == m and r["seed"] == 0}
+        for m in ("cost_weighted", "vgps")
+    )
+    assert max(on_policy) - min(on_policy) == 2 * 10 * 50  # ten rollouts of 50 steps an iteration
+    assert len(none) == 3
+
+
+def test_killed_and_started_again_it_goes_on_and_gives_the_same_table(undisturbed, tmp_path):
+    folder = tmp_path / "killed"
+    program = start(folder)
+    while len(finished(folder)) < CELLS // 2:
+        assert program.poll() is None
+        time.sleep(0.05)
+    os.killpg(program.pid, signal.SIGKILL)  # with its workers
+    program.wait()
+    for left in Path("/dev/shm").glob(f"*[-_]{program.pid}[-_]*"):  # nobody else can remove it
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    before = finished(folder)
+    assert CELLS // 2 <= len(before) < CELLS
+    again = start(folder)
+    output, _ = again.communicate(timeout=120)
+    assert again.returncode == 0
+    assert f"{CELLS} cells, {len(before)} of them finished before" in output
+    after = finished(folder)
+    assert {path: after[path] for path in before} == before  # none was run twice
+    assert without_seconds(folder).equals(without_seconds(undisturbed))
+    assert not list(folder.rglob("*.unfinished*"))
+
+
+def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
+    program = start(tmp_path / "interrupted")
+    while not finished(tmp_path / "interrupted"):
+        assert program.poll() is None
+        time.sleep(0.05)
+    with pytest.raises(SystemExit, match=r"An experiment is running in '.*interrupted' now"):
+        main([*SMALL, "--output", str(tmp_path / "interrupted")])
+    program.send_signal(signal.SIGINT)
+    _, errors = program.communicate(timeout=60)
+    assert program.returncode == 1
+    assert "experiment: interrupted; the same command goes on" in errors
+
+
+def test_a_cluster_of_two_workers_gives_the_same_table(undisturbed, tmp_path):
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        main([*SMALL, "--output", str(tmp_path / "c"), "--backend", "dask", "--address", address])
+    assert without_seconds(tmp_path / "c").equals(without_seconds(undisturbed))
+
+
+def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(tmp_path, monkeypatch):
+    def fails_for_one(cell, protocol, root):
+        if cell.method == "gps":
+            return "DivergenceError: it flew away."
+        return run_cell(cell, protocol, root)
+
+    monkeypatch.setattr(experiment, "run_cell", fails_for_one)
+    with pytest.raises(SystemExit, match="1 cells failed"):
+        main(
+            [
+                *("--panels", "rotor-2", "--methods", "gps", "cost_weighted", "--seeds", "1"),
+                *("--iterations", "1", "--jobs", "1", "--output", str(tmp_path / "out")),
+            ]
+        )
+    failures = json.loads((tmp_path / "out" / "failures.json").read_text())
+    assert failures == [{"cell": "rotor-2 gps seed 0", "error": "DivergenceError: it flew away."}]
+    assert set(read_table(tmp_path / "out")["method"].to_pylist()) == {"cost_weighted"}
+
+
+def test_an_error_within_a_cell_is_returned_and_leaves_no_results(tmp_path, monkeypatch):
+    def explodes(*_, **__):
+        raise ArithmeticError("no more numbers")
+
+    monkeypatch.setattr(cells, "train", explodes)
+    cell = Cell(Panel("rotor", 3), "vgps", 0)
+    assert run_cell(cell, Protocol.of(1, 1), tmp_path) == "ArithmeticError: no more numbers"
+    assert not cell.is_finished(tmp_path)
+
+
+def test_a_cell_that_another_worker_has_finished_stays_as_it_is(tmp_path):
+    """As after a kill of the program alone, whose workers finish their cells."""
+    cell, protocol = Cell(Panel("rotor", 2), "dagger", 0), Protocol.of(1, 1)
+    assert run_cell(cell, protocol, tmp_path) == ""
+    result = cell.folder(tmp_path) / "result.json"
+    before = result.stat().st_mtime_ns
+    assert run_cell(cell, protocol, tmp_path) == ""
+    assert result.stat().st_mtime_ns == before
+    assert [f.name for f in cell.folder(tmp_path).parent.iterdir()] == ["seed-0"]
+
+
+def test_what_is_no_cell_is_passed_over(tmp_path):
+    (tmp_path / "runs" / "rotor-3" / "vgps" / "seed-1.unfinished-abc").mkdir(parents=True)
+    (tmp_path / "runs" / "rotor-3" / "notes" / "seed-0").mkdir(parents=True)
+    (tmp_path / "runs" / "rotor-3" / "vgps" / "seed-2").mkdir()
+    assert cells.finished_cells(tmp_path) == [Cell(Panel("rotor", 3), "vgps", 2)]
+
+
+def test_panels_and_methods_named_twice_are_run_once():
+    panel = Panel.named("rotor-3")
+    assert all_cells([panel, panel], ["vgps", "vgps"], 1) == [Cell(panel, "vgps", 0)]
+
+
+def test_one_seed_of_each_comes_before_the_next_seed_of_any():
+    panels = [Panel.named("walker-5"), Panel.named("rotor-3")]
+    order = [(c.seed, str(c.panel), c.method) for c in all_cells(panels, ["vgps", "gps"], 2)]
+    assert order[:4] == [
+        (0, "walker-5", "vgps"), (0, "walker-5", "gps"), (0, "rotor-3", "vgps"),
+        (0, "rotor-3", "gps"),
+    ]  # fmt: skip
+    assert {seed for seed, _, _ in order[4:]} == {1}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--methods", "ppo"], "method is 'ppo', but it must be one of adapted_weighted_dagger"),
+        (["--panels", "crawler-5"], "panel is 'crawler-5', but it must be all .swimmer-5"),
+        (["--panels", "walker"], "panel is 'walker'"),
+        (["--panels", "walker-0"], "panel is 'walker-0'"),
+        (["--backend", "slurm"], "backend is 'slurm', but it must be one of dask, processes"),
+        (["--backend", "dask", "--address", "nonsense"], "No Dask scheduler answers at 'nonsense'"),
+        (["--jobs", "0"], "jobs is 0, but it must be a number of processes"),
+        (["--seeds", "0"], "seeds is 0, but it must be"),
+        (["--iterations", "-1"], "iterations is -1"),
+    ],
+)
+def test_bad_input_names_the_value_and_what_is_right(tmp_path, arguments, sentence):
+    with pytest.raises(SystemExit, match=sentence):
+        main(["--panels", "rotor-3", *arguments, "--output", str(tmp_path / "out")])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_of_another_experiment_is_refused(undisturbed, tmp_path):
+    before = pq.read_table(undisturbed / "results.parquet")
+    with pytest.raises(SystemExit, match=r"with iterations 3, .* but this one has iterations 4"):
+        main([*SMALL, "--iterations", "4", "--output", str(undisturbed)])
+    assert pq.read_table(undisturbed / "results.parquet").equals(before)
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(SystemExit, match="is not the folder of an experiment"):
+        main([*SMALL, "--output", str(tmp_path)])
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]

@@ -1,0 +1,82 @@
+"""The figure and the summary of an experiment."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vgps_ros.experiments.cell_table import MethodResults
+from vgps_ros.experiments.cells import Panel
+from vgps_ros.experiments.summary import summary
+from vgps_ros.programs.experiment import main as experiment
+from vgps_ros.programs.figure import main
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A finished experiment of two methods and two seeds."""
+    output = tmp_path_factory.mktemp("experiment")
+    experiment(
+        [
+            *("--panels", "rotor-2", "rotor-3", "--methods", "vgps", "cost_weighted"),
+            *("--seeds", "2", "--iterations", "2", "--evaluation-rollouts", "2", "--jobs", "1"),
+            *("--output", str(output)),
+        ]
+    )
+    return output
+
+
+def test_it_draws_and_sums_up(folder, tmp_path, capsys):
+    main([str(folder), "--output", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert "rotor-2" in printed
+    assert "cost_weighted" in printed
+    assert (tmp_path / "out" / "figure1.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in (tmp_path / "out" / "figure1.svg").read_bytes()
+    assert (tmp_path / "out" / "figure1.rrd").read_bytes().startswith(b"RRF")
+    lines = (tmp_path / "out" / "summary.csv").read_text().splitlines()
+    assert len(lines) == 1 + 2 * 2
+
+
+def test_pictures_are_replaced_only_where_that_is_asked_for(folder, tmp_path):
+    arguments = [str(folder), "--output", str(tmp_path)]
+    (tmp_path / "figure1.svg").write_text("mine")
+    with pytest.raises(SystemExit, match=r"figure1\.svg' exists already; name another --output"):
+        main(arguments)
+    assert (tmp_path / "figure1.svg").read_text() == "mine"
+    main([*arguments, "--overwrite", "--average", "median"])
+    assert (tmp_path / "figure1.svg").read_text() != "mine"
+
+
+def test_bad_input_is_a_sentence(tmp_path):
+    with pytest.raises(SystemExit, match=r"figure: '.*' has no results\.parquet; name the output"):
+        main([str(tmp_path)])
+    (tmp_path / "results.parquet").write_text("nothing of the kind")
+    with pytest.raises(SystemExit, match="is not a Parquet table"):
+        main([str(tmp_path)])
+
+
+def test_summary_takes_medians_over_seeds_and_says_when_a_policy_succeeds():
+    """Three seeds, three iterations, by hand; the DDP solution costs 10."""
+    columns = {
+        "initial_ddp_cost": np.full((3, 3), 10.0),
+        "deterministic_cost": np.array([[90, 14, 11], [90, 90, 13.0], [90, 90, 12]]),
+        "deterministic_survival": np.array([[1, 1, 1], [1, 1, 1], [0, 0, 0.0]]),
+        "stochastic_cost_mean": np.array([[99, 99, 20], [99, 99, math.inf], [99, 99, 30]]),
+        "stochastic_survival": np.array([[0, 0, 0.5], [0, 0, 1.0], [0, 0, 0.9]]),
+        "simulator_steps": np.array([[1, 2, 3]] * 3) * 1_000_000,
+        "seconds": np.array([[1.0, 2.0, 7.0]] * 3),
+    }
+    (row,) = summary({Panel("walker", 5): {"vgps": MethodResults((0, 1, 2), columns)}})
+    assert row == {
+        "panel": "walker-5",
+        "method": "vgps",
+        "seeds": 3,
+        "deterministic": 1.2,
+        "stochastic": 3.0,
+        "succeed": 2,
+        "success_at": 3.0,
+        "survival": 0.9,
+        "million_steps": 3.0,
+        "seconds": 7.0,
+    }

@@ -1,0 +1,14 @@
+"""The gait's cost: what walks longer is better, whatever it costs in torque."""
+
+from dataclasses import replace
+
+from vgps_ros.programs.find_gait import FALLING, gait_cost
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.simbicon import GAIT
+
+
+def test_a_gait_that_walks_beats_one_that_falls():
+    dynamics = make_task("walker").dynamics
+    limp = replace(GAIT, torso_stiffness=1.0)
+    walking, falling = (gait_cost(dynamics, gait, seconds=3.0) for gait in (GAIT, limp))
+    assert 0 < walking < 0.2 * FALLING < falling

@@ -1,0 +1,170 @@
+"""The program `train`: what it writes, and what it refuses."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from vgps_ros.programs.train import main
+from vgps_ros.storage.distribution_file import load_distributions
+from vgps_ros.storage.policy_file import load_policy
+
+QUICK = ["--iterations", "2", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
+
+
+def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
+    main([*QUICK, "--seed", "4", "--hidden-units", "3", "2", "--output", str(tmp_path / "run")])
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert result["task"] == "swimmer"
+    assert result["method"] == "vgps"
+    assert result["seed"] == 4
+    assert result["hidden_units"] == [3, 2]
+    assert result["num_parameters"] == (9 * 3 + 3) + (3 * 2 + 2) + (2 * 2 + 2)
+    assert [entry["k"] for entry in result["iterations"]] == [1, 2]
+    assert set(result["iterations"][0]) == {
+        "k",
+        "alpha",
+        "ddp_cost",
+        "deterministic_cost",
+        "deterministic_survival",
+        "stochastic_cost_mean",
+        "stochastic_cost_median",
+        "stochastic_survival",
+        "q_step_seconds",
+        "m_step_seconds",
+        "simulator_steps",
+    }
+    policy, task = load_policy(tmp_path / "run" / "policy.json")
+    assert task == "swimmer"
+    assert policy.mean(np.zeros(10)).shape == (2,)
+    assert (tmp_path / "run" / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+    with np.load(tmp_path / "run" / "trajectories.npz", allow_pickle=False) as arrays:
+        shapes = {name: arrays[name].shape for name in arrays}
+    assert shapes == {
+        "initial_states": (501, 10),
+        "mean_states": (501, 10),
+        "state_covariances": (501, 10, 10),
+        "executed_states": (501, 10),
+    }
+    [q], task = load_distributions(tmp_path / "run" / "distribution.npz")
+    assert task == "swimmer"
+    assert q.mean.horizon == 500
+    with np.load(tmp_path / "run" / "trajectories.npz", allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(q.state_covariances, arrays["state_covariances"])
+    # A table with one line an iteration, for a person to follow.
+    header, *lines = capsys.readouterr().out.splitlines()[:3]
+    assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]
+    last = result["iterations"][-1]
+    figures = (last["stochastic_cost_mean"], last["deterministic_cost"], last["ddp_cost"])
+    assert lines[1].split()[:5] == ["2/2", "0.91", *(f"{cost:.1f}" for cost in figures)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--task", "runner"], "'runner' (choose from"),
+        (["--iterations", "0"], "iterations is 0, but it must be from 1"),
+        (["--alphas", "1", "-0.1"], "alphas is -0.1, but it must be from"),
+        (["--alphas", "nan", "1"], "alphas is nan"),
+        (["--alphas", "1"], "alphas has 1 values, but alpha_iterations has 2"),
+        (["--hidden-units", "5", "0"], "hidden_units is 0"),
+        (["--seed", "-1"], "seed is -1"),
+        (["--fit-optimizer", "newton"], "newton"),
+        (["--hidden-units", "many"], "many"),
+    ],
+)
+def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(
+    tmp_path, capsys, arguments, sentence
+):
+    with pytest.raises(SystemExit) as exit_info:
+        main([*arguments, "--output", str(tmp_path / "run")])
+    assert exit_info.value.code != 0
+    assert sentence in str(exit_info.value.code) + capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_help_tells_what_each_setting_does_and_its_range(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "exponential between them, then constant; from 1e-09 to 1e+09; default 1.0 0.1" in text
+    assert "--fit-resample-every" in text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("not json", "is not a readable policy file"),
+        ("{}", "is not a policy of vgps_ros: 'task'"),
+        ("[1]", "is not a policy of vgps_ros"),
+    ],
+)
+def test_a_file_that_is_no_policy_is_refused(tmp_path, content, sentence):
+    (tmp_path / "policy.json").write_text(content)
+    with pytest.raises(ValueError, match="policy") as error:
+        load_policy(tmp_path / "policy.json")
+    assert sentence.split("'")[0] in str(error.value)
+
+
+ROTOR = ["--task", "rotor", "--hidden-units", "3", "--evaluation-rollouts", "4"]
+PROGRAM = "from vgps_ros.programs.train import main; main()"
+
+
+def start(*arguments):
+    command = [sys.executable, "-c", PROGRAM, *ROTOR, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def outcome(folder):
+    """All that a training leaves but wall times and the picture."""
+    result = json.loads((folder / "result.json").read_text())
+    for entry in result["iterations"]:
+        del entry["q_step_seconds"], entry["m_step_seconds"]
+    with np.load(folder / "trajectories.npz") as file:
+        arrays = {name: file[name].tobytes() for name in file.files}
+    return result, arrays, (folder / "policy.json").read_bytes()
+
+
+def test_killed_at_random_moments_it_goes_on_and_leaves_the_same_bytes(tmp_path, rng):
+    arguments = ["--method", "adaptive_gps", "--iterations", "25", "--seed", "6", "--output"]
+    main([*ROTOR, *arguments, str(tmp_path / "undisturbed")])
+
+    kept = tmp_path / "killed" / "checkpoints"
+    for _ in range(3):
+        before = {path.stat().st_mtime_ns for path in kept.glob("*.npz")}
+        program = start(*arguments, str(tmp_path / "killed"))
+        while {path.stat().st_mtime_ns for path in kept.glob("*.npz")} <= before:
+            assert program.poll() is None, program.communicate()
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 0.3))
+        program.kill()
+        program.communicate()
+        assert program.returncode == -signal.SIGKILL
+        assert not (tmp_path / "killed" / "trajectories.npz").exists()
+    program = start(*arguments, str(tmp_path / "killed"))
+    output, _ = program.communicate(timeout=120)
+    assert program.returncode == 0, output
+    assert " of 25." in output.splitlines()[0]
+    assert output.startswith("Going on from iteration ")
+    assert outcome(tmp_path / "killed") == outcome(tmp_path / "undisturbed")
+    names = {path.name for path in (tmp_path / "undisturbed").iterdir()}
+    assert {path.name for path in (tmp_path / "killed").iterdir()} == names
+    assert "checkpoints" not in names
+
+
+def test_another_training_in_the_folder_of_one_that_has_not_ended_is_refused(tmp_path):
+    program = start("--iterations", "10000", "--output", str(tmp_path / "run"))
+    while len(list((tmp_path / "run").glob("checkpoints/*.npz"))) < 2:
+        assert program.poll() is None, program.communicate()
+        time.sleep(0.05)
+    program.send_signal(signal.SIGINT)
+    output, _ = program.communicate(timeout=60)
+    assert program.returncode == 1
+    assert "the same command goes on after the last whole iteration" in output
+    assert not list((tmp_path / "run" / "checkpoints").glob("*.part"))
+    with pytest.raises(SystemExit, match="with seed 0, but this one has seed 1; name another"):
+        main([*ROTOR, "--seed", "1", "--iterations", "10000", "--output", str(tmp_path / "run")])

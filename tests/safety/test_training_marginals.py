@@ -1,0 +1,109 @@
+"""Distance from the training, and the feedback law at the nearest step."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.safety import SafetySettings, TrainingMarginals, safe_torques
+from vgps_ros.safety.training_marginals import nearest_of
+
+OBSERVED = (1, 2, 3)  # of four: root x does not count
+
+
+@pytest.fixture
+def distribution(random_distribution):
+    return random_distribution(horizon=6, n_x=4, n_u=2)
+
+
+@pytest.fixture
+def marginals(distribution):
+    return TrainingMarginals(distribution, OBSERVED, (4, 2))
+
+
+def plain_distances(q, state):
+    """√(δᵀ Σ⁻¹ δ) for each step, by solving with each matrix."""
+    distances = []
+    for mean, covariance in zip(q.mean.states[:-1], q.state_covariances[:-1], strict=True):
+        deviation = (state - mean)[list(OBSERVED)]
+        wide = covariance[np.ix_(OBSERVED, OBSERVED)] + 1e-4 * np.eye(3)
+        distances.append(np.sqrt(deviation @ np.linalg.solve(wide, deviation)))
+    return distances
+
+
+def test_the_distance_is_mahalanobis_from_the_nearest_step(marginals, distribution, rng):
+    for state in 3.0 * rng.standard_normal((20, 4)):
+        expected = plain_distances(distribution, state)
+        found = marginals.nearest(state)
+        assert found.step == np.argmin(expected)
+        assert found.distance == pytest.approx(min(expected), rel=1e-9)
+
+
+def test_on_the_trajectory_it_is_zero_wherever_the_root_is(marginals, distribution):
+    for step, state in enumerate(distribution.mean.states[:-1]):
+        moved = state + np.array([1e3, 0.0, 0.0, 0.0])
+        assert marginals.nearest(moved).distance == pytest.approx(0.0, abs=1e-9)
+        assert marginals.nearest(moved).step == step
+
+
+def test_the_nearest_of_several_distributions_counts(marginals, distribution):
+    mean = dataclasses.replace(distribution.mean, states=distribution.mean.states + 50.0)
+    far = TrainingMarginals(dataclasses.replace(distribution, mean=mean), OBSERVED, (4, 2))
+    found = nearest_of([marginals, far], mean.states[3])
+    assert found.marginals is far
+    assert found.step == 3
+    assert nearest_of([], mean.states[3]) is None
+
+
+def test_feedback_is_the_ddp_law_and_the_roots_place_makes_no_torque(marginals, distribution, rng):
+    q, step = distribution, 4
+    state = q.mean.states[step] + 0.01 * rng.standard_normal(4)
+    deviation = state - q.mean.states[step]
+    deviation[0] = 0.0
+    expected = q.mean.controls[step] + q.gains[step] @ deviation
+    safety = SafetySettings(safe_action="feedback")
+    for root in (0.0, 1e3):
+        moved = state + np.array([root, 0.0, 0.0, 0.0])
+        found = safe_torques(safety, moved, [0, 1], [marginals])
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_damping_brakes_the_actuated_joints():
+    safety = SafetySettings(safe_action="damping", damping=3.0)
+    state = np.array([9.0, 9.0, 9.0, 1.0, -2.0, 4.0])
+    np.testing.assert_array_equal(safe_torques(safety, state, [1, 2], []), [6.0, -12.0])
+
+
+@pytest.mark.parametrize("action", ["zero", "damping", "feedback"])
+def test_without_what_it_needs_the_safe_action_is_zero(action):
+    safety = SafetySettings(safe_action=action)
+    np.testing.assert_array_equal(safe_torques(safety, None, [0, 1], []), [0.0, 0.0])
+    zero = safe_torques(safety, np.zeros(4), [0, 1], [])
+    np.testing.assert_array_equal(zero, [0.0, 0.0])
+
+
+FINITE = arrays(float, 4, elements=st.floats(allow_nan=False, allow_infinity=False))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(state=FINITE, action=st.sampled_from(["zero", "damping", "feedback"]))
+def test_no_finite_state_makes_a_torque_that_is_not_finite(marginals, state, action):
+    safety = SafetySettings(safe_action=action, damping=1e6)
+    found = safe_torques(safety, state, [0, 1], [marginals])
+    assert np.isfinite(found).all()
+
+
+def test_what_is_no_distribution_of_the_robot_is_refused(distribution):
+    with pytest.raises(InvalidInputError, match="states has shape"):
+        TrainingMarginals(distribution, OBSERVED, (5, 2))
+    with pytest.raises(InvalidInputError, match="controls has shape"):
+        TrainingMarginals(distribution, OBSERVED, (4, 3))
+    with pytest.raises(InvalidInputError, match="has no steps"):
+        TrainingMarginals(distribution.first(0), OBSERVED, (4, 2))
+    negative = dataclasses.replace(distribution, state_covariances=-distribution.state_covariances)
+    with pytest.raises(InvalidInputError, match="not positive semidefinite"):
+        TrainingMarginals(negative, OBSERVED, (4, 2))

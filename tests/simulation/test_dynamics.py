@@ -1,0 +1,296 @@
+import subprocess
+import sys
+from itertools import islice
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
+from vgps_ros.core.records import Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.tasks import make_task
+
+
+@pytest.fixture
+def points(rng):
+    """Five unrelated states and controls, as a trajectory."""
+    return Trajectory(rng.uniform(-1, 1, (6, 10)), rng.uniform(-30, 30, (5, 2)))
+
+
+def test_step_is_the_simulators(swimmer, points):
+    model, state, control = swimmer.dynamics.model, points.states[0], points.controls[0]
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel, data.ctrl = state[:5], state[5:], control
+    mujoco.mj_step(model, data, 3)
+    stepped = Dynamics(model, substeps=3).step(state, control)
+    assert_array_equal(stepped, np.concatenate([data.qpos, data.qvel]))
+    assert Dynamics(model, substeps=3).time_step == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 3])
+def test_derivatives_agree_with_finite_differences_of_step(
+    swimmer, points, finite_differences, substeps
+):
+    dynamics = Dynamics(swimmer.dynamics.model, substeps=substeps)
+    linear = dynamics.linearize(points)
+    for t in range(points.horizon):
+        x, u = points.states[t], points.controls[t]
+        f_x = finite_differences(lambda x, u=u: dynamics.step(x, u), x, eps=1e-5)
+        f_u = finite_differences(lambda u, x=x: dynamics.step(x, u), u, eps=1e-3)
+        assert_allclose(linear.f_x[t], f_x, rtol=0, atol=5e-7)
+        assert_allclose(linear.f_u[t], f_u, rtol=0, atol=5e-7)
+
+
+def centred_differences(dynamics, trajectory):
+    """MuJoCo's own, by the chain rule over the simulator steps of one control."""
+    model, n_x, n_u = dynamics.model, dynamics.state_dim, dynamics.control_dim
+    data = mujoco.MjData(model)
+    for state, control in zip(trajectory.states, trajectory.controls, strict=False):
+        data.qpos, data.qvel, data.ctrl = state[: n_x // 2], state[n_x // 2 :], control
+        data.qacc_warmstart = 0.0
+        f_x, f_u, a, b = (
+            np.eye(n_x),
+            np.zeros((n_x, n_u)),
+            np.zeros((n_x, n_x)),
+            np.zeros((n_x, n_u)),
+        )
+        for substep in range(dynamics.substeps):
+            if substep:
+                mujoco.mj_step(model, data)
+            mujoco.mjd_transitionFD(model, data, 1e-6, True, a, b, None, None)
+            f_x, f_u = a @ f_x, a @ f_u + b
+        yield np.hstack([f_x, f_u])
+
+
+@pytest.mark.parametrize(("name", "error"), [("swimmer", 1e-6), ("walker", 1e-4)])
+def test_derivatives_along_a_motion_are_those_of_the_simulators_centred_differences(
+    name, error, rng
+):
+    """Relative to the largest entry; where contacts switch, centred differences are no measure."""
+    task = make_task(name)
+    trajectory = task.demonstration or task.dynamics.rollout(
+        task.initial_state, lambda t, _: task.guess(rng)[t], 100
+    )
+    linear = task.dynamics.linearize(trajectory)
+    errors = []
+    for t, expected in enumerate(centred_differences(task.dynamics, trajectory)):
+        found = np.hstack([linear.f_x[t], linear.f_u[t]])
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+    assert np.quantile(errors, 0.9) < error
+
+
+@pytest.mark.parametrize("name", ["swimmer", "walker"])
+def test_nothing_depends_on_the_coordinates_that_a_task_calls_cyclic(name, rng):
+    dynamics = make_task(name).dynamics
+    states = rng.uniform(-0.3, 0.3, (6, dynamics.state_dim))
+    points = Trajectory(states, rng.uniform(-30, 30, (5, dynamics.control_dim)))
+    short = dynamics.linearize(points)
+    full = Dynamics(dynamics.model, dynamics.substeps).linearize(points)
+    assert_allclose(short.f_x, full.f_x, rtol=0, atol=1e-5)  # what differences along contacts bear
+    assert_allclose(short.f_u, full.f_u, rtol=0, atol=1e-9)
+
+
+def test_at_rest_where_drag_has_a_kink_differences_are_centred(swimmer):
+    rest = Trajectory(np.zeros((2, 10)), np.zeros((1, 2)))
+    linear = swimmer.dynamics.linearize(rest)
+    (expected,) = centred_differences(swimmer.dynamics, rest)
+    assert_allclose(np.hstack([linear.f_x[0], linear.f_u[0]]), expected, rtol=0, atol=1e-6)
+
+
+def test_following_is_a_rollout_of_that_feedback(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((20, 2, 10))
+    nominal = Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
+    start = np.full(10, 0.1)
+    followed = dynamics.follow(start, nominal, gains)
+    rollout = dynamics.rollout(
+        start, lambda t, x: nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T, 20
+    )
+    assert_allclose(followed.states, rollout.states, rtol=1e-9, atol=1e-12)
+    assert_allclose(followed.controls, rollout.controls, rtol=1e-9)
+
+
+@pytest.mark.parametrize("taken", [1, 3, 5])
+def test_several_are_followed_as_each_alone_whatever_the_number_of_threads(swimmer, rng, taken):
+    gains, start = rng.standard_normal((20, 2, 10)), np.full(10, 0.1)
+    nominals = [
+        Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
+        for _ in range(5)
+    ]
+    alone = [swimmer.dynamics.follow(start, nominal, gains) for nominal in nominals[:taken]]
+    for threads in (1, 2, 3, 8):
+        dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
+        found = list(islice(dynamics.follow_each(start, nominals, gains), taken))
+        assert_array_equal([t.states for t in found], [t.states for t in alone])
+        assert_array_equal([t.controls for t in found], [t.controls for t in alone])
+        assert dynamics.simulator_steps == taken * 20
+
+
+@pytest.mark.parametrize("control", [np.nan, 1e8, 1e12])
+def test_what_diverges_while_it_follows_is_nan_from_there_on(swimmer, control):
+    nominal = Trajectory(np.zeros((11, 10)), np.full((10, 2), 10.0))
+    nominal.controls[4] = control
+    followed = swimmer.dynamics.follow(np.zeros(10), nominal, np.zeros((10, 2, 10)))
+    assert np.isfinite(followed.states[:5]).all()
+    assert np.isnan(followed.states[5:]).all()
+    assert_array_equal(followed.controls[4], nominal.controls[4])
+    assert np.isnan(followed.controls[5:]).all()
+
+
+def test_number_of_threads_does_not_change_a_bit(swimmer, points):
+    one, *others = (
+        Dynamics(swimmer.dynamics.model, threads=n).linearize(points) for n in (1, 2, 3, 8)
+    )
+    for linear in others:
+        assert_array_equal(linear.f_x, one.f_x)
+        assert_array_equal(linear.f_u, one.f_u)
+
+
+def test_rollouts_side_by_side_equal_single_ones(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((2, 10))
+    starts = rng.uniform(-0.5, 0.5, (4, 10))
+
+    def law(t, x):
+        # Elementwise: a matrix product may round differently for other numbers of rows.
+        return 20.0 * np.sin(0.3 * t) + (x[:, None] * gains).sum(-1)
+
+    states, controls = dynamics.rollouts(starts, law, 25)
+    assert states.shape == (4, 26, 10)
+    for i, start in enumerate(starts):
+        single = dynamics.rollout(start, law, 25)
+        assert_array_equal(states[i], single.states)
+        assert_array_equal(controls[i], single.controls)
+
+
+def test_rollout_repeats_step_under_its_law(swimmer, rng):
+    dynamics, gains = swimmer.dynamics, rng.standard_normal((2, 10))
+    trajectory = dynamics.rollout(np.full(10, 0.1), lambda t, x: t + x @ gains.T, 10)
+    for t in range(10):
+        x, u = trajectory.states[t], trajectory.controls[t]
+        assert_allclose(u, t + gains @ x, rtol=1e-12)
+        assert_array_equal(trajectory.states[t + 1], dynamics.step(x, u))
+
+
+def test_earlier_steps_leave_no_trace(swimmer, points):
+    dynamics, state, control = swimmer.dynamics, points.states[0], points.controls[0]
+    first = dynamics.step(state, control)
+    dynamics.step(points.states[1], 1e3 * points.controls[1])
+    assert_array_equal(dynamics.step(state, control), first)
+
+
+def test_diverged_rollout_is_nan_from_there_on_and_others_unaffected(swimmer):
+    dynamics, starts = swimmer.dynamics, np.zeros((3, 10))
+
+    def law(t, x, explodes=True):
+        controls = np.full((len(x), 2), 10.0)
+        if t == 4 and explodes:
+            controls[1] = 1e8
+        return controls
+
+    states, controls = dynamics.rollouts(starts, law, 12)
+    calm, _ = dynamics.rollouts(starts, lambda t, x: law(t, x, False), 12)
+    assert_array_equal(states[1, :5], calm[1, :5])
+    assert np.isnan(states[1, 5:]).all()
+    assert controls[1, 4, 0] == 1e8
+    assert np.isnan(controls[1, 5:]).all()
+    assert_array_equal(states[[0, 2]], calm[[0, 2]])
+
+
+def test_rollout_from_a_state_that_is_not_finite_is_nan(swimmer):
+    starts = np.zeros((2, 10))
+    starts[0, 3] = np.nan
+    states, _ = swimmer.dynamics.rollouts(starts, lambda t, x: np.zeros((2, 2)), 3)
+    assert np.isnan(states[0, 1:]).all()
+    assert np.isfinite(states[1]).all()
+
+
+@pytest.mark.parametrize("control", [np.nan, np.inf, 1e12])
+def test_control_that_the_simulator_would_drop_makes_a_rollout_diverge(
+    swimmer, control, monkeypatch, tmp_path
+):
+    """MuJoCo replaces such controls by zero; the rollout would go on as if nothing had been."""
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
+    trajectory = swimmer.dynamics.rollout(np.full(10, 0.3), lambda t, x: np.full(2, control), 3)
+    assert np.isnan(trajectory.states[1:]).all()
+
+
+_DIVERGENCE = """
+import numpy as np
+from vgps_ros.core.records import Trajectory
+from vgps_ros.tasks import make_task
+
+walker = make_task("walker")
+starts = np.stack([walker.initial_state] * 3)
+states, _ = walker.dynamics.rollouts(starts, lambda t, x: np.full((3, 6), 1e8), 5)
+assert np.isnan(states[:, -1]).all()
+states[0, 1:] = starts[0]
+walker.dynamics.linearize(Trajectory(states[0], np.full((5, 6), 1e8)))
+"""
+
+
+def test_a_divergence_leaves_no_file_and_no_line(tmp_path):
+    """The walker, whose contacts MuJoCo finds unstable; derivatives come from several threads.
+
+    In a process that imports nothing else, since MuJoCo's warnings go to one place for all.
+    """
+    script = [sys.executable, "-c", _DIVERGENCE]
+    done = subprocess.run(script, check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator"),
+    [
+        ('<freejoint name="root"/>', ""),
+        ('<joint name="hinge"/>', '<general joint="hinge" dyntype="integrator"/>'),
+    ],
+)
+def test_model_with_quaternions_or_actuator_states_is_refused(joint, actuator):
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><body>{joint}<geom size='1'/></body></worldbody>"
+        f"<actuator>{actuator}</actuator></mujoco>"
+    )
+    with pytest.raises(InvalidInputError, match=rf"nq={model.nq}, nv={model.nv}, na={model.na}"):
+        Dynamics(model)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize(("hidden", "biases"), [((), False), ((4,), True), ((5, 3), False)])
+def test_executing_a_policy_is_a_rollout_of_its_mean_and_noise(
+    swimmer, rng, activation, hidden, biases
+):
+    shape = Architecture((1, 4, 7), hidden, 2, activation, hidden_bias=biases, output_bias=biases)
+    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 20, 2))
+    states, controls = swimmer.dynamics.execute(policy, starts, noise)
+    expected = swimmer.dynamics.rollouts(starts, lambda t, x: policy.mean(x) + noise[:, t], 20)
+    assert_allclose(states, expected[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(controls, expected[1], rtol=1e-9, atol=1e-12)
+
+
+def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no_other(
+    swimmer, rng
+):
+    shape = Architecture((2, 3), (3,), 2)
+    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    starts, noise = np.zeros((3, 10)), rng.standard_normal((3, 12, 2))
+    calm, _ = swimmer.dynamics.execute(policy, starts, noise)
+    noise[1, 4] = 1e8
+    for threads in (1, 2, 5):
+        dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
+        states, controls = dynamics.execute(policy, starts, noise)
+        assert_array_equal(states[[0, 2]], calm[[0, 2]])
+        assert_array_equal(states[1, :5], calm[1, :5])
+        assert np.isnan(states[1, 5:]).all()
+        assert np.isfinite(controls[1, 4]).all()
+        assert np.isnan(controls[1, 5:]).all()
+
+
+def test_a_policy_of_another_robot_is_not_executed(swimmer):
+    shape = Architecture((0, 12), (3,), 2)
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(2))
+    with pytest.raises(InvalidInputError, match="coordinate 12"):
+        swimmer.dynamics.execute(policy, np.zeros((1, 10)), np.zeros((1, 5, 2)))

@@ -1,0 +1,94 @@
+"""The method needs no ROS, and packages import in one direction."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import vgps_ros
+
+SCRIPT = """
+import importlib, pkgutil, sys
+
+for name in ("rclpy", "vgps_msgs", "rosidl_runtime_py", "std_msgs", "sensor_msgs"):
+    sys.modules[name] = None  # an import of it raises ImportError
+
+for package in ("core", "simulation", "safety", "storage", "tasks", "search"):
+    package = "vgps_ros." + package
+    path = importlib.import_module(package).__path__
+    for module in pkgutil.walk_packages(path, package + "."):
+        importlib.import_module(module.name)
+print(*sorted({name.split(".")[1] for name in sys.modules if name.startswith("vgps_ros.")}))
+"""
+
+
+def test_every_module_imports_without_ros_and_only_what_is_below_it():
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).parents[1],
+    )
+    assert run.returncode == 0, run.stderr
+    assert set(run.stdout.split()) == METHOD
+
+
+METHOD = {"core", "simulation", "safety", "storage", "tasks", "search"}  # without ROS
+LIBRARIES = {"bags", "environments", "experiments", "messages", "ros_runtime", "views"}
+ALLOWED = {  # packages of ours that each may import, beside itself
+    "core": set(),
+    "simulation": {"core"},
+    "safety": {"core"},
+    "storage": {"core"},
+    "tasks": {"core", "simulation"},
+    "search": METHOD - {"safety"},
+    "environments": {"core", "tasks"},
+    "messages": METHOD - {"safety"},
+    "views": METHOD | {"messages"},
+    "bags": METHOD | {"messages", "views"},
+    "experiments": METHOD | {"views"},
+    "ros_runtime": METHOD | {"bags", "messages", "views"},
+    "nodes": METHOD | LIBRARIES - {"environments", "experiments"},
+    "programs": METHOD | LIBRARIES - {"environments"},
+}
+
+
+def test_each_package_imports_only_what_it_may():
+    source = Path(vgps_ros.__file__).parent
+    for package, allowed in ALLOWED.items():
+        for file in (source / package).rglob("*.py"):
+            found = set(re.findall(r"^\s*(?:from|import) vgps_ros\.(\w+)", file.read_text(), re.M))
+            assert found <= allowed | {package}, file
+
+
+def test_no_node_imports_another():
+    source = Path(vgps_ros.__file__).parent
+    listed = re.search(r"^NODES = \[(.*?)\]", (source.parent / "setup.py").read_text(), re.M | re.S)
+    nodes = set(re.findall(r'"(\w+)"', listed[1]))
+    assert "policy_executor" in nodes
+    for file in (source / "nodes").glob("*.py"):
+        found = set(re.findall(r"^from vgps_ros\.nodes\.(\w+)", file.read_text(), re.M))
+        assert not found & nodes, file
+
+
+def test_training_without_a_graph_needs_no_ros():
+    script = SCRIPT.split("for package in")[0] + "import vgps_ros.programs.train"
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+
+
+def test_only_what_learns_waits_for_torch():
+    script = """
+import importlib, pkgutil, sys
+from vgps_ros import nodes
+names = [f"vgps_ros.nodes.{module.name}" for module in pkgutil.iter_modules(nodes.__path__)]
+names += [f"vgps_ros.programs.{name}" for name in ("bag", "plot", "train_through_graph")]
+for name in names:
+    if name != "vgps_ros.nodes.policy_learner":
+        importlib.import_module(name)
+        assert "torch" not in sys.modules, name
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)

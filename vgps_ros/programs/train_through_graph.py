@@ -1,0 +1,96 @@
+"""Program `train_through_graph`: asks a policy_learner to train, and shows how it goes."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from vgps_msgs.action import TrainPolicy
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.messages.progress import entry_from_msg
+from vgps_ros.ros_runtime.training_client import TrainingClient
+from vgps_ros.search.result_file import result_content
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.storage.files import write_json
+from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.views.plots import learning_curve, save
+from vgps_ros.views.training_progress import TrainingProgress
+
+
+def write_result(result: TrainPolicy.Result, output: Path) -> None:
+    """Writes result.json, policy.json and learning_curve.png, as `train` does."""
+    last = result.history[-1]
+    policy = policy_from_msg(result.policy)
+    content = result_content(
+        task=last.task,
+        method=last.method,
+        seed=int(last.seed),
+        hidden_units=policy.architecture.hidden_units,
+        num_parameters=int(result.num_parameters),
+        initial_ddp_cost=last.initial_ddp_cost,
+        iterations=[entry_from_msg(message) for message in result.history],
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    write_json(output / "result.json", content)
+    save_policy(policy, last.task, output / "policy.json")
+    save(learning_curve(content), output / "learning_curve.png")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the program."""
+    defaults = SearchSettings()
+    parser = argparse.ArgumentParser(
+        prog="train_through_graph",
+        description="Asks a running policy_learner for a training, shows its progress, and writes "
+        "result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
+    parser.add_argument(
+        "--iterations",
+        type=int,
+        default=defaults.iterations,
+        help="iterations, each with one policy update",
+    )
+    parser.add_argument(
+        "--hidden-units",
+        type=int,
+        nargs="+",
+        default=list(defaults.hidden_units),
+        help="width of each hidden layer",
+    )
+    parser.add_argument("--output", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
+    parser.add_argument("--timeout", type=float, default=20.0, help="wait for the learner [s]")
+    parser.add_argument(
+        "--lost-timeout",
+        type=float,
+        default=300.0,
+        help="wait for a learner that was killed or hangs; a new one gets the goal again [s]",
+    )
+    parsed = parser.parse_args(arguments)
+    # INT is this program's own, to cancel the goal; TERM stays rclpy's.
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
+    node = TrainingClient(parsed.learner, parsed.lost_timeout)
+    signal.signal(signal.SIGINT, node.interrupt)
+    try:
+        goal = TrainPolicy.Goal(
+            seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units
+        )
+        with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
+            result = node.train(goal, parsed.timeout, progress)
+        write_result(result, parsed.output)
+        print(result.message)
+        print(f"Wrote result.json, policy.json and learning_curve.png to {parsed.output}.")
+    except (VgpsError, OSError, AssertionError) as error:
+        sys.exit(f"train_through_graph: {error}")
+    except (KeyboardInterrupt, ExternalShutdownException):
+        sys.exit("train_through_graph: interrupted.")
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,180 @@
+"""What a node says of itself: diagnostics, and what it is waiting for."""
+
+import time
+import traceback
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
+from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.steady_timer import steady_timer
+
+_PERIOD = 1.0  # between two diagnostics [s]
+# Between the first ones, so that a second node of a kind is found out before it does anything.
+_FIRST_PERIOD = 0.1
+_FIRST_COUNT = 12
+_LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
+_LINE_PERIOD = 0.1  # at least, between two lines about the same thing [s]
+
+WAIT_TIMEOUT = Setting(
+    "wait_timeout",
+    10.0,
+    "time after which something still missing becomes an error on /diagnostics [s]",
+    minimum=0.1,
+    maximum=86400.0,
+)
+
+
+class Health:
+    """Publishes one DiagnosticStatus a second on /diagnostics, and a fault at once.
+
+    A node says what it waits for once, in a log line; if it still waits after the parameter
+    `wait_timeout`, it says so once more as an error, and as the status ERROR until it is there.
+
+    Args:
+        node: the node.
+        owns: topic that only one node of the graph may publish. Of two that say so the one that
+            was started later ends with a sentence.
+
+    Attributes:
+        peers: the other nodes.
+    """
+
+    def __init__(self, node: Node, *, owns: str = ""):
+        self._node = node
+        self.peers = Peers(node, owns)
+        self._timeout = declare(node, WAIT_TIMEOUT)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._waiting: dict[str, float] = {}
+        self._late: set[str] = set()
+        self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
+        self._over: set[str] = set()
+        self._said: dict[str, tuple[str, float]] = {}
+        self._values = {INSTANCE: self.peers.instance, OWNS: self.peers.owns}
+        self._ticks = 0
+        self._when_alone: Callable[[], None] = lambda: None
+        self._timer = steady_timer(node, _FIRST_PERIOD, self._tick)
+
+    def when_alone(self, callback: Callable[[], None]) -> None:
+        """Sets what is called once it is clear that no other node owns the same topic."""
+        self._when_alone = callback
+
+    def wait_for(self, what: str) -> None:
+        """Notes that the node waits, and says so once. `what` completes 'Waiting for …'."""
+        if what not in self._waiting:
+            self._waiting[what] = time.monotonic()
+            self._node.get_logger().info(f"Waiting for {what}.")
+
+    def arrived(self, what: str) -> None:
+        """Notes that the node no longer waits for it, since it came."""
+        if what in self._late:
+            self._node.get_logger().info(f"Here now: {what}.")
+        self.stop_waiting(what)
+
+    def stop_waiting(self, what: str) -> None:
+        """Notes that the node no longer needs it."""
+        self._waiting.pop(what, None)
+        self._late.discard(what)
+
+    def error(self, sentence: str, about: str = "") -> None:
+        """Reports a fault: on /diagnostics until it is cleared, and in the log, but not often.
+
+        Args:
+            sentence: what is wrong, and what would be right.
+            about: faults about different things are reported and cleared on their own.
+        """
+        self._report(DiagnosticStatus.ERROR, sentence, about)
+
+    def sentence_of(self, error: Exception) -> str:
+        """Returns what an error says; of one that was not foreseen the traceback is in the log."""
+        if isinstance(error, VgpsError):
+            return str(error)
+        self._node.get_logger().error("".join(traceback.format_exception(error)))
+        return f"{type(error).__name__}: {error}"
+
+    def warn(self, sentence: str, about: str) -> None:
+        """Reports in the same way what is not a fault yet."""
+        self._report(DiagnosticStatus.WARN, sentence, about)
+
+    def _report(self, level: bytes, sentence: str, about: str) -> None:
+        before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
+        self._faults[about] = (level, sentence)
+        self._over.discard(about)
+        self._log(about, is_new=before != level)
+        if before != level:
+            self._publish()
+
+    def _log(self, about: str, *, is_new: bool = False) -> None:
+        """Logs a fault, unless it was said already, or another line about it a moment ago."""
+        level, sentence = self._faults[about]
+        said, when = self._said.get(about, ("", 0.0))
+        now = time.monotonic()
+        again = is_new and now - when > _LOG_PERIOD
+        if now - when <= _LINE_PERIOD or (sentence == said and not again):
+            return
+        # On lines of their own: rclpy refuses two severities from one.
+        if level == DiagnosticStatus.ERROR:
+            self._node.get_logger().error(sentence)
+        else:
+            self._node.get_logger().warning(sentence)
+        self._said[about] = (sentence, now)
+
+    def clear(self, about: str = "") -> None:
+        """Reports that a fault is over; /diagnostics shows it once, however short it was."""
+        if about in self._faults:
+            self._over.add(about)
+
+    def set_value(self, key: str, value: object) -> None:
+        """Shows a figure beside the status."""
+        self._values[key] = str(value)
+
+    def _tick(self) -> None:
+        self._ticks += 1
+        if self._ticks == _FIRST_COUNT:
+            self._timer.timer_period_ns = round(_PERIOD * 1e9)
+            self._when_alone()
+        for what, since in list(self._waiting.items()):
+            if time.monotonic() - since > self._timeout and what not in self._late:
+                self._late.add(what)
+                self._node.get_logger().error(
+                    f"Still waiting for {what} after {self._timeout:g} s; is it running?"
+                )
+        for about in list(self._faults):
+            self._log(about)  # what came too soon after another line
+        self._publish()
+        over, self._over = self._over, set()
+        for about in over:
+            self._faults.pop(about, None)
+
+    def _publish(self) -> None:
+        level, message = self._summary()
+        status = DiagnosticStatus(
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            message=message,
+            hardware_id=HARDWARE_ID,
+            values=[KeyValue(key=k, value=v) for k, v in sorted(self._values.items())],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _summary(self) -> tuple[bytes, str]:
+        """The worst level, and all sentences on what is wrong, the worst first."""
+        said = list(self._faults.values())
+        said += [(DiagnosticStatus.WARN, sentence) for sentence in self.peers.look()]
+        for what in list(self._waiting):
+            if what in self._late:
+                sentence = f"Still waiting for {what}; is it running?"
+                said.append((DiagnosticStatus.ERROR, sentence))
+            else:
+                said.append((DiagnosticStatus.OK, f"Waiting for {what}."))
+        level = max((level for level, _ in said), default=DiagnosticStatus.OK)
+        wrong = [(own, sentence) for own, sentence in said if own != DiagnosticStatus.OK]
+        worst_first = sorted(wrong or said, key=lambda pair: pair[0], reverse=True)
+        return level, " ".join(sentence for _, sentence in worst_first) or "Running."

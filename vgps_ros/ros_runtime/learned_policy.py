@@ -1,0 +1,158 @@
+"""What a training gives to the node that executes its policy, from topics or from files."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rclpy.node import Node
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
+
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import TrajectoryDistribution
+from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import (
+    distribution_from_msg,
+    distribution_to_msg,
+    policy_from_msg,
+    policy_to_msg,
+)
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.safety import TrainingMarginals
+from vgps_ros.storage.distribution_file import load_distributions
+from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.tasks import Task
+
+POLICY_FILE = Setting(
+    "policy_file", "", "policy.json of a training to start with; empty: wait for the topic policy"
+)
+DISTRIBUTION_FILE = Setting(
+    "distribution_file",
+    "",
+    "distribution.npz of a training, for distance_limit, distance_warning and feedback; empty: "
+    "wait for the topic trajectory_distribution where they need it",
+)
+
+POLICY = "policy from policy_learner"
+DISTRIBUTION = "trajectory_distribution from trajectory_optimizer"
+
+
+class TrainingResults:
+    """Takes policies and trajectory distributions; a wrong one is refused and the old one stays.
+
+    What a file holds is published too, for whoever else follows the topic.
+
+    Args:
+        node: the node.
+        task: that they must be for.
+        health: of the node.
+        take_marginals: called with the trajectory's index and its marginals; None if they are not
+            needed.
+
+    Attributes:
+        policy: the latest one, or None.
+
+    Raises:
+        InvalidInputError: a file that the node was started with is wrong.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        task: Task,
+        health: Health,
+        take_marginals: Callable[[int, TrainingMarginals], None] | None,
+    ):
+        self.policy: GaussianPolicy | None = None
+        self._node = node
+        self._task = task
+        self._health = health
+        self._take_marginals = take_marginals or (lambda *_: None)
+        node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
+        if take_marginals:
+            node.create_subscription(
+                TrajectoryDistributionMsg,
+                "trajectory_distribution",
+                self._take_distribution,
+                LATCHED,
+            )
+        self._waits_for_distribution = take_marginals is not None
+        if policy_file := declare(node, POLICY_FILE, read_only=True):
+            self._publish_policy(Path(policy_file))
+        if distribution_file := declare(node, DISTRIBUTION_FILE, read_only=True):
+            self._publish_distributions(Path(distribution_file))
+
+    def wait(self) -> None:
+        """Says what is still missing."""
+        if self.policy is None:
+            self._health.wait_for(POLICY)
+        if self._waits_for_distribution:
+            self._health.wait_for(DISTRIBUTION)
+
+    def stop_waiting(self) -> None:
+        """Says that nothing is needed for now."""
+        self._health.stop_waiting(POLICY)
+        self._health.stop_waiting(DISTRIBUTION)
+
+    def _take_policy(self, message: GaussianPolicyMsg) -> None:
+        try:
+            policy = self._checked(policy_from_msg(message), message.task)
+        except InvalidInputError as error:
+            kept = "the one before stays" if self.policy else "there is none before it"
+            self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
+            return
+        self.policy = policy
+        self._health.arrived(POLICY)
+        self._health.clear("policy")
+        self._health.set_value("policy of iteration", message.iteration)
+
+    def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
+        try:
+            self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
+        except InvalidInputError as error:
+            self._health.error(
+                f"Refused a trajectory_distribution; any before it stays: {error}", "distribution"
+            )
+            return
+        self._health.clear("distribution")
+
+    def _publish_policy(self, path: Path) -> None:
+        policy, task = load_policy(path)
+        self._checked(policy, task)
+        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        publisher.publish(policy_to_msg(policy, task, 0, self._node.get_clock().now().to_msg()))
+
+    def _publish_distributions(self, path: Path) -> None:
+        distributions, task = load_distributions(path)
+        publisher = self._node.create_publisher(
+            TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
+        )
+        for index, q in enumerate(distributions):
+            # Taken here too: the topic keeps the last few only.
+            self._prepare(index, q, task)
+            message = distribution_to_msg(
+                q,
+                task=task,
+                trajectory_index=index,
+                iteration=0,
+                time_step=self._task.dynamics.time_step,
+                stamp=self._node.get_clock().now().to_msg(),
+            )
+            publisher.publish(message)
+
+    def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
+        one_of("the policy's task", task, [self._task.name])
+        policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+        return policy
+
+    def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
+        """Hands on the marginals of the steps that a policy is trained on."""
+        one_of("the distribution's task", task, [self._task.name])
+        dims = (self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+        trained = q.first(self._task.horizon)
+        self._take_marginals(index, TrainingMarginals(trained, self._task.observed, dims))
+        self._waits_for_distribution = False
+        self._health.arrived(DISTRIBUTION)

@@ -1,0 +1,128 @@
+"""A client of the simulation that runs it in lock-step and collects what its robot does."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Result, SimulationState
+from vgps_msgs.srv import ResetSimulation, SetSimulationState, StepSimulation
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, state_from_msg
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.tasks import Task
+
+# Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
+_STEPS_AT_ONCE = STREAM.depth // 2
+
+
+class PolicyRun(Node):
+    """One run of the simulation, from a reset on.
+
+    Args:
+        task: the simulation's task.
+        simulation: name of the simulation node.
+        timeout: how long to wait for anything that is missing [s].
+    """
+
+    def __init__(self, task: Task, simulation: str, timeout: float):
+        super().__init__("execute_policy")
+        self._task = task
+        self._timeout = timeout
+        self._states: dict[int, Array] = {}  # by stamp [ns]
+        self._controls: dict[int, Array] = {}
+        self._policies: list[GaussianPolicyMsg] = []
+        self.create_subscription(JointState, "joint_states", self._take_state, STREAM)
+        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self.create_subscription(GaussianPolicyMsg, "policy", self._policies.append, LATCHED)
+        self._set_state, self._reset, self._step = (
+            self.create_client(kind, f"{simulation}/{name}")
+            for kind, name in (
+                (SetSimulationState, "set_simulation_state"),
+                (ResetSimulation, "reset_simulation"),
+                (StepSimulation, "step_simulation"),
+            )
+        )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
+
+    def execute(self, steps: int) -> Iterator[int]:
+        """Resets the simulation and runs it, yielding the steps done; leaves it paused.
+
+        Raises:
+            VgpsError: the simulation or a policy does not come in time, or a step fails.
+        """
+        self._wait(
+            self._step.service_is_ready,
+            "No simulation is there; start one with 'ros2 run vgps_ros simulation'.",
+        )
+        self._wait(
+            lambda: self._policies,
+            "No policy came on the topic policy; start policy_learner and train one.",
+        )
+        paused = SimulationState(state=SimulationState.STATE_PAUSED)
+        self._call(self._set_state, SetSimulationState.Request(state=paused))
+        self._states.clear()
+        self._call(self._reset, ResetSimulation.Request())
+        # Once the reset's state is here, nothing from before it is on its way any more.
+        self._wait_for_messages(0)
+        self._controls.clear()
+        for done in range(0, steps, _STEPS_AT_ONCE):
+            chunk = min(_STEPS_AT_ONCE, steps - done)
+            self._call(self._step, StepSimulation.Request(steps=chunk))
+            self._wait_for_messages(done + chunk)
+            yield done + chunk
+
+    def trajectory(self, steps: int) -> Trajectory:
+        """Returns what the robot did in the first steps."""
+        stamps = [self._stamp(t) for t in range(steps + 1)]
+        return Trajectory(
+            np.stack([self._states[stamp] for stamp in stamps]),
+            np.stack([self._controls[stamp] for stamp in stamps[:-1]]),
+        )
+
+    def _stamp(self, step: int) -> int:
+        return round(step * self._task.dynamics.time_step * 1e9)
+
+    def _take_state(self, message: JointState) -> None:
+        state = state_from_msg(message, self._task.joint_names)
+        self._states[nanoseconds(message.header.stamp)] = state
+
+    def _take_command(self, message: JointState) -> None:
+        control = command_from_msg(message, self._task.actuated_joint_names)
+        self._controls[nanoseconds(message.header.stamp)] = control
+
+    def _wait_for_messages(self, steps: int) -> None:
+        """Waits for all states and commands of the steps so far."""
+        first = max(0, steps - _STEPS_AT_ONCE)
+        states = {self._stamp(t) for t in range(first, steps + 1)}
+        controls = {self._stamp(t) for t in range(first, steps)}
+        self._wait(
+            lambda: states <= self._states.keys() and controls <= self._controls.keys(),
+            "A message on joint_states or joint_command was lost; is another node driving them?",
+        )
+
+    def _call(self, client: Client, request: Any) -> None:
+        future = client.call_async(request)
+        self._wait(
+            future.done,
+            f"{client.srv_name} did not answer; is policy_executor running, active and with the "
+            "same task?",
+        )
+        result = future.result().result
+        if result.result != Result.RESULT_OK:
+            raise VgpsError(f"{client.srv_name} failed: {result.error_message}")
+
+    def _wait(self, condition: Callable[[], Any], sentence: str) -> None:
+        end = time.monotonic() + self._timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise VgpsError(f"Waited {self._timeout:g} s. {sentence}")
+            self._executor.spin_once(timeout_sec=0.1)

@@ -1,0 +1,93 @@
+"""How every node runs and ends."""
+
+import gc
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.ros_runtime.ending import Ending
+from vgps_ros.ros_runtime.exit_timer import exit_after
+from vgps_ros.ros_runtime.parameter_help import show_help
+from vgps_ros.ros_runtime.responses import keep_responses
+from vgps_ros.ros_runtime.service_guard import guard_services
+
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+# In which callbacks must notice the end, and the middleware close: it was seen to wait for its own
+# threads for ever [s].
+_PATIENCE = 1.5
+
+# What rclpy raises where its context ends between any two of its calls.
+_LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
+
+
+def run(
+    make_node: Callable[[], AnyNode],
+    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
+    close: Callable[[AnyNode, Callable[[], bool]], None] = lambda *_: None,
+) -> int:
+    """Runs a node until INT or TERM, then destroys it.
+
+    Args:
+        make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
+            sentence. For `--help` it is built too, with its defaults, to see its parameters.
+        make_executor: builds what runs the callbacks.
+        close: completes what the node has begun, and may still publish; of one thread's callbacks
+            none runs any more. It is given a function that tells whether the user is in a hurry.
+
+    Returns:
+        The process's exit code.
+    """
+    name, *arguments = [Path(sys.argv[0]).name, *remove_ros_args(sys.argv)[1:]]
+    if {"-h", "--help"} & set(arguments):
+        show_help(make_node, name)
+        return 0
+    if arguments:
+        print(
+            f"{name} does not know the argument '{arguments[0]}': give its parameters as "
+            f"--ros-args -p NAME:=VALUE; `{name} --help` lists them.",
+            file=sys.stderr,
+        )
+        return 1
+    ending = Ending()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = make_executor()
+    ending.executor = executor
+    node, code = None, 0
+    try:
+        with ending.interrupting():
+            node = make_node()
+        try:
+            guard_services(node)
+            keep_responses(node)
+            ending.spin(node, executor)
+        finally:
+            close(node, ending.is_hurried)
+    except KeyboardInterrupt:
+        pass  # INT or TERM, before the node was made
+    except VgpsError as error:
+        print(error, file=sys.stderr)
+        code = 1
+    except Exception as error:
+        is_ending = ending.is_wanted or not rclpy.ok()
+        if not (is_ending and isinstance(error, _LACKS_CONTEXT)):
+            traceback.print_exc()
+            code = 1
+    exit_after(_PATIENCE, code)
+    ending.executor = None
+    rclpy.try_shutdown()  # ends what still waits
+    executor.shutdown()
+    if node:
+        node.destroy_node()
+    del node, executor
+    gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
+    return code

@@ -1,0 +1,20 @@
+"""What stands between a learned policy and motors, without middleware.
+
+`Supervisor` decides for each state whether the policy's torques go out, within limits, or those of
+the safe action.
+"""
+
+from vgps_ros.safety.safe_action import safe_torques
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.supervisor import Command, Supervisor
+from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.training_marginals import TrainingMarginals
+
+__all__ = [
+    "Command",
+    "SafetySettings",
+    "Supervisor",
+    "TorqueLimiter",
+    "TrainingMarginals",
+    "safe_torques",
+]

@@ -1,0 +1,39 @@
+"""Torques that take over where a policy must not drive."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from vgps_ros.core.records import Array
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
+
+
+def safe_torques(
+    settings: SafetySettings,
+    state: Array | None,
+    actuated: list[int],
+    marginals: Iterable[TrainingMarginals],
+) -> Array:
+    """Returns the torques of the safe action, shape (n_u,), [N·m], not yet limited.
+
+    They are zero where the action lacks what it needs, and where it would overflow.
+
+    Args:
+        settings: which action, and the damping.
+        state: the newest usable state, shape (n_x,); None if there is none.
+        actuated: index of each actuated joint among the joints.
+        marginals: of the DDP solutions whose feedback law may be used.
+    """
+    zero = np.zeros(len(actuated))
+    if state is None or settings.safe_action == "zero":
+        return zero
+    with np.errstate(over="ignore", invalid="ignore"):
+        if settings.safe_action == "damping":
+            torques = -settings.damping * state[len(state) // 2 :][actuated]
+        else:
+            nearest = nearest_of(marginals, state)
+            if nearest is None:
+                return zero
+            torques = nearest.marginals.feedback(state, nearest.step)
+    return torques if np.isfinite(torques).all() else zero

@@ -1,0 +1,1 @@
+"""MuJoCo models as discrete dynamics x' = f(x, u): rollouts, derivatives, names of joints."""

@@ -1,0 +1,1 @@
+"""Files of policies, trajectory distributions and checkpoints, which can run no code."""
