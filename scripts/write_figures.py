@@ -9,34 +9,35 @@ docs/figures.json, which this program writes from real runs. After `source env.b
     python scripts/write_figures.py --check      # fails if a page differs from figures.json
 
 The runs lie in recordings/figures, or in the folder that --output names. A training that was
-stopped goes on where it was. All parts together take about an hour on two cores.
+stopped goes on where it was. All parts together take about a quarter of an hour on two cores.
 """
 
 import argparse
 import json
-import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from page_blocks import ROOT, Figures, pages, with_figures
 from PIL import Image, ImageSequence
 
 from vgps_ros.programs.evaluate import evaluate
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
 from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
+from vgps_ros.views.filmstrip import filmstrip
+from vgps_ros.views.plots import save, trajectory
+from vgps_ros.views.run_record import RunRecord, read_results
 
-ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures.json"
-BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.S)
 FIVE_UNITS = ROOT / "config" / "walker" / "five_units.yaml"
-Figures = dict[str, Any]
 
 
 def train(folder: Path, *arguments: object) -> Figures:
@@ -76,6 +77,7 @@ def demonstration(output: Path, seeds: int) -> Figures:
     steps = search_settings(task).initial_ddp_iterations
     request = OptimizationRequest(0, 0, 0, 1.0, steps, task.initial_state)
     solution = TrajectoryOptimizer(task).optimize(request)
+    save_picture(filmstrip, motion(task, x[: task.horizon + 1]), "walker_demonstration.png")
     return {
         "speed": float(x[-1, 0] - x[0, 0]) / 30.0,
         "fell": bool(task.fallen(x).any()),
@@ -103,6 +105,34 @@ def walker(output: Path, seeds: int, units: int, iterations: int, *more: object)
             trials.write_text(json.dumps(walker_trials(folder / "policy.json")))
         rows.append(row | json.loads(trials.read_text()))
     return rows
+
+
+def ten_units(output: Path, seeds: int) -> list[Figures]:
+    """Trains walkers of ten units, and draws how the first one walks for 4 s and for 60 s."""
+    rows, task = walker(output, seeds, 10, 50), make_task("walker")
+    folder = output / "walker-10-units-seed-0"
+    save_picture(filmstrip, read_results(folder), "walker_filmstrip.png")
+    policy, _ = load_policy(folder / "policy.json")
+    long = task.dynamics.rollout(task.initial_state, lambda t, x: policy.mean(x), 6000)
+    save_picture(trajectory, motion(task, long.states), "walker_60s.png", colours=16)
+    return rows
+
+
+def motion(task: Task, states: np.ndarray) -> RunRecord:
+    """Returns a run that has executed these states and that is not known further."""
+    mjcf = task.model_path.read_text()
+    return RunRecord(mjcf, task.dynamics.time_step, executed_states=states)
+
+
+def save_picture(
+    draw: Callable[[RunRecord], Figure | None], run: RunRecord, name: str, colours: int = 256
+) -> None:
+    """Draws a run and writes the picture to docs/, in few colours so that the file is small."""
+    picture = draw(run)
+    assert picture is not None
+    path = ROOT / "docs" / name
+    save(picture, path)
+    Image.open(path).convert("RGB").quantize(colours).save(path, optimize=True)
 
 
 def walker_trials(path: Path) -> Figures:
@@ -153,110 +183,11 @@ PARTS: dict[str, Callable[[Path, int], Any]] = {
     "swimmer": swimmer,
     "demo": demo,
     "demonstration": demonstration,
-    "walker": lambda output, seeds: walker(output, seeds, 10, 50),
+    "walker": ten_units,
     "walker_five_units": lambda output, seeds: walker(
         output, seeds, 5, 130, "--params-file", FIVE_UNITS
     ),
 }
-
-
-def swimmer_block(figures: Figures) -> str:
-    """Says how the swimmers end."""
-    rows = [*figures["swimmer"]["5"], *figures["swimmer"]["10"]]
-    four = figures["swimmer"]["four_initial_states"]
-    return (
-        f"Over seeds {_seeds(rows)}, with 5 and with 10 hidden units, the policy without noise "
-        f"ends at {_range(rows, 'deterministic', '.2f')} of the initial DDP solution's cost, and "
-        f"the policy with noise at {_range(rows, 'stochastic', '.2f')}. One policy of 10 units "
-        "that learned from four initial states swims from all of them, at "
-        f"{four['deterministic']:.3f} and {four['stochastic']:.2f}."
-    )
-
-
-def demo_block(figures: Figures) -> str:
-    """Shows the beginning and the end of what the demo prints."""
-    lines = figures["demo"]["output"]
-    last = next(i for i, line in enumerate(lines) if line.lstrip().startswith("50/50"))
-    table = [line for line in lines[last:] if line.startswith("│")]
-    paths = [line for line in lines if line.startswith(("Bag:", "Recording:", "Learning curve:"))]
-    shown = [*lines[:4], " ...", *lines[last : last + 2], *table, *paths]
-    return "\n".join(["```", *shown, "```"])
-
-
-def walker_block(figures: Figures) -> str:
-    """Makes the table of the walker's page."""
-    shown = figures["demonstration"]
-    table = [
-        "| measured | |",
-        "| --- | --- |",
-        f"| speed of the demonstration, over 30 s | {shown['speed']:.2f} m/s |",
-        f"| its cost per step, and after {shown['ddp_iterations']} DDP iterations | "
-        f"{shown['cost_per_step']:.3f}, {shown['ddp_cost_per_step']:.3f} |",
-    ]
-    for name, units, iterations in (("walker", 10, 50), ("walker_five_units", 5, 130)):
-        rows = figures[name]
-        walks = sum(row["from_x1"] == 1.0 for row in rows)
-        table += [
-            f"| {units} units, seeds {_seeds(rows)}, {iterations} iterations: cost without noise, "
-            "as a multiple of the initial DDP solution's | "
-            f"{_list(rows, 'deterministic', '.2f')} |",
-            f"| {units} units without noise from x_1: walk for 20 s | {walks} of {len(rows)} |",
-            f"| {units} units without noise from x_1: distance in 60 s | "
-            f"{_list(rows, 'distance_60s', '.1f')} m |",
-            f"| {units} units without noise, 20 perturbed starts (0.01 rad, 0.1 rad/s): walk for "
-            f"10 s | {_list(rows, 'perturbed', '.0%')} |",
-            f"| {units} units with noise, 40 rollouts: walk for 4 s | "
-            f"{_list(rows, 'with_noise', '.0%')} |",
-        ]
-    return "\n".join(table)
-
-
-def five_units_block(figures: Figures) -> str:
-    """Makes the table of five units, a row a seed."""
-    head = "seed | cost without noise / initial DDP's | 20 s from x_1 | 20 perturbed starts, 10 s"
-    table = [f"| {head} | with noise, 40 rollouts, 4 s |", "| --- | --- | --- | --- | --- |"]
-    for row in figures["walker_five_units"]:
-        walks = "walks" if row["from_x1"] == 1.0 else "falls"
-        table.append(
-            f"| {row['seed']} | {row['deterministic']:.3f} | {walks} | {row['perturbed']:.0%} | "
-            f"{row['with_noise']:.0%} |"
-        )
-    return "\n".join(table)
-
-
-BLOCKS: dict[str, Callable[[Figures], str]] = {
-    "swimmer": swimmer_block,
-    "demo": demo_block,
-    "walker": walker_block,
-    "five_units": five_units_block,
-}
-
-
-def _values(rows: Iterable[Figures], key: str, form: str) -> list[str]:
-    return ["diverged" if row[key] is None else f"{row[key]:{form}}" for row in rows]
-
-
-def _list(rows: Iterable[Figures], key: str, form: str) -> str:
-    return ", ".join(_values(rows, key, form)).replace("%", " %")
-
-
-def _range(rows: Iterable[Figures], key: str, form: str) -> str:
-    values = sorted(_values(rows, key, form))
-    return f"{values[0]} to {values[-1]}"
-
-
-def _seeds(rows: list[Figures]) -> str:
-    return f"{rows[0]['seed']} to {rows[-1]['seed']}"
-
-
-def pages() -> list[Path]:
-    """Returns the pages that may hold blocks."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def with_figures(page: str, figures: Figures) -> str:
-    """Returns a page's text with each block as the figures give it."""
-    return BLOCK.sub(lambda m: f"{m[1]}{BLOCKS[m[2]](figures)}\n{m[3]}", page)
 
 
 def main() -> None:

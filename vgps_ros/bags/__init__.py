@@ -1,4 +1,4 @@
-"""MCAP bags as rosbag2 has them."""
+"""Reads, writes, checks and replays MCAP bags in the format of rosbag2."""
 
 from vgps_ros.bags.definitions import MessageDefinitions
 from vgps_ros.bags.reader import BagMessage, BagReader

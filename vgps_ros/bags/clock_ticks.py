@@ -1,4 +1,4 @@
-"""A clock among the messages of a bag, from the times at which they were received."""
+"""Adds ticks of /clock to the messages of a bag, for bags in which nobody recorded a clock."""
 
 import struct
 from collections.abc import Iterable, Iterator
@@ -11,11 +11,11 @@ _CDR_HEADER = bytes((0, 1, 0, 0))  # little endian
 
 
 def with_clock(messages: Iterable[BagMessage], period: int) -> Iterator[BagMessage]:
-    """Yields the messages, and before each one the ticks of /clock that are due by then.
+    """Yields the messages, and before each message the ticks of /clock that are due by then.
 
     Args:
-        messages: in the order in which they were received; the first one starts the clock.
-        period: between two ticks [ns].
+        messages: messages in the order in which they were received; the first starts the clock.
+        period: time between two ticks [ns].
     """
     tick: int | None = None
     for message in messages:

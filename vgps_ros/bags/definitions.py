@@ -1,7 +1,7 @@
-"""Definitions of message types, for bags that explain themselves.
+"""Finds the definitions of message types, which a bag holds so that any reader can decode it.
 
-Standard types come with rosbags; others are read from the `.msg` files that interface packages
-install, found through the ament index, so that a bag holds the project's own types too.
+The definitions of standard types come with rosbags. Those of other types, such as the project's
+own, are read from the `.msg` files of installed interface packages, through the ament index.
 """
 
 from pathlib import Path
@@ -46,13 +46,13 @@ class MessageDefinitions:
             path = Path()
         if not path.is_file():
             raise InvalidInputError(
-                f"The definition of {name} is not installed; build or source its package."
+                f"The definition of {name} is not installed: build its package, or source it."
             )
         return path
 
 
 def _type_names(description: object) -> list[str]:
-    """Names of message types inside the description of a field, however deep."""
+    """Returns the names of all message types in the description of a field, at any depth."""
     if isinstance(description, str):
         return [description] if "/msg/" in description else []
     if isinstance(description, tuple):

@@ -1,4 +1,4 @@
-"""The last motion in a bag: the states since time last went back, and the torques between them."""
+"""Reads the last motion in a bag: the states since time last went back, and their torques."""
 
 import csv
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from vgps_ros.simulation.model import actuated_joint_names, compile_model, joint
 
 @dataclass(frozen=True)
 class Episode:
-    """A motion.
+    """A recorded motion of N states.
 
     Attributes:
-        time: of each state, from 0 on, shape (N,) [s].
-        states: shape (N, n_x).
-        efforts: of the actuated joints, that led to each state, shape (N, n_u) [N·m]; NaN where
-            the bag has none.
-        joint_names: in the order of the state.
-        actuated_joint_names: in the order of the efforts.
+        time: time of each state, from 0 on, shape (N,) [s].
+        states: states x, shape (N, n_x).
+        efforts: torques of the actuated joints that led to each state, shape (N, n_u) [N·m]. They
+            are NaN where the bag has none.
+        joint_names: names of the joints, in the order of the state.
+        actuated_joint_names: names of the actuated joints, in the order of the efforts.
     """
 
     time: Array
@@ -39,10 +39,10 @@ class Episode:
 
 
 def last_episode(bag: BagReader, topic: str, mjcf: str) -> Episode | None:
-    """Reads the last motion from joint states; a state that was sent twice counts once.
+    """Reads the last motion from a topic of joint states. Repeated states count once.
 
     Returns:
-        The motion; None if there are not two states.
+        The motion, or None if there are fewer than two states.
     """
     model = compile_model(mjcf)
     names, actuated = joint_names(model), actuated_joint_names(model)
@@ -63,16 +63,17 @@ def last_episode(bag: BagReader, topic: str, mjcf: str) -> Episode | None:
 
 
 def write_table(episode: Episode, path: Path) -> None:
-    """Writes a motion as the table that a demonstration is read from.
+    """Writes a motion as a table that `vgps train --demonstration` reads.
 
     Raises:
         InvalidInputError: the file exists, or the motion has no efforts.
     """
     if not np.isfinite(episode.efforts[1:]).all():
         raise InvalidInputError(
-            "The joint_states have no effort, but a demonstration needs the torques too."
+            "The recorded joint_states have no efforts, but a demonstration needs the torques: "
+            "record a simulation or a robot that publishes them."
         )
-    # A row's efforts act until the next row.
+    # In the table, the efforts of a row act until the next row.
     following = np.vstack([episode.efforts[1:], np.zeros_like(episode.efforts[:1])])
     header = [
         "time",

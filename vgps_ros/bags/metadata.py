@@ -1,10 +1,9 @@
-"""The `metadata.yaml` of a rosbag2 bag, version 9."""
+"""Writes the `metadata.yaml` of a rosbag2 bag, in version 9 of its format."""
 
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -16,13 +15,13 @@ FILE_NAME = "metadata.yaml"
 
 @dataclass(frozen=True)
 class FileSummary:
-    """One file of the bag.
+    """Describes one file of a bag.
 
     Attributes:
-        name: of the file, in the folder of the bag.
-        start: when its first message was received [ns].
-        end: when its last one was.
-        counts: messages of each topic.
+        name: name of the file in the folder of the bag.
+        start: time at which its first message was received [ns].
+        end: time at which its last message was received [ns].
+        counts: number of messages of each topic.
     """
 
     name: str
@@ -32,12 +31,12 @@ class FileSummary:
 
     @property
     def message_count(self) -> int:
-        """Messages in the file."""
+        """Number of messages in the file."""
         return sum(self.counts.values())
 
 
 def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
-    """Returns the description of a bag as YAML, as each of its files holds it, too."""
+    """Returns the description of a bag as YAML. Each file of the bag holds it, too."""
     written = [file for file in files if file.message_count]
     start = min((file.start for file in written), default=0)
     end = max((file.end for file in written), default=0)
@@ -60,11 +59,19 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
             }
             for topic in topics
         ],
-        # Chunks are compressed inside the files, which rosbag2 leaves to MCAP.
+        # Rosbag2 would compress whole files or messages; ours are compressed by MCAP, in chunks.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in files],
-        "files": [_file_entry(file) for file in files],
+        "files": [
+            {
+                "path": file.name,
+                "starting_time": {"nanoseconds_since_epoch": file.start},
+                "duration": {"nanoseconds": file.end - file.start},
+                "message_count": file.message_count,
+            }
+            for file in files
+        ],
         "custom_data": None,
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
@@ -72,20 +79,11 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
 
 
 def write_metadata(folder: Path, information: str) -> None:
-    """Writes `metadata.yaml`, as a whole or not at all.
+    """Writes `metadata.yaml` as a whole or not at all.
 
     Raises:
-        OSError: it cannot be written; what was there before is still there.
+        OSError: the file cannot be written; an earlier version of it is still there.
     """
     indented = "".join(f"  {line}\n" for line in information.splitlines())
     with replacing(folder / FILE_NAME) as file:
         file.write(f"rosbag2_bagfile_information:\n{indented}".encode())
-
-
-def _file_entry(file: FileSummary) -> dict[str, Any]:
-    return {
-        "path": file.name,
-        "starting_time": {"nanoseconds_since_epoch": file.start},
-        "duration": {"nanoseconds": file.end - file.start},
-        "message_count": file.message_count,
-    }

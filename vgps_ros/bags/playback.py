@@ -1,7 +1,8 @@
-"""Plays recorded messages back at the times at which they were received.
+"""Plays recorded messages back with the delays with which they were received.
 
-A message received t seconds after the bag's start is due at origin + t / rate. The origin moves
-only when playing is paused and goes on, or begins again: no delay is handed on to the next message.
+A message that was received t seconds after the bag's start is due at origin + t / rate. The origin
+moves only when playing resumes after a pause or starts again, so a message that is late does not
+delay the next one.
 """
 
 import threading
@@ -19,7 +20,7 @@ _SECOND = 10**9  # [ns]
 
 @dataclass(frozen=True)
 class PlaybackSettings:
-    """How a bag is played; the fields' own descriptions are what users read."""
+    """Settings of the playback. Their descriptions are what users read."""
 
     rate: float = setting(
         1.0, "seconds of the bag per second of the wall clock", minimum=0.01, maximum=100.0
@@ -38,14 +39,14 @@ class PlaybackSettings:
 
 
 class Playback:
-    """Playing of one bag. `run` plays; the other methods may be called from other threads.
+    """Plays one bag. `run` plays; the other methods may be called from other threads.
 
     Args:
-        read: returns the messages, in the order in which they were received; called again for each
-            round of a loop.
-        publish: takes each message when it is due.
-        start: the bag's start, from which times are counted [ns].
-        settings: see there.
+        read: returns the messages in the order in which they were received. A loop calls it again
+            for each round.
+        publish: called with each message when it is due.
+        start: time of the bag's start [ns].
+        settings: rate, offset and delay of the playback.
 
     Raises:
         InvalidInputError: a setting is out of range.
@@ -64,9 +65,9 @@ class Playback:
         self._start = start
         self._settings = settings
         self._offset = round(settings.start_offset * _SECOND)
-        self._changed = threading.Condition()  # guards all below
-        self._earliest = 2**62  # monotonic time of the first message [ns]; far off until it runs
-        self._position = self._offset  # after the bag's start [ns]; while it plays, at least
+        self._changed = threading.Condition()  # guards all attributes below
+        self._earliest = 2**62  # monotonic time of the first message [ns]; far off until `run`
+        self._position = self._offset  # lower bound of the time since the bag's start [ns]
         self._set_origin()
         self._paused = settings.start_paused
         self._step_wanted = False
@@ -75,24 +76,24 @@ class Playback:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for `resume` or `step`."""
+        """True while it waits for `resume` or `step`."""
         return self._paused
 
     @property
     def ended(self) -> bool:
-        """Whether all is played, or it was stopped."""
+        """True once all messages are played, or `stop` was called."""
         return self._ended
 
     @property
     def position(self) -> float:
-        """Where it is, after the bag's start [s]."""
+        """Time since the bag's start at which the playback is [s]."""
         with self._changed:
             return self._now() / _SECOND
 
     def run(self) -> None:
-        """Plays until the end, or until it is stopped.
+        """Plays until the end, or until `stop` is called.
 
-        An error while reading or publishing ends it and is raised here.
+        An error while reading or publishing ends the playback and is raised here.
         """
         with self._changed:
             self._earliest = time.monotonic_ns() + round(self._settings.delay * _SECOND)
@@ -104,14 +105,14 @@ class Playback:
             self.stop()
 
     def pause(self) -> None:
-        """Holds all messages from now on."""
+        """Holds all messages until `resume` or `step`."""
         with self._changed:
             self._position = self._now()
             self._paused = True
             self._changed.notify_all()
 
     def resume(self) -> None:
-        """Goes on from where it was."""
+        """Plays on from the current position."""
         with self._changed:
             if self._paused:
                 self._paused = False
@@ -119,10 +120,10 @@ class Playback:
                 self._changed.notify_all()
 
     def step(self) -> BagMessage | None:
-        """Plays the next message at once, if it is paused, and goes on from that one's time.
+        """Plays one message at once while paused, and moves the position to its time.
 
         Returns:
-            The message; None if there is none any more, or if it is not paused.
+            The message, or None if there is no further message or the playback is not paused.
         """
         with self._changed:
             if not self._paused or self._ended:
@@ -133,14 +134,14 @@ class Playback:
             return self._stepped
 
     def stop(self) -> None:
-        """Ends it, whatever it is doing."""
+        """Ends the playback at once."""
         with self._changed:
             self._position = self._now()
             self._ended = True
             self._changed.notify_all()
 
     def _play_once(self) -> bool:
-        """Plays all messages; returns whether there were any and it may go on."""
+        """Plays all messages once. Returns True if there were any and `stop` was not called."""
         played = False
         with closing(read_ahead(self._wanted())) as messages:
             for message in messages:
@@ -157,7 +158,7 @@ class Playback:
         return (message for message in self._read() if message.stamp >= first)
 
     def _wait_for(self, position: int) -> bool:
-        """Waits until a message of this time is due; returns False if it was stopped."""
+        """Waits until a message at this position is due. Returns False after `stop`."""
         with self._changed:
             while not self._ended:
                 if self._paused:
@@ -180,19 +181,19 @@ class Playback:
             self._changed.notify_all()
 
     def _rewind(self) -> None:
-        """Goes to the first message of the next round, due when the last one was."""
+        """Starts the next round, at the moment at which the last message was due."""
         with self._changed:
             self._origin += round((self._position - self._offset) / self._settings.rate)
             self._position = self._offset
 
     def _set_origin(self) -> None:
-        """Lets playing go on from the position: now, or when the delay is over."""
+        """Sets the origin so that playing goes on from the position, now or after the delay."""
         now = max(time.monotonic_ns(), self._earliest)
-        # Monotonic time of the bag's start [ns].
+        # The origin is the monotonic time [ns] that corresponds to the bag's start.
         self._origin = now - round(self._position / self._settings.rate)
 
     def _now(self) -> int:
-        """Position at this moment [ns]."""
+        """Returns the position at this moment [ns]."""
         if self._paused or self._ended:
             return self._position
         elapsed = time.monotonic_ns() - self._origin

@@ -1,4 +1,4 @@
-"""Reads rosbag2 bags: which topics there are, and their messages in the order they came."""
+"""Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ class BagMessage:
     """One recorded message.
 
     Attributes:
-        topic: where it was published.
-        kind: its type, such as `sensor_msgs/msg/JointState`.
+        topic: topic on which it was published.
+        kind: message type, such as `sensor_msgs/msg/JointState`.
         stamp: time at which it was received [ns].
-        data: the message as CDR.
+        data: the message, serialised as CDR.
     """
 
     topic: str
@@ -41,7 +41,7 @@ class BagReader:
         path: folder of the bag.
 
     Raises:
-        InvalidInputError: there is no bag, or it was not closed properly.
+        InvalidInputError: the folder is not a bag, or its recorder did not close it.
     """
 
     def __init__(self, path: Path):
@@ -52,7 +52,7 @@ class BagReader:
             self._reader = AnyReader([path])
             self._reader.open()
         except Exception as error:
-            # A damaged bag fails in many ways, deep inside what reads it.
+            # A damaged bag raises errors of many kinds from deep inside the libraries.
             raise InvalidInputError(
                 missing_parts(path)
                 or f"'{path}' is not a bag that can be read: {type(error).__name__}: "
@@ -79,12 +79,12 @@ class BagReader:
 
     @property
     def type_hashes(self) -> dict[str, str]:
-        """The RIHS01 hash of each topic's type."""
+        """The type hash of each topic, in the format RIHS01."""
         return {c.topic: c.digest for c in self._reader.connections}
 
     @property
     def qos(self) -> dict[str, list[dict[str, Any]]]:
-        """The profiles that each topic's publishers offered, as `metadata.yaml` has them."""
+        """The QoS profiles that the publishers of each topic offered, as in `metadata.yaml`."""
         return {
             c.topic: [dict(profile) for profile in dump_qos_v9(c.ext.offered_qos_profiles)]  # type: ignore[union-attr]
             for c in self._reader.connections
@@ -92,7 +92,7 @@ class BagReader:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages of each topic."""
+        """The number of messages of each topic."""
         return {c.topic: c.msgcount for c in self._reader.connections}
 
     @property
@@ -103,10 +103,29 @@ class BagReader:
     @property
     def duration(self) -> int:
         """Time from the first message to the last one [ns]."""
-        return max(0, self._reader.duration - 1)  # rosbags counts to just after the last one
+        return max(0, self._reader.duration - 1)  # rosbags counts to 1 ns after the last message
+
+    @property
+    def filled_topics(self) -> dict[str, str]:
+        """The topics that have messages, by the last part of their names, without namespaces."""
+        counts = self.counts
+        return {topic.rpartition("/")[2]: topic for topic in self.topics if counts[topic]}
+
+    def needed_topic(self, name: str) -> str:
+        """Returns the full name of a topic, given the last part of it.
+
+        Raises:
+            InvalidInputError: there is no such topic, or it has no messages.
+        """
+        if name not in (topics := self.filled_topics):
+            raise InvalidInputError(
+                f"'{self.path}' has no messages on {name}; `vgps bag info {self.path}` lists the "
+                "topics that it has."
+            )
+        return topics[name]
 
     def attachments(self) -> dict[str, str]:
-        """Returns the texts that the recorder put beside the messages, by name."""
+        """Returns the texts that the recorder attached to the bag, by their names."""
         found = {}
         for file in storage_files(self.path):
             with file.open("rb") as stream:
@@ -118,7 +137,7 @@ class BagReader:
         """Yields messages in the order in which they were received.
 
         Args:
-            topics: which ones; all of them if it is None.
+            topics: topics whose messages are read; all topics if None.
 
         Raises:
             InvalidInputError: a topic is not in the bag.
@@ -127,7 +146,10 @@ class BagReader:
             yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
 
     def decode(self, message: BagMessage) -> Any:
-        """Returns the message's fields as attributes, by the definition that the bag holds.
+        """Decodes a message with the definition that the bag holds.
+
+        Returns:
+            An object that has the message's fields as attributes.
 
         Raises:
             InvalidInputError: the message does not fit the definition.
@@ -136,7 +158,8 @@ class BagReader:
             return self._reader.deserialize(message.data, message.kind)
         except AnyReaderError as error:
             raise InvalidInputError(
-                f"A message on {message.topic} at {message.stamp} ns is no {message.kind}: {error}"
+                f"A message on {message.topic} at {message.stamp} ns is not a "
+                f"valid {message.kind}: {error}."
             ) from error
 
     def _connections(self, topics: Sequence[str] | None) -> list[Connection]:

@@ -1,4 +1,4 @@
-"""The executor of a bag, as its recorded parameters describe it."""
+"""Repeats what a recorded policy_executor did, as its recorded parameters describe it."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -15,21 +15,22 @@ from vgps_ros.tasks import make_task
 
 
 class RecordedExecutor:
-    """What the executor did beside asking its policy.
+    """Applies the limits and the safe action of a recorded executor.
 
-    A bag from before there were limits has none, and no safe action.
+    Bags of old versions, in which the executor had neither, are read as such.
 
     Args:
-        bag: with the parameters of all nodes.
-        joints: all joints, in the order of the state.
-        actuated: those that the torques drive.
+        bag: bag with the parameters of all nodes.
+        joints: names of all joints, in the order of the state.
+        actuated: names of the joints that the torques drive.
 
     Attributes:
-        seed: of its noise.
-        limiter: its limits; it follows the torques that are noted.
+        seed: seed of the policy's noise.
+        settings: safety settings of the executor.
+        limiter: limits of the torques, which depend on the torques that were noted before.
 
     Raises:
-        InvalidInputError: a recorded parameter has a value that the executor would have refused.
+        InvalidInputError: a recorded parameter has a value that no executor accepts.
     """
 
     def __init__(self, bag: BagReader, joints: list[str], actuated: list[str]):
@@ -42,25 +43,15 @@ class RecordedExecutor:
         values = {name: parameters[name] for name in known}
         if "torque_limits" in values:
             values["torque_limits"] = tuple(values["torque_limits"])
-        self._settings = with_values(defaults, values)
+        self.settings = with_values(defaults, values)
         self.limiter = TorqueLimiter(
-            np.array(self._settings.torque_limits),
-            self._settings.torque_rate_limit,
+            np.array(self.settings.torque_limits),
+            self.settings.torque_rate_limit,
             self._task.dynamics.time_step if self._task else 0.0,
         )
 
-    @property
-    def limits_rates(self) -> bool:
-        """Whether torques depend on the ones before."""
-        return bool(self._settings.torque_rate_limit)
-
-    @property
-    def follows_distribution(self) -> bool:
-        """Whether the safe action is the feedback law of a trajectory distribution."""
-        return self._settings.safe_action == "feedback"
-
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
-        """Returns what the executor made of a distribution."""
+        """Returns the training marginals that the executor computed from a distribution."""
         assert self._task is not None
         dims = (self._task.dynamics.state_dim, self._task.dynamics.control_dim)
         return TrainingMarginals(distribution.first(self._task.horizon), self._task.observed, dims)
@@ -68,28 +59,23 @@ class RecordedExecutor:
     def is_safe(
         self, torques: Array, state: Array, marginals: Iterable[Iterable[TrainingMarginals]]
     ) -> bool:
-        """Whether torques are those of the safe action in a state.
+        """Returns True if torques are zero, or those of the safe action in a state.
 
         Args:
-            torques: shape (n_u,).
-            state: shape (n_x,).
-            marginals: those that the executor may have had at the time.
+            torques: recorded torques, shape (n_u,) [N·m].
+            state: recorded state, shape (n_x,).
+            marginals: the sets of training marginals that the executor may have had at the time.
         """
         if self._task is None:
             return False
         if not torques.any():
             return True
-        return any(
-            np.array_equal(torques, self.limiter.clipped(self._safe(state, had)))
-            for had in marginals
-        )
-
-    def _safe(self, state: Array, marginals: Iterable[TrainingMarginals]) -> Array:
-        return safe_torques(self._settings, state, self._actuated, marginals)
+        safe = (safe_torques(self.settings, state, self._actuated, had) for had in marginals)
+        return any(np.array_equal(torques, self.limiter.clipped(each)) for each in safe)
 
 
 def _parameters(bag: BagReader) -> dict[str, Any]:
-    """The executor's parameters, from those of all nodes that the bag holds."""
+    """Returns the executor's parameters, from the parameters of all nodes in the bag."""
     nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
     for node in nodes.values():
         parameters: dict[str, Any] = node["ros__parameters"]

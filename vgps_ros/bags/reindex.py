@@ -1,6 +1,7 @@
-"""Bags whose recorder was killed: what is there, what is missing, and how to make them whole.
+"""Repairs bags whose recorder was killed.
 
-Such a bag has no `metadata.yaml`, and its last file no index and perhaps half a record at its end.
+Such a bag has no `metadata.yaml`. Its last file has no index, and may end in the middle of a
+record.
 """
 
 import os
@@ -15,10 +16,10 @@ from vgps_ros.core.errors import InvalidInputError
 
 
 def storage_files(path: Path) -> list[Path]:
-    """Returns the `.mcap` files of a bag's folder in the order in which they were written.
+    """Returns the `.mcap` files in a bag's folder, in the order in which they were written.
 
     Raises:
-        InvalidInputError: there is none.
+        InvalidInputError: the folder has no such file.
     """
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
     if not files:
@@ -29,7 +30,7 @@ def storage_files(path: Path) -> list[Path]:
 
 
 def missing_parts(path: Path) -> str:
-    """Returns a sentence on what an unfinished bag lacks and still has; empty if it is whole.
+    """Returns a sentence on what a bag lacks and what can be read of it; "" if it is complete.
 
     Raises:
         InvalidInputError: the folder has no `.mcap` file.
@@ -47,15 +48,15 @@ def missing_parts(path: Path) -> str:
     first = min((content.start for content in contents.values() if content.start), default=last)
     return (
         f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
-        f"{(last - first) * 1e-9:.3f} s can be read, and what came after them is lost; "
-        f"`ros2 run vgps_ros bag reindex {path}` makes it whole."
+        f"{(last - first) * 1e-9:.3f} s can be read, and all later ones are lost; "
+        f"`vgps bag reindex {path}` repairs it."
     )
 
 
 def reindex(path: Path) -> list[Path]:
-    """Rebuilds `metadata.yaml` and the index of each file that has none.
+    """Rebuilds `metadata.yaml`, and each file that has no index.
 
-    A file that ends too early is kept beside the rebuilt one, with `.unfinished` at its end.
+    The original of a rebuilt file is kept, with `.unfinished` at the end of its name.
 
     Args:
         path: folder of the bag.
@@ -66,7 +67,7 @@ def reindex(path: Path) -> list[Path]:
     Raises:
         InvalidInputError: the folder has no `.mcap` file, nothing can be read of any, or one is
             still being written.
-        OSError: the disk takes no more; nothing is lost, and it can be called again.
+        OSError: the disk is full; nothing is lost, and the call can be repeated.
     """
     files = storage_files(path)
     for file in files:
@@ -91,7 +92,7 @@ def reindex(path: Path) -> list[Path]:
         if not content.is_complete:
             _rebuild(file, content, information)
             rebuilt.append(file)
-    for file in empty:  # its recorder ended before the first message was on the disk
+    for file in empty:  # the recorder was killed before the first message was on the disk
         os.replace(file, _unfinished(file))
     write_metadata(path, information)
     return rebuilt
@@ -112,7 +113,7 @@ def _rebuild(file: Path, content: StorageContent, information: str) -> None:
                     writer.write(topic.name, message.log_time, message.data)
             writer.close(information)
     except OSError:
-        partial.unlink(missing_ok=True)  # nothing is gained by half a file on a full disk
+        partial.unlink(missing_ok=True)  # half a file would only fill the disk
         raise
     os.replace(file, _unfinished(file))
     os.replace(partial, file)

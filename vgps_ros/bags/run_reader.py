@@ -1,11 +1,10 @@
-"""Reads a run back: from its bag, or from the files that `train` leaves."""
+"""Reads a run from its bag, or from the files that `train` writes."""
 
 from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.episode import last_episode
-from vgps_ros.bags.topics import filled_topics, needed_topic
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.messages.progress import entry_from_msg
@@ -14,10 +13,10 @@ from vgps_ros.views.run_record import TRAJECTORIES, RunRecord, read_results
 
 
 def read_run(path: Path) -> RunRecord:
-    """Returns the run of a bag's folder, or of a folder with a run's results.
+    """Reads a run from the folder of a bag, or from the folder with the results of a run.
 
     Raises:
-        InvalidInputError: it is neither, or cannot be read.
+        InvalidInputError: the folder is neither of these, or cannot be read.
     """
     if (path / TRAJECTORIES).is_file():
         return read_results(path)
@@ -25,15 +24,16 @@ def read_run(path: Path) -> RunRecord:
         return _read_bag(path / "bag")
     if (path / "result.json").is_file():
         raise InvalidInputError(
-            f"'{path}' has costs but no motion: it needs bag/ or {TRAJECTORIES} beside result.json."
+            f"'{path}' has costs but no motion, which is in bag/ or in {TRAJECTORIES}: name the "
+            "folder of a run that has finished."
         )
     return _read_bag(path)
 
 
 def _read_bag(path: Path) -> RunRecord:
     with BagReader(path) as bag:
-        needed_topic(bag, "robot_description")
-        topics = filled_topics(bag)
+        bag.needed_topic("robot_description")
+        topics = bag.filled_topics
 
         def decoded(name: str) -> list[Any]:
             if name not in topics:
@@ -65,7 +65,7 @@ def _read_bag(path: Path) -> RunRecord:
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
-    """The costs of the last training in the bag, as result.json has them."""
+    """Returns the costs of the last training in the bag, in the form of result.json."""
     if not progress:
         return None
     begin = max(i for i, message in enumerate(progress) if i == 0 or message.iteration == 1)
@@ -78,6 +78,6 @@ def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
         hidden_units=sizes[1:-1],
         num_parameters=len(policies[-1].parameters) if policies else 0,
         initial_ddp_cost=last.initial_ddp_cost,
-        # A learner that was started again tells once more what it goes on from.
+        # A learner that was started again publishes again the iteration from which it goes on.
         iterations=list({m.iteration: entry_from_msg(m) for m in progress[begin:]}.values()),
     )

@@ -1,4 +1,4 @@
-"""What a bag says of the software that ran: versions, commit, machine."""
+"""Describes the software of a recorded run: versions, commit and machine."""
 
 import os
 import platform
@@ -40,7 +40,7 @@ def _version(package: str) -> str:
 
 
 def _commit() -> str:
-    """The commit of the source that runs; with -dirty where files differ from it."""
+    """Returns the commit of the running source, with "-dirty" if files were changed since."""
     try:
         described = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],

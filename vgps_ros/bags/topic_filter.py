@@ -1,4 +1,4 @@
-"""Which topics a recorder or a player takes, by regular expressions."""
+"""Chooses the topics that a recorder or a player takes, by regular expressions."""
 
 import re
 from collections.abc import Sequence
@@ -7,14 +7,14 @@ from vgps_ros.core.errors import InvalidInputError
 
 
 class TopicFilter:
-    """Topics that some pattern includes and none excludes.
+    """Takes the topics that at least one pattern includes and no pattern excludes.
 
     Args:
-        include: regular expressions; one of them must be found in the topic's name.
-        exclude: regular expressions; none of them may be found in it.
+        include: regular expressions, of which at least one must be found in a topic's name.
+        exclude: regular expressions, of which none may be found in a topic's name.
 
     Raises:
-        InvalidInputError: one is not a regular expression.
+        InvalidInputError: an entry is not a regular expression.
     """
 
     def __init__(self, include: Sequence[str], exclude: Sequence[str]):
@@ -22,7 +22,7 @@ class TopicFilter:
         self._exclude = _patterns("exclude", exclude)
 
     def wants(self, topic: str) -> bool:
-        """Returns whether the topic, named in full, is taken."""
+        """Returns True if a topic is taken, given its full name."""
         included = any(pattern.search(topic) for pattern in self._include)
         return included and not any(pattern.search(topic) for pattern in self._exclude)
 

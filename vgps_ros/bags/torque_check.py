@@ -1,10 +1,10 @@
-"""Whether a bag's torques are those that its policy gives for its states, bit for bit.
+"""Checks that a bag's torques are those that its policy gives for its states, bit for bit.
 
-They are compared within the limits that the executor had, by its recorded parameters. Torques of
-its safe action are told apart from the policy's.
+The torques are computed again with the limits from the executor's recorded parameters. Torques of
+the safe action are counted separately from the policy's.
 
-A torque answers the state whose stamp it carries. Topics reach a recorder by ways of their own, so
-a state or policy may stand in the bag somewhat after the torque that it led to.
+A torque answers the state that has the same stamp. The topics reach a recorder independently, so
+the bag may hold a state or a policy somewhat later than the torque that was computed from it.
 """
 
 from collections import defaultdict
@@ -17,7 +17,6 @@ from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.recorded_executor import RecordedExecutor
-from vgps_ros.bags.topics import filled_topics, needed_topic
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.execution import executed_control
 from vgps_ros.core.policy import GaussianPolicy
@@ -32,26 +31,26 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.safety import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model, joint_names
 
-_SLACK = 10**9  # by which a message may reach the recorder later than the one it led to [ns]
+_SLACK = 10**9  # largest delay with which the bag holds a state after its torque [ns]
 _NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
 
 
 @dataclass
 class TorqueCheck:
-    """What a check found.
+    """The outcome of a check, as numbers of torques and states.
 
     Attributes:
-        deterministic: torques that are the policy's mean.
-        stochastic: torques that are its mean plus the noise of the recorded seed.
-        clipped: how many of these two are at a limit of their size.
-        rate_limited: how many of these two are at a limit of their change.
-        safe: torques that are not the policy's, but those of the safe action, or zero.
-        unchecked: torques under a limit of their change whose predecessor is not in the bag.
+        deterministic: torques that equal the policy's mean.
+        stochastic: torques that equal the policy's mean plus the noise of the recorded seed.
+        clipped: torques among these two kinds that are at a limit of their size.
+        rate_limited: torques among these two kinds that are at a limit of their change.
+        safe: other torques that are zero, or equal those of the safe action.
+        unchecked: torques whose change is limited, but whose predecessor is not in the bag.
         unusable: states that no torque may answer, such as one that is not finite.
         unanswered: states without a torque, between the first torque and the last.
-        stateless: torques whose state is not in the bag, received after the first state that is.
-        different: torques that the policy does not give.
-        first_difference: a sentence on the first of those.
+        stateless: torques whose state is not in the bag, although earlier states are.
+        different: torques that neither the policy nor the safe action gives.
+        first_difference: a sentence on the first different torque.
     """
 
     deterministic: int = 0
@@ -68,13 +67,13 @@ class TorqueCheck:
 
     @property
     def is_good(self) -> bool:
-        """Whether every torque has its state and is what the policy or the safe action gives."""
+        """True if every torque has a state, and is what the policy or the safe action gives."""
         return not (self.different or self.stateless)
 
 
 @dataclass
 class _Timeline:
-    """Values in the order in which they were received."""
+    """Values with the times at which they were received [ns], in this order."""
 
     received: list[int] = field(default_factory=list)
     values: list[Any] = field(default_factory=list)
@@ -84,7 +83,7 @@ class _Timeline:
         self.values.append(value)
 
     def around(self, time: int) -> list[Any]:
-        """Values that may have been the latest at a time, the most likely one first."""
+        """Returns the values that may have been the latest at a time, the likeliest first."""
         first = max(0, int(np.searchsorted(self.received, time - _SLACK, side="right")) - 1)
         last = int(np.searchsorted(self.received, time + _SLACK, side="right"))
         now = int(np.searchsorted(self.received, time, side="right")) - 1
@@ -97,15 +96,14 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     Raises:
         InvalidInputError: the bag lacks a topic that is needed, or holds no torque.
     """
-    names = filled_topics(bag)
-    topics = {name: needed_topic(bag, name) for name in _NEEDED}
+    topics = {name: bag.needed_topic(name) for name in _NEEDED}
     model = compile_model(_first(bag, topics["robot_description"]).data)
     policies = _Timeline()
     for received, message in _decoded(bag, topics["policy"]):
         policies.add(received, (message.iteration, policy_from_msg(message)))
     joints, actuated = joint_names(model), actuated_joint_names(model)
     executor = RecordedExecutor(bag, joints, actuated)
-    marginals = _marginals(bag, executor, names)
+    marginals = _marginals(bag, executor)
     found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
     for received, message in _decoded(bag, topics["joint_states"]):
@@ -120,7 +118,7 @@ def check_torques(bag: BagReader) -> TorqueCheck:
         torques = command_from_msg(message, actuated)
         answered_states = states[stamp].around(received) if stamp in states else []
         if answered_states:
-            # A policy that was latched long before may be recorded late, but there was one.
+            # Even the first policy may be recorded late, since it was published long before.
             known = policies.around(received) or policies.values[:1]
             had = marginals.around(received) or [()]
             sent = _Sent(torques, stamp, known, answered_states, had, is_first=not answered)
@@ -140,7 +138,7 @@ def check_torques(bag: BagReader) -> TorqueCheck:
 
 @dataclass(frozen=True)
 class _Sent:
-    """Torques, and what they may have come from."""
+    """Recorded torques, with the policies, states and marginals that may have led to them."""
 
     torques: Array
     stamp: int
@@ -153,7 +151,7 @@ class _Sent:
 def _compare(
     found: TorqueCheck, sent: _Sent, executor: RecordedExecutor, actuated: list[str]
 ) -> bool:
-    """Counts torques as what they are; returns whether they are those of the safe action."""
+    """Counts torques as what they are. Returns True for torques of the safe action."""
     limiter = executor.limiter
     for state in sent.states:
         for _, policy in sent.policies:
@@ -172,7 +170,7 @@ def _compare(
         if executor.is_safe(sent.torques, state, sent.marginals):
             found.safe += 1
             return True
-    if sent.is_first and executor.limits_rates:
+    if sent.is_first and executor.settings.torque_rate_limit:
         found.unchecked += 1
         return False
     found.different += 1
@@ -189,11 +187,12 @@ def _compare(
     return False
 
 
-def _marginals(bag: BagReader, executor: RecordedExecutor, names: dict[str, str]) -> _Timeline:
-    """What the executor knew of the training, where its safe action needs it."""
+def _marginals(bag: BagReader, executor: RecordedExecutor) -> _Timeline:
+    """Reads the training marginals that the executor had, if its safe action needs them."""
     timeline, latest = _Timeline(), dict[int, TrainingMarginals]()
-    if executor.follows_distribution and "trajectory_distribution" in names:
-        for received, message in _decoded(bag, names["trajectory_distribution"]):
+    topic = bag.filled_topics.get("trajectory_distribution")
+    if executor.settings.safe_action == "feedback" and topic:
+        for received, message in _decoded(bag, topic):
             q = distribution_from_msg(message)
             latest[message.trajectory_index] = executor.marginals(q)
             timeline.add(received, tuple(latest.values()))
@@ -201,6 +200,7 @@ def _marginals(bag: BagReader, executor: RecordedExecutor, names: dict[str, str]
 
 
 def _usable(message: JointState, joints: list[str]) -> Array | None:
+    """Returns the state x of a message, or None if no torque may answer it."""
     try:
         return state_from_msg(message, joints)
     except InvalidInputError:
@@ -208,6 +208,7 @@ def _usable(message: JointState, joints: list[str]) -> Array | None:
 
 
 def _decoded(bag: BagReader, topic: str) -> Iterator[tuple[int, Any]]:
+    """Yields the time of receipt [ns] and the decoded message for each message of a topic."""
     for message in bag.messages([topic]):
         yield message.stamp, bag.decode(message)
 

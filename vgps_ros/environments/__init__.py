@@ -1,4 +1,4 @@
-"""The tasks as Gymnasium environments; importing this package registers them.
+"""Registers the tasks as Gymnasium environments when it is imported.
 
 import gymnasium, vgps_ros.environments
 environment = gymnasium.make("vgps_ros/Swimmer-v0")

@@ -1,4 +1,4 @@
-"""A control problem as reinforcement learning sees it."""
+"""Offers a task as a Gymnasium environment for reinforcement learning."""
 
 from typing import Any
 
@@ -11,25 +11,26 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import make_task
 
-# What an action of 1 means: about the largest torque of the DDP solution [N·m].
+# Torque of an action of 1, about the largest torque of the DDP solution [N·m].
 TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}
 
 
 class TaskEnvironment(gymnasium.Env[Array, Array]):
-    """One task: the reward is the negative cost, an episode the horizon that is scored.
+    """An environment whose reward is the negative cost of a task.
 
-    The observation is what a policy of the task reads, the action the torques in units of
-    `torque_scale`. A robot that falls ends the episode; what lying still costs until the horizon's
-    end is charged at once, so that falling early never pays.
+    The observation is what a policy of the task reads. The action is the torques, divided by
+    `torque_scale`. An episode lasts for the task's horizon, or until the robot falls. The cost of
+    lying still for the rest of the horizon is then charged at once, so that falling early never
+    pays.
 
     Args:
-        task: its name.
-        torque_scale: torque of an action of 1 [N·m]; if None the task's own, or 1.
+        task: name of the task.
+        torque_scale: torque of an action of 1 [N·m]; None for the task's entry in `TORQUE_SCALE`.
         reward_scale: factor of the reward.
-        render_mode: as Gymnasium hands it over; None is the only one.
+        render_mode: must be None, since the environment draws nothing.
 
     Attributes:
-        state: x of the simulator, shape (n_x,).
+        state: the simulator's state x, shape (n_x,).
 
     Raises:
         InvalidInputError: the task is unknown, or a scale is not positive.
@@ -61,7 +62,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Starts an episode around x_1, or at x_1 where options has `exact`."""
+        """Starts an episode near x_1, or exactly at x_1 if the options have `exact`."""
         super().reset(seed=seed)
         self.state = self._task.initial_state.copy()
         if not (options or {}).get("exact", False):
@@ -71,7 +72,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         return self.state[self._observed], {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Holds torques for one step of the task."""
+        """Applies torques for one step of the task."""
         task = self._task
         torques = self._torque_scale * np.asarray(action, dtype=float)
         cost = float(task.cost(self.state, torques))

@@ -16,7 +16,6 @@ from rich.table import Table
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.episode import last_episode, write_table
 from vgps_ros.bags.reindex import missing_parts, reindex
-from vgps_ros.bags.topics import needed_topic
 from vgps_ros.bags.torque_check import check_torques
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.views.graph_scene import GraphScene, is_drawn
@@ -99,7 +98,7 @@ def to_rerun(path: Path, output: Path) -> None:
     with BagReader(path) as bag:
         topics = [topic for topic, kind in bag.topics.items() if is_drawn(topic, kind)]
         for needed in ("robot_description", "joint_states"):
-            needed_topic(bag, needed)
+            bag.needed_topic(needed)
         left_out: dict[str, int] = {}
 
         def report(_: str, sentence: str | None) -> None:
@@ -127,7 +126,7 @@ def to_table(path: Path, output: Path) -> None:
     """
     with BagReader(path) as bag:
         description, states = (
-            needed_topic(bag, name) for name in ("robot_description", "joint_states")
+            bag.needed_topic(name) for name in ("robot_description", "joint_states")
         )
         mjcf = bag.decode(next(bag.messages([description]))).data
         episode = last_episode(bag, states, mjcf)

@@ -1,7 +1,7 @@
-"""What stands between a learned policy and motors, without middleware.
+"""Protects a robot from its learned policy, without any middleware.
 
-`Supervisor` decides for each state whether the policy's torques go out, within limits, or those of
-the safe action.
+For each state, `Supervisor` decides whether the robot gets the policy's torques, within limits, or
+the torques of the safe action.
 """
 
 from vgps_ros.safety.safe_action import safe_torques

@@ -1,4 +1,4 @@
-"""Torques that take over where a policy must not drive."""
+"""Computes the torques that replace the policy's when the policy must not drive."""
 
 from collections.abc import Iterable
 
@@ -15,15 +15,15 @@ def safe_torques(
     actuated: list[int],
     marginals: Iterable[TrainingMarginals],
 ) -> Array:
-    """Returns the torques of the safe action, shape (n_u,), [N·m], not yet limited.
+    """Returns the torques of the safe action, shape (n_u,) [N·m], before limits apply.
 
-    They are zero where the action lacks what it needs, and where it would overflow.
+    They are zero if the action needs something that is missing, or if it would overflow.
 
     Args:
-        settings: which action, and the damping.
-        state: the newest usable state, shape (n_x,); None if there is none.
+        settings: name of the action, and the damping.
+        state: the newest usable state, shape (n_x,), or None.
         actuated: index of each actuated joint among the joints.
-        marginals: of the DDP solutions whose feedback law may be used.
+        marginals: training marginals of the DDP solutions whose feedback law may be used.
     """
     zero = np.zeros(len(actuated))
     if state is None or settings.safe_action == "zero":

@@ -1,4 +1,4 @@
-"""Settings of the safe execution of a policy."""
+"""Settings for the safe execution of a policy."""
 
 from dataclasses import dataclass
 
@@ -8,68 +8,68 @@ from vgps_ros.core.settings import setting
 
 @dataclass(frozen=True)
 class SafetySettings:
-    """Limits, what makes a state unusable, and what happens then."""
+    """Limits of torques, conditions under which a state is unusable, and the safe action."""
 
     torque_limits: tuple[float, ...] = setting(
         (CONTROL_BOUND,),
-        "largest torque of each actuated joint, either way, in the order of the MJCF's actuators; "
-        "by default the MJCF's own limits, and 1e9 where it has none [N·m]",
+        "largest torque of each actuated joint in both directions, in the order of the MJCF's "
+        "actuators; by default the MJCF's own limits, and 1e9 for a joint without one [N·m]",
         minimum=0.0,
         maximum=CONTROL_BOUND,
     )
     torque_rate_limit: float = setting(
         0.0,
         "largest change of each of the policy's torques over time, by the stamps of the states; "
-        "the first ones start from zero; the safe action acts at once; 0: no limit [N·m/s]",
+        "the first torques start from zero; the safe action is not limited; 0: no limit [N·m/s]",
         minimum=0.0,
         maximum=1e12,
     )
     state_timeout: float = setting(
         2.5,
-        "silence on joint_states after which the safe action takes over, by the wall clock; a "
-        "paused simulation repeats its state within 2 s; on a robot, some control periods [s]",
+        "wall-clock time without joint_states after which the safe action takes over; a paused "
+        "simulation repeats its state within 2 s; on a robot, choose some control periods [s]",
         minimum=0.01,
         maximum=86400.0,
     )
     max_state_age: float = setting(
         0.0,
-        "largest difference between a state's stamp and the node's clock; with a simulation that "
-        "runs in real time, set use_sim_time; 0: not checked, as lock-step needs [s]",
+        "largest difference between a state's stamp and the node's clock; set use_sim_time for a "
+        "simulation in real time; 0: no check, which lock-step needs [s]",
         minimum=0.0,
         maximum=86400.0,
     )
     safe_action: str = setting(
         "zero",
-        "torques that take over from the policy: zero; damping, which brakes the actuated joints; "
-        "feedback, the DDP solution's own law around its nearest state, which needs a "
+        "action that replaces the policy after a fault: zero torque; damping, which brakes the "
+        "actuated joints; feedback, the DDP solution's law around its nearest state, which needs a "
         "trajectory_distribution",
         choices=("zero", "damping", "feedback"),
     )
     damping: float = setting(
-        5.0, "torque per joint velocity of damping [N·m·s/rad]", minimum=0.0, maximum=1e6
+        5.0, "torque per joint velocity of the action damping [N·m·s/rad]", minimum=0.0, maximum=1e6
     )
     recovery: str = setting(
         "automatic",
-        "automatic: the next good state drives again; manual: the safe action stays until the node "
-        "is deactivated and activated",
+        "automatic: the policy drives again from the next good state on; manual: the safe action "
+        "stays until the node is deactivated and activated",
         choices=("automatic", "manual"),
     )
     distance_warning: float = setting(
         0.0,
-        "Mahalanobis distance from the training marginals above which the node warns; it needs a "
-        "trajectory_distribution; 95 suits the shipped tasks; 0: off",
+        "Mahalanobis distance of the state from the training marginals above which the node "
+        "warns; it needs a trajectory_distribution; 95 suits the shipped tasks; 0: off",
         minimum=0.0,
         maximum=1e9,
     )
     distance_limit: float = setting(
         0.0,
         "the same distance above which the safe action takes over; 120 suits the shipped tasks, "
-        "where runs that went well stayed below 93 and each that fell went beyond 130; 0: off",
+        "where good runs stayed below 93 and runs that fell exceeded 130; 0: off",
         minimum=0.0,
         maximum=1e9,
     )
 
     @property
     def needs_distribution(self) -> bool:
-        """Whether a trajectory distribution is used."""
+        """True if these settings use a trajectory distribution."""
         return bool(self.safe_action == "feedback" or self.distance_warning or self.distance_limit)

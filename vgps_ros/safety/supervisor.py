@@ -1,10 +1,14 @@
-"""Decides for each state who drives: the policy, or the safe action.
+"""Decides for each state whether the policy drives, or the safe action.
 
-The order of states: a state must not be older than the newest one. A state of the same stamp is a
-repeat, and is answered again. The stamp 0 begins a new time, as the reset of a simulation does; any
-other that goes back is refused, until somebody says that time went back, or no usable state has
-come for `state_timeout`. The rule needs no clock, since states and /clock are different topics, and
-either may come first. A robot that sends no stamps (all are 0) is not checked for order.
+States must come in the order of their stamps:
+
+- A state with the stamp of the newest state is a repetition, and is answered again.
+- The stamp 0 starts a new time, as after the reset of a simulation.
+- A state with any other older stamp is refused, unless `forget_time` was called or no usable state
+  has come for `state_timeout`.
+
+The rule uses no clock, because states and /clock are different topics and either may come first. A
+robot without stamps (all are 0) is not checked for order.
 """
 
 from collections.abc import Callable
@@ -21,11 +25,11 @@ from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 @dataclass(frozen=True)
 class Command:
-    """Torques to be sent.
+    """Torques that must be sent to the robot.
 
     Attributes:
-        torques: shape (n_u,), [N·m].
-        stamp: of the state that they answer [ns].
+        torques: torques of the actuated joints, shape (n_u,) [N·m].
+        stamp: stamp of the state that they answer [ns].
     """
 
     torques: Array
@@ -33,42 +37,40 @@ class Command:
 
 
 class Supervisor:
-    """Follows states and gives commands. Times `now` are those of a steady clock [s].
+    """Answers states with commands. Each argument `now` is a time of a steady clock [s].
 
     Args:
-        settings: limits, what makes a state unusable, and what happens then.
+        settings: limits, conditions for usable states, and the safe action.
         actuated: index of each actuated joint among the joints.
-        period: of the control [s].
+        period: control period [s].
 
     Attributes:
-        marginals: training marginals by trajectory index; they may be replaced at any time.
-        fault: why the safe action drives; None if the policy does.
-        warning: why somebody should look; None if all is well.
-        distance: of the newest state from the marginals; None if it was not measured.
+        marginals: training marginals by trajectory index. They may be replaced at any time.
+        fault: the reason why the safe action drives, or None while the policy drives.
+        warning: a sentence on what somebody should look at, or None.
+        distance: distance of the newest state from the marginals, or None if it is not measured.
     """
 
     def __init__(self, settings: SafetySettings, actuated: list[int], period: float):
         self.marginals: dict[int, TrainingMarginals] = {}
-        self.fault: str | None = None
-        self.warning: str | None = None
         self.distance: float | None = None
         self._settings = settings
         self._actuated = actuated
         limits = np.array(settings.torque_limits)
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
-        # The newest usable state.
-        self._state: Array | None = None
-        self._stamp = self._newest = -1  # the second one counts for the order
-        self._received = float("-inf")
+        self._stamp = -1  # of the newest usable state
+        self.begin()
 
     def begin(self) -> None:
-        """Starts anew, without a fault or a state."""
-        self.fault = self.warning = self._state = None
+        """Forgets the newest state and the fault, as after an activation."""
+        self.fault: str | None = None
+        self.warning: str | None = None
+        self._state: Array | None = None  # the newest usable state, and the time at which it came
         self._received = float("-inf")
-        self._newest = -1
+        self._newest = -1  # the stamp with which the next state's is compared
 
     def forget_time(self) -> None:
-        """Lets a state of any stamp come next: the clock was set back."""
+        """Accepts any stamp next, because the clock was set back."""
         self._newest = -1
 
     def answer(
@@ -79,14 +81,15 @@ class Supervisor:
         now: float,
         law: Callable[[], Array],
     ) -> Command | None:
-        """Returns the answer to a state.
+        """Returns the command that answers a state, or None if nothing must be sent.
 
         Args:
             state: x, shape (n_x,), finite.
-            stamp: its time [ns].
-            age: gives the time of the robot's clock less the stamp [s], where that matters.
-            now: when it came.
-            law: gives the policy's torques for it, shape (n_u,), [N·m].
+            stamp: stamp of the state [ns].
+            age: returns the time of the node's clock minus the stamp [s]. It is called only if the
+                settings limit the age.
+            now: time at which the state came.
+            law: returns the policy's torques for the state, shape (n_u,) [N·m].
         """
         if reason := self._unusable(stamp, age, now):
             return self.refuse(reason, now)
@@ -101,50 +104,50 @@ class Supervisor:
         return Command(torques, stamp)
 
     def refuse(self, reason: str, now: float) -> Command | None:
-        """Notes a state that cannot be used, and returns what goes out instead."""
+        """Notes the reason why a state is unusable, and returns the safe action's command."""
         self._fail(reason)
         return self._safe_command(now)
 
     def watch(self, now: float) -> Command | None:
-        """Returns what is to be sent without a state: the safe action, while there is a fault.
+        """Returns the safe action's command while there is a fault, and None otherwise.
 
-        To be called once a control period.
+        It must be called once in each control period, since a fault may be that no state comes.
         """
         if self._state is not None and not self.fault and not self._is_fresh(now):
             self._fail(
-                f"no usable joint_states came for {self._settings.state_timeout:g} s; is "
-                "simulation, or the robot's driver, running?"
+                f"no usable joint_states came for {self._settings.state_timeout:g} s; check that "
+                "the simulation, or the robot's driver, is running."
             )
         return self._safe_command(now) if self.fault else None
 
     def stop(self) -> Command | None:
-        """Returns the last command before silence: zero torques."""
+        """Returns a last command with zero torques, or None if none was sent before."""
         if self._state is None:
             return None
         return self._sent_safely(np.zeros(len(self._actuated)))
 
     def _unusable(self, stamp: int, age: Callable[[], float], now: float) -> str | None:
-        """Why a state cannot be used, from its stamp."""
+        """Returns the reason why the stamp makes a state unusable, or None."""
         if stamp < 0:
-            return f"the state's stamp is {stamp * 1e-9:g} s, but must not be < 0."
+            return f"the state's stamp is {stamp * 1e-9:g} s, but it must not be < 0."
         if 0 < stamp < self._newest and self._is_fresh(now):
             late = (self._newest - stamp) * 1e-9
             return (
-                f"the state's stamp is {late:.2g} s older than that of the newest one, but states "
-                "must come in order; is one robot publishing joint_states?"
+                f"the state's stamp is {late:.2g} s older than that of the newest state, but "
+                "states must come in order; check that only one robot publishes joint_states."
             )
         allowed = self._settings.max_state_age
         if allowed and not (difference := abs(age())) <= allowed:
             return (
                 f"the state's stamp differs from the node's clock by {difference:.2g} s, but "
-                f"max_state_age is {allowed:g} s; do the clocks agree, or is use_sim_time not set?"
+                f"max_state_age is {allowed:g} s; synchronise the clocks, or set use_sim_time."
             )
         return None
 
     def _distrusted(self, state: Array, torques: Array) -> str | None:
-        """Why the policy must not drive in a usable state."""
+        """Returns the reason why the policy must not drive in a usable state, or None."""
         if not np.isfinite(torques).all():
-            return f"the policy's output is {torques} in this state; publish another policy."
+            return f"the policy gives the torques {torques} in this state; publish another policy."
         self.distance = self.warning = None
         settings = self._settings
         if not (settings.distance_warning or settings.distance_limit):
@@ -153,7 +156,7 @@ class Supervisor:
         if nearest is None:
             return None
         self.distance = nearest.distance
-        # Written so that NaN, which is what an overflow leaves, is far away.
+        # An overflow makes the distance NaN, for which both comparisons are written to be true.
         if settings.distance_limit and not self.distance <= settings.distance_limit:
             return (
                 "the state's Mahalanobis distance from the training marginals is above "
@@ -168,7 +171,7 @@ class Supervisor:
         return None
 
     def _fail(self, reason: str | None) -> None:
-        """Sets or ends the fault; where recovery is by hand, the first cause stays."""
+        """Sets the fault, or ends it. With manual recovery the first fault stays."""
         if self._settings.recovery == "automatic" or not self.fault:
             self.fault = reason
 
@@ -176,10 +179,10 @@ class Supervisor:
         return now - self._received <= self._settings.state_timeout
 
     def _safe_command(self, now: float) -> Command | None:
-        """The safe action; nothing before the first usable state, when no torque is to be undone.
+        """Returns the safe action's command, or None before the first usable state.
 
-        It carries the stamp of the newest usable state, which a simulation in lock-step has had
-        answered already: it does not move it on.
+        The command has the stamp of the newest usable state. A simulation in lock-step has an
+        answer to that state already, so the command does not make it step.
         """
         if self._state is None:
             return None

@@ -1,4 +1,4 @@
-"""Limits of torques, and of their change."""
+"""Limits torques and the rate at which they change."""
 
 import numpy as np
 
@@ -6,31 +6,31 @@ from vgps_ros.core.records import Array
 
 
 class TorqueLimiter:
-    """Clips torques, also to what the torques of the state before allow.
+    """Clips torques to limits of their size and of their change.
 
-    The change counts from the last torques that an earlier state led to, so that a state that is
-    sent twice gets the same answer twice, or from those of the safe action since. Where there are
-    none, or time went back, torques start from zero.
+    The change is measured from the torques that answered the latest earlier state, or from those of
+    the safe action if they were sent later. So a state that comes twice gets the same answer twice.
+    Torques start from zero if there are no such torques, or if time went back.
 
     Args:
-        limits: shape (n_u,), [N·m].
-        rate: largest change over time [N·m/s]; 0: no limit.
-        period: of the control [s]; a longer silence allows no larger change.
+        limits: largest size of each torque, shape (n_u,) [N·m].
+        rate: largest change over time [N·m/s]; 0 for no limit.
+        period: control period [s]. The change is limited as if no more time had passed.
     """
 
     def __init__(self, limits: Array, rate: float, period: float):
         self._limits, self._rate, self._period = limits, rate, period
-        # Stamp [ns] and torques of the latest command, and of the one before it; the stamp is
-        # -1 of torques that answered no state.
+        # Stamp [ns] and torques of the latest command, and of the command before it. Torques that
+        # answered no state have the stamp -1.
         start = (-1, np.zeros_like(limits))
         self._start = self._latest = self._earlier = start
 
     def clipped(self, torques: Array) -> Array:
-        """Returns torques within the limits, shape (n_u,), [N·m]."""
+        """Returns torques within the limits of their size, shape (n_u,) [N·m]."""
         return _clip(torques, -self._limits, self._limits)
 
     def limited(self, torques: Array, stamp: int) -> Array:
-        """Returns torques within all limits, shape (n_u,), [N·m], for the state of a stamp [ns]."""
+        """Returns torques within all limits, shape (n_u,) [N·m], for a state's stamp [ns]."""
         torques = self.clipped(torques)
         if not self._rate:
             return torques
@@ -41,12 +41,12 @@ class TorqueLimiter:
         return _clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
 
     def note(self, torques: Array, stamp: int) -> None:
-        """Takes note of torques that were sent, from which the next ones may change."""
+        """Remembers torques that were sent, from which the next change is measured."""
         self._earlier = self._before(stamp)
         self._latest = (stamp, torques)
 
     def note_safe(self, torques: Array) -> None:
-        """Takes note of torques of the safe action, from which every next one may change."""
+        """Remembers torques of the safe action, from which the next change is measured."""
         self._latest = self._earlier = (-1, torques)
 
     def _before(self, stamp: int) -> tuple[int, Array]:
@@ -56,5 +56,5 @@ class TorqueLimiter:
 
 
 def _clip(values: Array, lowest: Array, highest: Array) -> Array:
-    """np.clip in less than half of its time, which counts between a state and its command."""
+    """Clips values as np.clip does, in less than half of its time."""
     return np.minimum(np.maximum(values, lowest), highest)

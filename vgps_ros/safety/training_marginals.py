@@ -1,11 +1,11 @@
-"""How far a state is from what training has seen, and what the DDP solution would do there.
+"""Measures how far a state is from the states of the training.
 
 The distance of x is the Mahalanobis distance from the nearest of the marginals q(x_t),
 
     d(x) = min_t √((x − x̄_t)ᵀ Σ_t⁻¹ (x − x̄_t)),
 
-over the coordinates that the policy reads: the policy is stationary, and where the robot's root is
-does not count. Near the training it is about √n or below, for n coordinates.
+over the n coordinates that the policy reads. The minimum is over all times, since the policy does
+not depend on time. States like those of the training have distances of about √n or less.
 """
 
 from collections.abc import Iterable
@@ -21,12 +21,12 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 
 @dataclass(frozen=True)
 class Nearest:
-    """The marginal nearest to a state.
+    """The marginal that is nearest to a state.
 
     Attributes:
-        distance: d(x); NaN where it overflows.
-        marginals: those that it belongs to.
-        step: t.
+        distance: the distance d(x); NaN if it overflows.
+        marginals: the training marginals that it belongs to.
+        step: its time step t.
     """
 
     distance: float
@@ -35,15 +35,16 @@ class Nearest:
 
 
 class TrainingMarginals:
-    """The marginals of one q(ζ), prepared for fast queries.
+    """Holds the marginals of one q(ζ) in a form that is fast to query.
 
     Args:
         distribution: q(ζ).
-        observed: the n coordinates that count.
-        dims: n_x and n_u that it must have.
+        observed: indices of the n coordinates that the distance is measured over.
+        dims: dimensions n_x and n_u that the distribution must have.
 
     Raises:
-        InvalidInputError: it has no steps or other dimensions, or a Σ_t is no covariance.
+        InvalidInputError: the distribution has no steps or other dimensions, or a Σ_t is not a
+            covariance.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class TrainingMarginals:
     ):
         q, (n_x, n_u), n = distribution, dims, len(observed)
         if not q.mean.horizon:
-            raise InvalidInputError("The distribution has no steps, but it must have some.")
+            raise InvalidInputError("The distribution has no steps, but it must have at least 1.")
         check_array("mean.states", q.mean.states, (q.mean.horizon + 1, n_x))
         check_array("mean.controls", q.mean.controls, (q.mean.horizon, n_u))
         try:
@@ -63,14 +64,15 @@ class TrainingMarginals:
             ) from error
         self._mean, self._gains = q.mean, q.gains
         self._observed = list(observed)
-        # d is the norm of L⁻¹ x − L⁻¹ x̄, for Σ = L Lᵀ: one product with the rows of all steps.
+        # With Σ = L Lᵀ, d is the norm of L⁻¹ x − L⁻¹ x̄. The rows of L⁻¹ of all steps are stacked,
+        # so that a query needs one product only.
         whitening = np.linalg.inv(roots)
         means = q.mean.states[:-1, self._observed]
         self._offsets = np.einsum("tij,tj->ti", whitening, means)
         self._whitening = whitening.reshape(-1, n)
 
     def nearest(self, state: Array) -> Nearest:
-        """Returns the marginal nearest to a state, shape (n_x,)."""
+        """Returns the marginal that is nearest to a state, shape (n_x,)."""
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = self._whitening @ state[self._observed]
             deviations = whitened.reshape(self._offsets.shape) - self._offsets
@@ -79,13 +81,13 @@ class TrainingMarginals:
         return Nearest(float(np.sqrt(squares[step])), self, step)
 
     def feedback(self, state: Array, step: int) -> Array:
-        """Returns ū_t + K_t (x − x̄_t), shape (n_u,), [N·m]; only observed coordinates deviate."""
+        """Returns ū_t + K_t (x − x̄_t), shape (n_u,) [N·m], over the observed coordinates."""
         deviation = np.zeros_like(state)
         deviation[self._observed] = (state - self._mean.states[step])[self._observed]
         return self._mean.controls[step] + self._gains[step] @ deviation
 
 
 def nearest_of(marginals: Iterable[TrainingMarginals], state: Array) -> Nearest | None:
-    """Returns the nearest marginal of several distributions; None if there is none."""
+    """Returns the nearest marginal of several distributions, or None if there is none."""
     found = (each.nearest(state) for each in marginals)
     return min(found, key=lambda nearest: nearest.distance, default=None)

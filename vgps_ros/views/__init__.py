@@ -1,1 +1,1 @@
-"""What people look at: plots, Rerun scenes, progress on the terminal."""
+"""Plots, Rerun recordings and progress on the terminal: everything that people look at."""

@@ -1,4 +1,4 @@
-"""What a viewer shows where, when it opens a recording of a run."""
+"""The layout in which the Rerun viewer shows a recording of a run."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost
 
 
 def blueprint(hinge_names: Sequence[str]) -> rrb.Blueprint:
-    """Lays everything out for a robot with these turning joints."""
+    """Returns the layout for a robot with the named hinges, its turning joints."""
     whole_run = rrb.VisibleTimeRanges(
         rrb.VisibleTimeRange(
             TIME,

@@ -25,8 +25,9 @@ class Curve:
     """Costs of one method over the seeds.
 
     Attributes:
-        stochastic: of the policy with its noise, the mean or median of its rollouts, shape (S, K).
-        deterministic: cost without noise, shape (S, K).
+        stochastic: mean or median cost of the rollouts with noise, shape (S, K): S seeds and K
+            iterations.
+        deterministic: cost of the policy without noise, shape (S, K).
     """
 
     stochastic: Array
@@ -38,9 +39,9 @@ class ComparisonPanel:
     """One panel of the figure.
 
     Attributes:
-        title: task and size of the policy.
-        ddp_cost: of the initial DDP solution, median over the seeds.
-        curves: by method.
+        title: names the task and the size of the policy.
+        ddp_cost: cost of the initial DDP solution, the median over the seeds.
+        curves: the curve of each method, by its name.
     """
 
     title: str
@@ -51,6 +52,11 @@ class ComparisonPanel:
     def ceiling(self) -> float:
         """The largest cost that is drawn."""
         return CEILING * self.ddp_cost
+
+    @property
+    def entity(self) -> str:
+        """The name under which a Rerun recording holds the panel."""
+        return self.title.replace(" ", "_").replace(",", "")
 
 
 def colours(panels: Sequence[ComparisonPanel]) -> dict[str, str]:
@@ -65,9 +71,9 @@ def comparison(
     """Draws the panels, and beside them the robots under learned policies.
 
     Args:
-        panels: the curves.
-        runs: motions under learned policies.
-        average: what a stochastic cost is of its rollouts, for the legend.
+        panels: the panels with their curves.
+        runs: runs whose motions under the learned policy are drawn.
+        average: "mean" or "median", which the legend calls the stochastic costs.
     """
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)

@@ -1,4 +1,4 @@
-"""Figure 1 of the paper as a Rerun recording, to zoom in and to switch methods on and off."""
+"""Figure 1 of the paper as a Rerun recording, where one can zoom in and hide methods."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ _PATHS = {"learned": (31, 95, 191), "initial_ddp": (0, 0, 0)}
 def record_comparison(
     panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord], path: Path
 ) -> None:
-    """Writes the curves of the panels, medians over the seeds, and the robots' paths.
+    """Writes the median of each curve over the seeds, and the paths of the robots.
 
     Raises:
         InvalidInputError: the file exists, or cannot be written.
@@ -28,7 +28,6 @@ def record_comparison(
     recording = Recording(path)
     colour_of = colours(panels)
     for panel in panels:
-        origin = panel.title.replace(" ", "_").replace(",", "")
         iterations = np.zeros(0, dtype=int)
         for method, curve in panel.curves.items():
             iterations = np.arange(1, curve.stochastic.shape[1] + 1)
@@ -36,7 +35,7 @@ def record_comparison(
                 ("stochastic", curve.stochastic),
                 ("deterministic", curve.deterministic),
             ):
-                entity = f"{origin}/{method}/{name}"
+                entity = f"{panel.entity}/{method}/{name}"
                 width = 2.0 if name == "stochastic" else 1.0
                 recording.log_static(
                     entity,
@@ -46,14 +45,14 @@ def record_comparison(
                 )
                 median = np.median(np.minimum(costs, panel.ceiling), axis=0)
                 recording.send_by_iteration(entity, iterations, median)
-        entity = f"{origin}/initial_ddp"
+        entity = f"{panel.entity}/initial_ddp"
         line = rr.SeriesLines(colors=[(0, 0, 0)], names="initial DDP solution")
         recording.log_static(entity, line)
         recording.send_by_iteration(entity, iterations, np.full(len(iterations), panel.ddp_cost))
     names = [_record_paths(recording, run) for run in runs]
     views = [
         rrb.TimeSeriesView(
-            origin=panel.title.replace(" ", "_").replace(",", ""),
+            origin=panel.entity,
             name=f"{panel.title}: average cost by iteration",
             axis_y=rrb.ScalarAxis(range=(0.0, 4 * panel.ddp_cost), zoom_lock=False),
         )
@@ -69,12 +68,12 @@ def record_comparison(
 
 
 def rgb(colour: str) -> tuple[int, ...]:
-    """Returns red, green and blue of a colour of matplotlib's, 0 to 255 each."""
+    """Returns the red, green and blue parts of a matplotlib colour, from 0 to 255."""
     return tuple(round(255 * part) for part in to_rgb(colour))
 
 
 def _record_paths(recording: Recording, run: RunRecord) -> str:
-    """Draws the centre of mass's paths of a run; returns the robot's name."""
+    """Draws the paths of the centre of mass in a run and returns the robot's name."""
     assert run.result is not None
     name = str(run.result["task"])
     shape = RobotShape(compile_model(run.mjcf))

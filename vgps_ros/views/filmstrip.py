@@ -1,6 +1,7 @@
-"""The robot's motion as MuJoCo renders it, without a screen: a filmstrip and a moving picture.
+"""Filmstrips and moving pictures of a robot, which MuJoCo renders without a screen.
 
-The robot's own MJCF is drawn, with a sky and a chequered ground added for those that have none.
+The pictures show the robot's own MJCF model. A sky and a chequered ground are added where the
+model has none.
 """
 
 import os
@@ -21,45 +22,43 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 
-_FRAMES = 5  # of a filmstrip
-_RATE = 25  # frames of a moving picture per second
+_FRAMES = 5  # number of frames in a filmstrip
+_RATE = 25  # frames per second of a moving picture
 _SIZE = (360, 480)  # height and width of a frame of a filmstrip [pixels]
-_GIF_SIZE = (200, 360)
-_COLOURS = 48  # of a moving picture
-_MARGIN = 1.25  # of the view around the robot
-_DEPTH = 0.3  # of the ground below a robot that moves in a horizontal plane [m]
+_GIF_SIZE = (200, 360)  # height and width of a frame of a moving picture [pixels]
+_COLOURS = 48  # number of colours in a moving picture
+_MARGIN = 1.25  # width of the view, as a multiple of the robot's
+_DEPTH = 0.3  # depth of the ground below a robot that moves in a horizontal plane [m]
 
 
 class RenderingError(VgpsError):
-    """MuJoCo cannot draw on this machine."""
+    """Raised when MuJoCo cannot draw on this machine."""
 
 
 class Renderer:
-    """Renders states of a robot; use `open_renderer`."""
+    """Renders states of a robot. `open_renderer` makes one and closes it."""
 
     def __init__(self, mjcf: str, height: int, width: int):
-        model = _with_surroundings(mjcf)
-        self._model, self._data = model, mujoco.MjData(model)
-        self._shape = RobotShape(model)
-        self._renderer = mujoco.Renderer(model, height, width)
+        self._model = _with_surroundings(mjcf)
+        self._shape = RobotShape(self._model)
+        self._renderer = mujoco.Renderer(self._model, height, width)
         self._camera = mujoco.MjvCamera()
         seen_from_above = self._shape.plane == (0, 1)
         self._camera.azimuth, self._camera.elevation = 90, -89 if seen_from_above else -8
 
     def frame(self, state: NDArray, distance: float) -> NDArray[np.uint8]:
         """Returns a picture, shape (height, width, 3), centred on the centre of mass."""
-        self._data.qpos[:] = state[: self._model.nq]
-        mujoco.mj_forward(self._model, self._data)
         self._camera.lookat[:] = self._shape.centre_of_mass(state)
+        mujoco.mj_forward(self._model, self._shape.data)
         self._camera.distance = distance
-        self._renderer.update_scene(self._data, self._camera)
-        # Costly without a graphics card.
+        self._renderer.update_scene(self._shape.data, self._camera)
+        # Shadows take long to compute without a graphics card.
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
         picture: NDArray[np.uint8] = self._renderer.render().copy()
         return picture
 
     def distance(self, states: NDArray) -> float:
-        """Returns a distance from which the whole robot is seen in all states [m]."""
+        """Returns a camera distance that shows the whole robot in each of the states [m]."""
         plane = list(self._shape.plane)
         wide, high = np.max(
             [
@@ -73,20 +72,20 @@ class Renderer:
         return float(_MARGIN * max(high, wide / aspect) / half_view)
 
     def close(self) -> None:
-        """Gives the drawing context back."""
+        """Frees the drawing context."""
         self._renderer.close()
 
 
 @contextmanager
 def open_renderer(mjcf: str, height: int, width: int) -> Iterator[Renderer]:
-    """Opens a renderer.
+    """Opens a renderer for a robot's MJCF, and closes it at the end of a `with` statement.
 
     Raises:
-        RenderingError: there is no way to draw without a screen.
+        RenderingError: MuJoCo cannot draw without a screen here.
     """
     chosen = os.environ.get("MUJOCO_GL")
     try:
-        if not chosen:  # MuJoCo's own default needs a screen
+        if not chosen:  # MuJoCo's own default would need a screen
             gl_context.GLContext = import_module("mujoco.egl").GLContext
         renderer = Renderer(mjcf, height, width)
     except (AttributeError, ImportError, RuntimeError, ValueError, mujoco.FatalError) as error:
@@ -101,10 +100,13 @@ def open_renderer(mjcf: str, height: int, width: int) -> Iterator[Renderer]:
 
 
 def filmstrip(run: RunRecord) -> Figure | None:
-    """Draws the robot at evenly spaced times, side by side; None if no motion is known.
+    """Draws the robot at evenly spaced times, side by side.
+
+    Returns:
+        The figure, or None if the run has no motion under the policy.
 
     Raises:
-        RenderingError: there is no way to draw without a screen.
+        RenderingError: MuJoCo cannot draw without a screen here.
     """
     if run.executed_states is None:
         return None
@@ -123,10 +125,13 @@ def filmstrip(run: RunRecord) -> Figure | None:
 
 
 def write_moving_picture(run: RunRecord, path: Path) -> bool:
-    """Writes the motion as a GIF in real time; returns whether any is known.
+    """Writes the motion under the policy as a GIF that runs in real time.
+
+    Returns:
+        False if the run has no such motion, so that nothing was written.
 
     Raises:
-        RenderingError: there is no way to draw without a screen.
+        RenderingError: MuJoCo cannot draw without a screen here.
     """
     if run.executed_states is None:
         return False
@@ -135,7 +140,7 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
     with open_renderer(run.mjcf, *_GIF_SIZE) as renderer:
         distance = renderer.distance(states)
         frames = [Image.fromarray(renderer.frame(state, distance)) for state in states]
-    # One palette for all frames: colours that change from frame to frame would flicker.
+    # All frames share one palette, since colours that change between frames would flicker.
     palette = frames[len(frames) // 2].quantize(_COLOURS)
     first, *rest = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     duration = round(1000 * stride * run.time_step)
@@ -144,6 +149,7 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
 
 
 def _with_surroundings(mjcf: str) -> mujoco.MjModel:
+    """Compiles an MJCF with soft light, a sky and a chequered ground."""
     spec = mujoco.MjSpec.from_string(mjcf)
     spec.visual.headlight.ambient = [0.3, 0.3, 0.3]
     spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]

@@ -1,4 +1,4 @@
-"""A model's geometries as Rerun draws them."""
+"""Converts the geometries of a MuJoCo model to shapes that Rerun draws."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-_FLOOR = 50.0  # half the side of a plane without bounds [m]
+_FLOOR = 50.0  # half the side at which an unbounded plane is drawn [m]
 _SLAB = 0.005  # half the thickness at which a plane is drawn [m]
 
 
 def geometries(model: mujoco.MjModel) -> dict[str, tuple[int, Any]]:
-    """Returns index and picture of each geometry that can be drawn, by name."""
+    """Returns the index and the shape of each geometry that can be drawn, by its name."""
     pictures = {}
     for i in range(model.ngeom):
         picture = _picture(model, i)
@@ -31,7 +31,7 @@ def _picture(model: mujoco.MjModel, i: int) -> Any:
         case mujoco.mjtGeom.mjGEOM_SPHERE:
             return rr.Ellipsoids3D(half_sizes=[[a, a, a]], **solid)
         case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
+            # Rerun's capsule starts at its origin; MuJoCo's capsule is centred on it.
             start = [[0.0, 0.0, -b]]
             return rr.Capsules3D(lengths=[2 * b], radii=[a], translations=start, **solid)
         case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
@@ -42,7 +42,7 @@ def _picture(model: mujoco.MjModel, i: int) -> Any:
             return rr.Boxes3D(half_sizes=[[a, b, c]], **solid)
         case mujoco.mjtGeom.mjGEOM_MESH:
             return _mesh(model, int(model.geom_dataid[i]), model.geom_rgba[i])
-    return None  # height fields and signed distance functions
+    return None  # Rerun has no shape for height fields and signed distance functions
 
 
 def _mesh(model: mujoco.MjModel, i: int, rgba: np.ndarray) -> rr.Mesh3D:

@@ -1,7 +1,8 @@
-"""What passes between the nodes, drawn into a Rerun recording: live, or read back from a bag.
+"""Draws the messages that pass between the nodes into a Rerun recording.
 
-Both give the same recording, since this is the only place that knows what a message looks like. The
-topic `robot_description` tells which robot there is; what comes before it waits for it.
+The node `visualizer` does so live and `vgps bag rerun` from a bag; both give the same recording,
+since only this module knows how to draw a message. The topic `robot_description` says which robot
+there is, so the messages before it are kept until it comes.
 """
 
 from collections import deque
@@ -25,7 +26,7 @@ from vgps_ros.views.blueprint import blueprint
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_scene import RobotScene
 
-_PATIENCE = 100_000  # messages that wait for the robot's description at most; the oldest go first
+_PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
 _FIGURES = {  # of learning_progress, by their names in the recording
     "alpha": "alpha",
     "stochastic_cost": "stochastic_cost_mean",
@@ -48,19 +49,20 @@ DRAWN = {  # topics that are drawn, and their types
 
 
 def is_drawn(topic: str, kind: str) -> bool:
-    """Returns whether a topic of a type is one that is drawn, in whatever namespace."""
+    """Returns whether messages of this topic and type are drawn, in any namespace."""
     return DRAWN.get(topic.rpartition("/")[2]) == kind
 
 
 class GraphScene:
-    """Draws messages; one that does not fit is left out and reported.
+    """Draws messages. A message that does not fit the robot is left out and reported.
 
     Args:
-        path: file of the recording; it must not exist.
-        report: takes a topic and a sentence on why its message was left out, or None once one fits.
+        path: file for the recording, which must not exist yet.
+        report: called for each message with the topic, and with a sentence on why the message was
+            left out, or None if it was drawn.
 
     Attributes:
-        recording: the file.
+        recording: the recording that is written.
 
     Raises:
         InvalidInputError: the file exists, or cannot be written.
@@ -74,7 +76,7 @@ class GraphScene:
         self._last_stamp = -1
 
     def show(self, topic: str, message: Any) -> None:
-        """Draws a message, of rclpy or read from a bag, of a topic that is drawn."""
+        """Draws a message of rclpy or of a bag, whose topic is one of `DRAWN`."""
         name = topic.rpartition("/")[2]
         if self._robot is None and name != "robot_description":
             self._waiting.append((topic, message))
@@ -90,13 +92,13 @@ class GraphScene:
             self._report(name, None)
 
     def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
-        """Completes the file; only now are the last solutions' tubes known.
+        """Draws the tubes of the last DDP solutions and completes the file.
 
         Args:
-            hurried: whether not to wait for more than a moment, even if the disk is but slow.
+            hurried: returns True once the caller cannot wait any longer for a slow disk.
 
         Raises:
-            UnfinishedRecordingError: the disk is full, or hangs.
+            UnfinishedRecordingError: the disk is full or does not respond.
         """
         if self._robot:
             self._robot.log_tubes()
@@ -110,7 +112,7 @@ class GraphScene:
 
     def _show_robot_description(self, message: Any) -> None:
         if self._robot is not None:
-            return  # each node that knows the robot says the same
+            return  # several nodes publish the same description
         self._robot = RobotScene(self.recording, message.data)
         self.recording.lay_out(blueprint(self._robot.hinge_names))
         while self._waiting:
@@ -122,7 +124,7 @@ class GraphScene:
         known = len(message.effort) > 0
         efforts = command_from_msg(message, self.robot.joint_names) if known else None
         if stamp == self._last_stamp:
-            return  # the simulation repeats a state that waits for its command
+            return  # the simulation repeats a state until its command comes
         if stamp < self._last_stamp:
             self.robot.restart_path()
         self._last_stamp = stamp

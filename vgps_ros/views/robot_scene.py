@@ -1,6 +1,6 @@
-"""The robot in a Rerun recording: its geometry in motion, its joints, contacts and trajectories.
+"""Draws a robot into a Rerun recording: its shape in motion, joints, contacts and trajectories.
 
-Joint states stand where Rerun's own MCAP reader puts them, on the same timeline, so that a live
+Joint states get the same entities and timeline as from Rerun's own MCAP reader, so that a live
 recording and one made from a bag look alike.
 """
 
@@ -12,6 +12,7 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.simulation.model import actuated_joint_names, compile_model, hinge_names, joint_names
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import Recording
+from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
@@ -21,13 +22,13 @@ class RobotScene:
     """Draws one robot.
 
     Attributes:
-        joint_names: all joints, in the order of positions and velocities in the state.
-        actuated_joint_names: joints that the controls drive, in the order of the controls.
-        hinge_names: joints that turn.
-        has_contacts: whether the model can touch anything.
+        joint_names: names of all joints, in the order of the positions in the state.
+        actuated_joint_names: names of the joints with a motor, in the order of the controls.
+        hinge_names: names of the joints that turn.
+        has_contacts: whether parts of the model can touch something.
 
     Args:
-        recording: where it is drawn.
+        recording: the recording to draw into.
         mjcf: the robot's MJCF.
 
     Raises:
@@ -38,7 +39,7 @@ class RobotScene:
         self._recording = recording
         model = compile_model(mjcf)
         self._model = model
-        self._data = mujoco.MjData(model)
+        self._shape = RobotShape(model)
         self._geometries = geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
@@ -50,7 +51,13 @@ class RobotScene:
         self._log_static()
 
     def log_state(self, stamp: int, state: Array, efforts: Array | None = None) -> None:
-        """Shows the robot in a state x at a time [ns], and its joints' efforts where known."""
+        """Draws the robot in a state at a time [ns].
+
+        Args:
+            stamp: time [ns].
+            state: x, shape (n_x,).
+            efforts: torques at the joints, shape (n_q,) [N·m], if they are known.
+        """
         self._recording.set_time(stamp)
         half = len(state) // 2
         self._recording.log("joint_states/position", rr.Scalars(state[:half]))
@@ -60,36 +67,35 @@ class RobotScene:
         for name in self.hinge_names:
             angle = state[self.joint_names.index(name)]
             self._recording.log(f"trajectory_distribution/{name}/executed", rr.Scalars(angle))
-        centre = self._place(state)
+        centre, data = self._shape.centre_of_mass(state), self._shape.data
         for name, (i, _) in self._geometries.items():
-            rotation = self._data.geom_xmat[i].reshape(3, 3)
-            pose = rr.Transform3D(translation=self._data.geom_xpos[i], mat3x3=rotation)
+            rotation = data.geom_xmat[i].reshape(3, 3)
+            pose = rr.Transform3D(translation=data.geom_xpos[i], mat3x3=rotation)
             self._recording.log(f"world/robot/{name}", pose)
         self._log_centre(centre)
         if self.has_contacts:
             self._log_contacts(state, efforts)
 
     def restart_path(self) -> None:
-        """Begins a new path of the centre of mass, after a reset."""
+        """Starts a new path of the centre of mass, as after a reset."""
         self._centre = None
 
     def log_command(self, stamp: int, torques: Array) -> None:
-        """Shows torques [N·m] at a time [ns]."""
+        """Plots torques, shape (n_u,) [N·m], at a time [ns]."""
         self._recording.set_time(stamp)
         self._recording.log("joint_command/effort", rr.Scalars(torques))
 
     def keep_solution(self, index: int, q: TrajectoryDistribution, time_step: float) -> None:
-        """Keeps q(ζ) of a trajectory: the tubes of the last one are drawn when the file ends."""
+        """Keeps the newest q(ζ) of a trajectory index, for `log_tubes`."""
         self._solutions[index] = q, time_step
 
     def log_initial_solution(self, index: int, states: Array) -> None:
-        """Shows the path of the centre of mass of an initial DDP solution, at all times."""
-        path = [self._place(state) for state in states]
-        line = rr.LineStrips3D([path], colors=_DDP, radii=0.008)
+        """Draws the path of the centre of mass in an initial DDP solution."""
+        line = rr.LineStrips3D([self._shape.path(states)], colors=_DDP, radii=0.008)
         self._recording.log_static(f"world/initial_ddp/{index}", line)
 
     def log_tubes(self) -> None:
-        """Shows two standard deviations around the mean of each angle, from time 0."""
+        """Plots two standard deviations around the mean of each angle, for each q(ζ) kept."""
         for index, (q, time_step) in self._solutions.items():
             stamps = np.arange(len(q.mean.states)) * round(time_step * 1e9)
             deviations = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2).clip(0.0))
@@ -107,8 +113,8 @@ class RobotScene:
         self._centre = centre
 
     def _log_contacts(self, state: Array, efforts: Array | None) -> None:
-        """Shows what the floor and the robot press on each other in this state [N]."""
-        data, model = self._data, self._model
+        """Draws the contact forces in this state as arrows."""
+        data, model = self._shape.data, self._model
         data.qvel[:] = state[model.nq :]
         data.ctrl[:] = 0.0
         data.qfrc_applied[:] = 0.0 if efforts is None else efforts
@@ -118,18 +124,10 @@ class RobotScene:
         for i in range(data.ncon):
             mujoco.mj_contactForce(model, data, i, wrench)
             origins[i] = data.contact.pos[i]
-            # The frame's rows are the contact's axes; the force acts on the second geometry.
+            # The rows of the frame are the contact's axes. The force acts on the second geometry.
             vectors[i] = data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
         arrows = rr.Arrows3D(origins=origins, vectors=_FORCE_SCALE * vectors, colors=_FORCE)
         self._recording.log("world/contact_forces", arrows)
-
-    def _place(self, state: Array) -> Array:
-        """Puts the model into a state and returns its centre of mass [m]."""
-        self._data.qpos[:] = state[: self._model.nq]
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        centre: Array = self._data.subtree_com[0].copy()
-        return centre
 
     def _log_static(self) -> None:
         self._recording.log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)

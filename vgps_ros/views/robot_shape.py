@@ -1,4 +1,4 @@
-"""Where a robot's limbs are, for whoever draws it in a plane."""
+"""Positions of a robot's limbs and of its centre of mass, for drawings."""
 
 import mujoco
 import numpy as np
@@ -7,38 +7,39 @@ from vgps_ros.core.records import Array
 
 
 class RobotShape:
-    """The capsules of a model, and its centre of mass, in a state.
+    """Computes where the capsules of a model and its centre of mass are in a state.
 
     Attributes:
-        names: of the capsules in the MJCF.
-        plane: the two coordinates in which the robot moves: the axes of its first two slides, or
-            those across its first hinge where it has none.
+        data: MuJoCo's data for the state that was asked for last.
+        names: names of the capsules in the MJCF.
+        plane: the two coordinates in which the robot moves. They are the axes of its first two
+            slides, or the two that are perpendicular to its first hinge if it has no slides.
     """
 
     def __init__(self, model: mujoco.MjModel):
         self._model = model
-        self._data = mujoco.MjData(model)
+        self.data = mujoco.MjData(model)
         self._ids = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
         self.names = [model.geom(i).name for i in self._ids]
         slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
         axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
         if len(set(axes)) < 2:
-            axes = np.delete([0, 1, 2], np.abs(model.jnt_axis[0]).argmax()).tolist()
+            axes = np.delete([0, 1, 2], np.abs(model.jnt_axis[:1]).sum(axis=0).argmax()).tolist()
         self.plane: tuple[int, int] = (axes[0], axes[1])
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each capsule's axis, shape (G, 2, 3) [m]."""
         self._place(state)
-        centres = self._data.geom_xpos[self._ids]
-        directions = self._data.geom_xmat[self._ids].reshape(-1, 3, 3)[:, :, 2]
+        centres = self.data.geom_xpos[self._ids]
+        directions = self.data.geom_xmat[self._ids].reshape(-1, 3, 3)[:, :, 2]
         half = directions * self._model.geom_size[self._ids, 1, None]
         return np.stack([centres - half, centres + half], axis=1)
 
     def centre_of_mass(self, state: Array) -> Array:
         """Returns the whole robot's centre of mass, shape (3,) [m]."""
         self._place(state)
-        mujoco.mj_comPos(self._model, self._data)
-        centre: Array = self._data.subtree_com[0].copy()
+        mujoco.mj_comPos(self._model, self.data)
+        centre: Array = self.data.subtree_com[0].copy()
         return centre
 
     def path(self, states: Array) -> Array:
@@ -46,5 +47,5 @@ class RobotShape:
         return np.array([self.centre_of_mass(state) for state in states])
 
     def _place(self, state: Array) -> None:
-        self._data.qpos[:] = state[: self._model.nq]
-        mujoco.mj_kinematics(self._model, self._data)
+        self.data.qpos[:] = state[: self._model.nq]
+        mujoco.mj_kinematics(self._model, self.data)

@@ -1,4 +1,4 @@
-"""What pictures of a run need, wherever it comes from."""
+"""The data of a run that pictures need, read from a bag or from the files of `train`."""
 
 import json
 from dataclasses import dataclass
@@ -14,21 +14,23 @@ from vgps_ros.core.records import Array
 from vgps_ros.storage.files import replacing
 from vgps_ros.tasks import TASKS, make_task
 
-TRAJECTORIES = "trajectories.npz"  # beside result.json, where a run has no bag
+# Arrays of a run in trajectories.npz, and the number of dimensions of each.
+_MOTIONS = {"initial_states": 2, "mean_states": 2, "state_covariances": 3, "executed_states": 2}
+TRAJECTORIES = "trajectories.npz"  # stands beside result.json in a run without a bag
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run, or as much of it as is known; what is not known is None.
+    """Holds a run; parts that are not known are None.
 
     Attributes:
-        mjcf: the robot.
+        mjcf: the robot's MJCF.
         time_step: duration of one control step [s].
-        result: the content of result.json: the costs of each iteration.
-        initial_states: the initial DDP solution's, shape (T+1, n_x).
-        mean_states: those that the last q(ζ) is centred on, shape (T+1, n_x).
-        state_covariances: of the last q(ζ)'s marginals, shape (T+1, n_x, n_x).
-        executed_states: of the robot under the learned policy, shape (N+1, n_x).
+        result: the content of result.json, which has the costs of each iteration.
+        initial_states: states of the initial DDP solution, shape (T+1, n_x).
+        mean_states: states that the last q(ζ) is centred on, shape (T+1, n_x).
+        state_covariances: covariances of the last q(ζ)'s marginals, shape (T+1, n_x, n_x).
+        executed_states: states of the robot under the learned policy, shape (N+1, n_x).
     """
 
     mjcf: str
@@ -40,37 +42,28 @@ class RunRecord:
     executed_states: Array | None = None
 
     def save_trajectories(self, folder: Path) -> None:
-        """Writes the motions that are known, for a run without a bag."""
-        arrays = {
-            "initial_states": self.initial_states,
-            "mean_states": self.mean_states,
-            "state_covariances": self.state_covariances,
-            "executed_states": self.executed_states,
-        }
+        """Writes the known motions to trajectories.npz, for a run without a bag."""
+        arrays = {name: getattr(self, name) for name in _MOTIONS}
         known = {name: array for name, array in arrays.items() if array is not None}
         with replacing(folder / TRAJECTORIES) as file:
-            np.savez_compressed(file, **known)  # type: ignore[arg-type]
+            np.savez_compressed(file, **known)
 
 
 def read_results(folder: Path) -> RunRecord:
-    """Returns the run whose results `train` left in a folder.
+    """Reads the run that `train` wrote to a folder.
 
     Raises:
-        InvalidInputError: they are not there, or do not fit the task.
+        InvalidInputError: a file is missing or does not fit the task.
     """
     try:
         result = json.loads((folder / "result.json").read_text())
         task = make_task(result["task"])
         n_x = task.dynamics.state_dim
         with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
-            covariances = file["state_covariances"]
             arrays = {
-                "state_covariances": finite_array(
-                    "state_covariances", covariances, (len(covariances), n_x, n_x)
-                )
+                name: finite_array(name, array := file[name], (len(array), *[n_x] * (ndim - 1)))
+                for name, ndim in _MOTIONS.items()
             }
-            for name in ("initial_states", "mean_states", "executed_states"):
-                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
         return RunRecord(
             task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
         )

@@ -1,4 +1,4 @@
-"""Where tables are printed."""
+"""Opens the console on which programs print their tables."""
 
 from rich.console import Console
 
@@ -6,12 +6,13 @@ _WIDE = 140  # characters; more than any table needs
 
 
 def table_console(*, wide: bool = False) -> Console:
-    """Returns the standard output: as wide as its terminal; without one, as wide as tables need.
+    """Returns a console on the standard output that is wide enough for tables.
 
-    rich cuts what does not fit, and takes 80 characters where it knows no width.
+    It is as wide as the terminal. Without a terminal, rich would assume 80 characters and cut the
+    tables, so the console is then as wide as any table needs.
 
     Args:
-        wide: for tables that fit into no narrow terminal, which breaks their lines.
+        wide: whether to take the full width on a narrow terminal too, which then breaks the lines.
     """
     console = Console()
     if wide or not console.is_terminal:
