@@ -1,0 +1,87 @@
+"""README, CONTRIBUTING and docs: what they name exists, their code runs, their figures hold."""
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/"}
+# In backticks, with a slash: no option, no topic, no service of a node, no environment's name.
+PATH = re.compile(r"`((?![/~-])[\w.-]+/(?:[\w.-]+/)*[\w.-]*)`")
+COMMAND = re.compile(r"\bvgps ((?:node )?[a-z][\w-]*)")
+
+
+def fenced(text: str) -> str:
+    return "\n".join(re.findall(r"^```\w*\n(.*?)^```", text, re.M | re.S))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_path_link_and_command_of_a_page_exists(page):
+    text = page.read_text()
+    for link in re.findall(r"\]\(([^)#]+)", text):
+        assert "://" in link or (page.parent / link).exists(), link
+    folders = [ROOT, page.parent, ROOT / "tests", ROOT / "vgps_ros", ROOT / "vgps_ros" / "nodes"]
+    named = set(PATH.findall(text)) - WRITTEN_BY_RUNS
+    for path in named:
+        assert any((folder / path).exists() for folder in folders), path
+    for command in COMMAND.findall(fenced(text)):
+        name = command.replace("-", "_").removeprefix("node ")
+        folder = "nodes" if command.startswith("node ") else "programs"
+        assert (ROOT / "vgps_ros" / folder / f"{name}.py").is_file(), command
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
+    assert set(re.findall(r"^make ([\w-]+)", fenced(text), re.M)) <= set(targets)
+
+
+def test_the_readme_is_short_and_its_picture_is_small():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 130
+    assert (ROOT / "docs" / "swimmer.gif").stat().st_size < 2**20
+
+
+def test_the_readmes_lines_of_python_train_a_swimmer(tmp_path):
+    (code,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    assert code.count("iterations=50") == 1
+    run = subprocess.run(
+        [sys.executable, "-c", code.replace("iterations=50", "iterations=2")],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    (path,) = tmp_path.rglob("result.json")
+    result = json.loads(path.read_text())
+    assert len(result["iterations"]) == 2
+    cost, initial = result["iterations"][-1]["deterministic_cost"], result["initial_ddp_cost"]
+    assert run.stdout.split() == (
+        f"The policy costs {cost:.1f}, the initial DDP solution costs {initial:.1f}.".split()
+    )
+
+
+def test_the_pages_quote_the_figures_of_the_committed_runs():
+    spec = importlib.util.spec_from_file_location("page_blocks", ROOT / "scripts/page_blocks.py")
+    blocks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(blocks)
+    figures = json.loads((ROOT / "docs" / "figures.json").read_text())
+    quoted = set()
+    for page in blocks.pages():
+        text = page.read_text()
+        assert blocks.with_figures(text, figures) == text, page
+        quoted |= {name for _, name, _ in blocks.BLOCK.findall(text)}
+    assert quoted == set(blocks.BLOCKS)
+    figures["swimmer"]["four_initial_states"]["deterministic"] = 0.123
+    readme = (ROOT / "README.md").read_text()
+    assert "0.123" in blocks.with_figures(readme, figures)
+
+
+def test_the_script_that_writes_the_figures_checks_them():
+    command = [sys.executable, "scripts/write_figures.py", "--check"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
