@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/"}
 # In backticks, with a slash: no option, no topic, no service of a node, no environment's name.
-PATH = re.compile(r"`((?![/~-])[\w.-]+/(?:[\w.-]+/)*[\w.-]*)`")
+PATH = re.compile(r"`((?![/~-])(?:[\w.-]+/(?:[\w.-]+/)*[\w.-]*|test_\w+\.py))`")
 COMMAND = re.compile(r"\bvgps ((?:node )?[a-z][\w-]*)")
 
 
@@ -27,10 +27,8 @@ def test_every_path_link_and_command_of_a_page_exists(page):
     text = page.read_text()
     for link in re.findall(r"\]\(([^)#]+)", text):
         assert "://" in link or (page.parent / link).exists(), link
-    folders = [ROOT, page.parent, ROOT / "tests", ROOT / "vgps_ros", ROOT / "vgps_ros" / "nodes"]
-    named = set(PATH.findall(text)) - WRITTEN_BY_RUNS
-    for path in named:
-        assert any((folder / path).exists() for folder in folders), path
+    for path in set(PATH.findall(text)) - WRITTEN_BY_RUNS:
+        assert (ROOT / path).exists() or (ROOT / "tests" / path).exists(), path
     for command in COMMAND.findall(fenced(text)):
         name = command.replace("-", "_").removeprefix("node ")
         folder = "nodes" if command.startswith("node ") else "programs"
