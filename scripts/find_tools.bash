@@ -1,6 +1,6 @@
 # shellcheck shell=bash
-# What set-up needs from the machine: found by running it, because a name on the path may be
-# a shim that starts nothing. Sourced by setup.bash, whose fail() it uses.
+# Finds the tools that the set-up needs on this machine. It runs each one, because a name on the path
+# may belong to a shim that starts nothing. setup.bash sources this file, which uses its fail().
 
 check_compilers() {
   cmake --version >/dev/null 2>&1 ||
@@ -12,7 +12,7 @@ check_compilers() {
   fail "a C++ compiler is missing: install one, on Debian or Ubuntu with 'sudo apt-get install g++'."
 }
 
-# Prints "ok" or the first thing that the Python which runs it lacks.
+# A program that prints "ok", or the first thing that is missing from the Python that runs it.
 python_probe='
 import os, sys, sysconfig
 
@@ -35,13 +35,13 @@ def finding(ros):
 print(finding(sys.argv[1]))
 '
 
-# find_python ROS VENV: sets $python to a Python 3.10 to 3.12 that has all that is needed, with
-# rclpy if ROS is "system", and lies outside VENV. $PYTHON names the one to use.
+# find_python ROS VENV: sets $python to a Python 3.10 to 3.12 outside VENV that has everything, which
+# includes rclpy if ROS is "system". $PYTHON may name the Python to use.
 find_python() {
   local name candidate finding lack='' lacking=''
   for name in ${PYTHON:-python3 python3.12 python3.11 python3.10}; do
     while read -r candidate; do
-      # The environment that is about to be made anew cannot make itself.
+      # The environment is about to be replaced, so its own Python cannot make it.
       if [[ $candidate == "$2"/* ]]; then continue; fi
       finding=$("$candidate" -c "$python_probe" "$1" 2>/dev/null) || continue
       case $finding in
@@ -71,8 +71,8 @@ from pathlib import Path
 
 import rclpy
 
-# <prefix>/lib/python3.12/site-packages/rclpy/__init__.py; an installation built from source
-# may have one prefix a package, and its setup.bash is then one folder up.
+# rclpy is in <prefix>/lib/python3.12/site-packages. An installation that was built from source may
+# have a prefix for each package; its setup.bash is then one folder up.
 prefix = Path(rclpy.__file__).parents[4]
 print(next((p for p in (prefix / "setup.bash", prefix.parent / "setup.bash") if p.exists()), ""))
 PY

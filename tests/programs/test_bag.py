@@ -247,7 +247,7 @@ def test_a_motion_without_torques_is_no_demonstration(tmp_path):
         return message.data[: -5 * 8 - 8] + bytes(4)
 
     bag = copy(tmp_path / "bag", change)
-    fails(["table", str(bag)], "The joint_states have no effort")
+    fails(["table", str(bag)], "The recorded joint_states have no efforts")
 
 
 def test_an_unfinished_bag_is_explained_and_made_whole(tmp_path, capsys):

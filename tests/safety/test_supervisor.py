@@ -56,7 +56,7 @@ def test_a_state_out_of_order_is_refused_and_the_next_one_drives():
     robot = Robot()
     robot.send(5)
     assert robot.send(4) == (ZERO, 5)
-    assert "0.02 s older than that of the newest one" in robot.fault
+    assert "0.02 s older than that of the newest state" in robot.fault
     assert robot.wait(0.02) == (ZERO, 5)
     assert robot.send(6) == (DRIVES, 6)
     assert not robot.fault

@@ -1,4 +1,4 @@
-"""The tidy table of an experiment: one row for each iteration of each cell."""
+"""Writes and reads the table of an experiment, with a row for each iteration of each cell."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from vgps_ros.experiments.cells import Cell, Panel, finished_cells
 from vgps_ros.search.methods import METHODS
 from vgps_ros.storage.files import replacing
 
-TABLE = "results"  # .parquet and .csv
+TABLE = "results"  # name of the table's files, with the endings .parquet and .csv
 
 SCHEMA = pa.schema(
     [
@@ -55,13 +55,12 @@ def read_table(root: Path) -> pa.Table:
     """Reads the table of an experiment.
 
     Raises:
-        InvalidInputError: there is none, or it is something else.
+        InvalidInputError: the table is missing, or the file is not such a table.
     """
     path = root / f"{TABLE}.parquet"
     if not path.is_file():
         raise InvalidInputError(
-            f"'{root}' has no {path.name}; name the output folder of "
-            "`ros2 run vgps_ros experiment`."
+            f"'{root}' has no {path.name}; name the output folder of `vgps experiment`."
         )
     try:
         table = pa.parquet.read_table(path)
@@ -77,11 +76,11 @@ def read_table(root: Path) -> pa.Table:
 
 @dataclass(frozen=True)
 class MethodResults:
-    """What one method did in one panel.
+    """The results of one method in one panel.
 
     Attributes:
-        seeds: in ascending order.
-        columns: of the table, by name, each of shape (S, K): seeds, iterations.
+        seeds: the S seeds in ascending order.
+        columns: columns of the table by name, each of shape (S, K) for K iterations.
     """
 
     seeds: tuple[int, ...]
@@ -120,7 +119,7 @@ def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:
     rows, seconds = [], 0.0
     for entry in result["iterations"]:
         seconds += entry["q_step_seconds"] + entry["m_step_seconds"]
-        # A cost that diverged is null in JSON and infinite here.
+        # A cost that diverged is null in JSON and infinite in the table.
         values = {name: math.inf if value is None else value for name, value in entry.items()}
         rows.append(
             {

@@ -1,4 +1,4 @@
-"""The cells of a comparison: one training each, in a folder of its own."""
+"""Runs the cells of a comparison. Each cell is one training in a folder of its own."""
 
 import hashlib
 import itertools
@@ -19,24 +19,24 @@ from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import TASKS, make_task
 
-PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # of Figure 1
+PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # the panels of Figure 1
 _RUNS = "runs"
 _UNFINISHED = ".unfinished-"
 
 
 @dataclass(frozen=True, order=True)
 class Panel:
-    """A task and a size of policy."""
+    """A panel of the comparison: a task, and the number of the policy's hidden units."""
 
     task: str
     hidden_units: int
 
     @classmethod
     def named(cls, name: str) -> "Panel":
-        """Returns the panel of a name such as `walker-10`.
+        """Returns the panel with a name such as `walker-10`.
 
         Raises:
-            InvalidInputError: there is none.
+            InvalidInputError: the name is not of the form TASK-UNITS, or the task is unknown.
         """
         match = re.fullmatch(r"(\w+)-([1-9]\d{0,3})", name)
         if match is None or match[1] not in TASKS:
@@ -47,18 +47,18 @@ class Panel:
         return cls(match[1], int(match[2]))
 
     def __str__(self) -> str:
-        """Returns its name."""
+        """Returns the panel's name."""
         return f"{self.task}-{self.hidden_units}"
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """What all cells of one experiment have in common.
+    """The settings that all cells of one experiment share.
 
     Attributes:
-        iterations: policy updates.
-        evaluation_rollouts: stochastic rollouts an iteration.
-        settings: a digest of all other settings that the tasks come with.
+        iterations: number of policy updates.
+        evaluation_rollouts: number of stochastic rollouts in each iteration.
+        settings: a digest of all other settings of the tasks.
     """
 
     iterations: int
@@ -67,7 +67,7 @@ class Protocol:
 
     @classmethod
     def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
-        """Returns the protocol with the settings as they are in this software."""
+        """Returns the protocol with the settings of this version of the software."""
         tasks = [make_task(name) for name in sorted(TASKS)]
         limits = [(t.initial_std.tolist(), t.std_limit.tolist()) for t in tasks]
         settings = [(asdict(search_settings(t)), asdict(t.optimizer)) for t in tasks]
@@ -77,27 +77,27 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Cell:
-    """One training."""
+    """One training of an experiment."""
 
     panel: Panel
     method: str
     seed: int
 
     def __str__(self) -> str:
-        """Returns what to call it in a message."""
+        """Returns the cell's name in messages."""
         return f"{self.panel} {self.method} seed {self.seed}"
 
     def folder(self, root: Path) -> Path:
-        """Returns where its results lie once it has finished."""
+        """Returns the folder of the cell's results, which exists once the cell has finished."""
         return root / _RUNS / str(self.panel) / self.method / f"seed-{self.seed}"
 
     def is_finished(self, root: Path) -> bool:
-        """Returns whether its results are there."""
+        """Returns True if the folder of the cell's results exists."""
         return self.folder(root).is_dir()
 
 
 def all_cells(panels: Sequence[Panel], methods: Sequence[str], seeds: int) -> list[Cell]:
-    """Returns all combinations; a seed of every one before the next seed of any.
+    """Returns all combinations of panel, method and seed, ordered by their seeds.
 
     Raises:
         InvalidInputError: a method is unknown.
@@ -109,7 +109,7 @@ def all_cells(panels: Sequence[Panel], methods: Sequence[str], seeds: int) -> li
 
 
 def finished_cells(root: Path) -> list[Cell]:
-    """Returns all cells whose results lie in an experiment's folder, without what is no cell."""
+    """Returns all cells whose results are in an experiment's folder."""
     cells = []
     for folder in sorted((root / _RUNS).glob("*/*/seed-*")):
         panel, method, seed = folder.parts[-3], folder.parts[-2], folder.name.removeprefix("seed-")
@@ -119,23 +119,23 @@ def finished_cells(root: Path) -> list[Cell]:
 
 
 def remove_unfinished(root: Path) -> None:
-    """Removes what cells left that were stopped; none may be running."""
+    """Removes the files of cells that were stopped. No cell may be running."""
     for folder in (root / _RUNS).glob(f"*/*/*{_UNFINISHED}*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
-    """Trains a cell; its folder appears when all of it is there.
+    """Trains a cell. The folder of its results appears once all files are complete.
 
     Returns:
-        Why it failed, or nothing.
+        The reason why the training failed, or "" if it succeeded.
     """
-    # One cell, one thread: cells share the processors, and no number depends on how many they are.
+    # Each cell uses one thread, since cells run in parallel. The results do not depend on it.
     torch.set_num_threads(1)
     folder = cell.folder(root)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # A name of its own: a worker whose experiment was killed may still be at the same cell.
+        # The name is unique: a worker of an experiment that was killed may still train this cell.
         unfinished = Path(tempfile.mkdtemp(prefix=folder.name + _UNFINISHED, dir=folder.parent))
         task = make_task(cell.panel.task)
         task.dynamics.threads = 1
@@ -146,10 +146,10 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
             hidden_units=(cell.panel.hidden_units,),
         )
         train(cell.method, task, settings, cell.seed, unfinished)
-        if cell.is_finished(root):  # by such a worker, with the same numbers
+        if cell.is_finished(root):  # such a worker was faster; its numbers are the same
             shutil.rmtree(unfinished)
         else:
             unfinished.rename(folder)
-    except Exception as error:  # whatever it is, the other cells go on
+    except Exception as error:  # no error of one cell may stop the others
         return f"{type(error).__name__}: {error}"
     return ""

@@ -1,4 +1,4 @@
-"""What an experiment shows, in one row for each panel and method."""
+"""Summarises an experiment in one row for each panel and method."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,15 +11,16 @@ from vgps_ros.core.records import Array
 from vgps_ros.experiments.cell_table import MethodResults
 from vgps_ros.experiments.cells import Panel
 
-SUCCESS = 1.5  # a policy succeeds that survives at no more than this multiple of the DDP's cost
+SUCCESS = 1.5  # a policy succeeds if it survives at this multiple of the DDP's cost or less
 
 
 def summary(results: Mapping[Panel, Mapping[str, MethodResults]]) -> list[dict[str, Any]]:
-    """Returns the rows. Costs are multiples of the initial DDP solution's, medians over seeds.
+    """Returns the rows of the summary.
 
-    `succeed` counts seeds whose last deterministic policy succeeds; `success_at` is the first
-    iteration with such a policy, the median over seeds, infinite for one where none does;
-    `survival` is the stochastic policy's.
+    Costs are medians over the seeds, as multiples of the initial DDP solution's cost. `succeed` is
+    the number of seeds whose last deterministic policy succeeds. `success_at` is the median of the
+    first iteration with such a policy, which is infinite for seeds without one. `survival` is the
+    share of stochastic rollouts that survive.
     """
     return [
         {"panel": str(panel), "method": method, **_figures(result.columns)}
@@ -29,13 +30,13 @@ def summary(results: Mapping[Panel, Mapping[str, MethodResults]]) -> list[dict[s
 
 
 def succeeds(columns: Mapping[str, Array]) -> np.ndarray:
-    """Returns which deterministic policies succeed, shape (S, K)."""
+    """Returns True for each deterministic policy that succeeds, shape (S, K)."""
     bounded = columns["deterministic_cost"] <= SUCCESS * columns["initial_ddp_cost"]
     return np.asarray(bounded & (columns["deterministic_survival"] == 1.0))
 
 
 def summary_table(rows: list[dict[str, Any]]) -> Table:
-    """Returns the rows for the terminal."""
+    """Returns the rows as a table for the terminal."""
     title = "last iteration; costs as multiples of the initial DDP solution's"
     table = Table(title=title, box=SIMPLE)
     for name in rows[0] if rows else ():

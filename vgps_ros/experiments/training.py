@@ -1,4 +1,4 @@
-"""A whole training in this process, and the folder that it leaves."""
+"""Runs a whole training in this process and writes the folder of its results."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,26 +35,27 @@ def train(
     on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
 ) -> dict[str, Any]:
-    """Trains a policy; writes result.json and policy.json after each iteration.
+    """Trains a policy.
 
-    At the end trajectories.npz and distribution.npz are written too.
+    It writes result.json and policy.json after each iteration, and trajectories.npz and
+    distribution.npz at the end.
 
     Args:
         method: name of the policy search.
         task: the control problem.
-        settings: of the search.
-        seed: of all random draws.
-        output: folder for the files; made if it is missing.
+        settings: settings of the search.
+        seed: seed of all random draws.
+        output: folder for the files, which is made if it is missing.
         on_iteration: called at the end of each iteration.
-        on_initial_ddp: called at the end of each iteration of the initial solve.
-        checkpoints: what a training that was stopped goes on from, with the same numbers.
+        on_initial_ddp: called at the end of each DDP iteration of the initial solve.
+        checkpoints: checkpoints from which a training that was stopped goes on, if given.
 
     Returns:
         The content of result.json.
 
     Raises:
-        VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints are
-            those of another training.
+        VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints belong
+            to another training.
     """
     output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task)
@@ -86,7 +87,7 @@ def train(
 def _save_motions(
     task: Task, iteration: SearchIteration, content: dict[str, Any], output: Path
 ) -> None:
-    """Writes trajectories.npz, of the first initial state, and distribution.npz, of all."""
+    """Writes trajectories.npz for the first initial state, distribution.npz for all of them."""
     policy = iteration.policy
     initial, last = (
         solutions[0].distribution.first(task.horizon)
@@ -102,7 +103,7 @@ def _save_motions(
         initial.mean.states,
         last.mean.states,
         last.state_covariances,
-        executed.states[np.isfinite(executed.states).all(axis=1)],  # until it diverged
+        executed.states[np.isfinite(executed.states).all(axis=1)],  # the states before it diverged
     ).save_trajectories(output)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
     save_distributions(scored, task.name, output / DISTRIBUTION)

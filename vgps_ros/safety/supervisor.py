@@ -147,7 +147,7 @@ class Supervisor:
     def _distrusted(self, state: Array, torques: Array) -> str | None:
         """Returns the reason why the policy must not drive in a usable state, or None."""
         if not np.isfinite(torques).all():
-            return f"the policy gives the torques {torques} in this state; publish another policy."
+            return f"the policy's output is {torques} in this state; publish another policy."
         self.distance = self.warning = None
         settings = self._settings
         if not (settings.distance_warning or settings.distance_limit):
