@@ -7,10 +7,10 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.episode import last_episode
 from vgps_ros.bags.topics import filled_topics, needed_topic
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import distribution_from_msg
-from vgps_ros.messages.progress import entry_from_msg
-from vgps_ros.search.result_file import result_content
-from vgps_ros.views.run_record import TRAJECTORIES, RunRecord, read_results
+from vgps_ros.messages.conversions import distribution_from_msg, policy_from_msg
+from vgps_ros.messages.progress import result_from_msgs
+from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.views.run_record import RunRecord, read_results
 
 
 def read_run(path: Path) -> RunRecord:
@@ -19,13 +19,15 @@ def read_run(path: Path) -> RunRecord:
     Raises:
         InvalidInputError: it is neither, or cannot be read.
     """
-    if (path / TRAJECTORIES).is_file():
-        return read_results(path)
-    if (path / "bag").is_dir():
-        return _read_bag(path / "bag")
-    if (path / "result.json").is_file():
+    folder = RunFolder(path)
+    if folder.trajectories.is_file():
+        return read_results(folder)
+    if folder.bag.is_dir():
+        return _read_bag(folder.bag)
+    if folder.result.is_file():
         raise InvalidInputError(
-            f"'{path}' has costs but no motion: it needs bag/ or {TRAJECTORIES} beside result.json."
+            f"'{path}' has costs but no motion: it needs {folder.bag.name}/ or "
+            f"{folder.trajectories.name} beside {folder.result.name}."
         )
     return _read_bag(path)
 
@@ -65,19 +67,11 @@ def _read_bag(path: Path) -> RunRecord:
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
-    """The costs of the last training in the bag, as result.json has them."""
+    """Returns the content of result.json for the last training in the bag."""
     if not progress:
         return None
     begin = max(i for i, message in enumerate(progress) if i == 0 or message.iteration == 1)
-    last = progress[-1]
-    sizes = [int(size) for size in policies[-1].layer_sizes] if policies else []
-    return result_content(
-        task=last.task,
-        method=last.method,
-        seed=int(last.seed),
-        hidden_units=sizes[1:-1],
-        num_parameters=len(policies[-1].parameters) if policies else 0,
-        initial_ddp_cost=last.initial_ddp_cost,
-        # A learner that was started again tells once more what it goes on from.
-        iterations=list({m.iteration: entry_from_msg(m) for m in progress[begin:]}.values()),
-    )
+    # A learner that was started again repeats the iteration that it goes on from.
+    history = {message.iteration: message for message in progress[begin:]}
+    policy = policy_from_msg(policies[-1]) if policies else None
+    return result_from_msgs(list(history.values()), policy)

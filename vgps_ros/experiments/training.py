@@ -1,7 +1,6 @@
 """A whole training in this process, and the folder that it leaves."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,15 @@ from vgps_ros.core.ddp import Iteration
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
-from vgps_ros.search.result_file import iteration_entry, result_content
+from vgps_ros.search.metrics import result_content
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
     TrajectoryOptimizer,
 )
-from vgps_ros.storage.distribution_file import DISTRIBUTION, save_distributions
-from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.distribution_file import save_distributions
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task
 from vgps_ros.views.run_record import RunRecord
 
@@ -29,7 +27,7 @@ def train(
     task: Task,
     settings: SearchSettings,
     seed: int,
-    output: Path,
+    output: RunFolder,
     *,
     on_iteration: Callable[[SearchIteration], None] = lambda _: None,
     on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
@@ -44,7 +42,7 @@ def train(
         task: the control problem.
         settings: of the search.
         seed: of all random draws.
-        output: folder for the files; made if it is missing.
+        output: folder for the files.
         on_iteration: called at the end of each iteration.
         on_initial_ddp: called at the end of each iteration of the initial solve.
         checkpoints: what a training that was stopped goes on from, with the same numbers.
@@ -56,7 +54,6 @@ def train(
         VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints are
             those of another training.
     """
-    output.mkdir(parents=True, exist_ok=True)
     optimizer = TrajectoryOptimizer(task)
 
     def optimize(request: OptimizationRequest) -> OptimizationResult:
@@ -67,24 +64,16 @@ def train(
         return [optimize(request) for request in requests]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
-        content = result_content(
-            task=task.name,
-            method=method,
-            seed=seed,
-            hidden_units=settings.hidden_units,
-            num_parameters=iteration.policy.architecture.num_parameters,
-            initial_ddp_cost=iteration.initial_ddp_cost,
-            iterations=[iteration_entry(figures) for figures in iteration.history],
-        )
-        write_json(output / "result.json", content)
-        save_policy(iteration.policy, task.name, output / "policy.json")
+        policy, history = iteration.policy, iteration.history
+        content = result_content(task.name, method, seed, policy, history)
+        output.save(content, policy)
         on_iteration(iteration)
     _save_motions(task, iteration, content, output)
     return content
 
 
 def _save_motions(
-    task: Task, iteration: SearchIteration, content: dict[str, Any], output: Path
+    task: Task, iteration: SearchIteration, content: dict[str, Any], output: RunFolder
 ) -> None:
     """Writes trajectories.npz, of the first initial state, and distribution.npz, of all."""
     policy = iteration.policy
@@ -105,4 +94,4 @@ def _save_motions(
         executed.states[np.isfinite(executed.states).all(axis=1)],  # until it diverged
     ).save_trajectories(output)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
-    save_distributions(scored, task.name, output / DISTRIBUTION)
+    save_distributions(scored, task.name, output.distribution)

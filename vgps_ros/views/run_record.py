@@ -1,20 +1,14 @@
-"""What pictures of a run need, wherever it comes from."""
+"""Records of a run, which pictures are drawn from, whether it left a bag or files."""
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import Annotated, Any
 
-import numpy as np
-
+from vgps_ros.core.arrays import Array, Shape, array_shapes, arrays_of
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array
-from vgps_ros.storage.files import replacing
+from vgps_ros.storage.archive import read_archive, write_archive
+from vgps_ros.storage.run_folder import RunFolder, read_result
 from vgps_ros.tasks import TASKS, make_task
-
-TRAJECTORIES = "trajectories.npz"  # beside result.json, where a run has no bag
 
 
 @dataclass(frozen=True)
@@ -24,58 +18,45 @@ class RunRecord:
     Attributes:
         mjcf: the robot.
         time_step: duration of one control step [s].
-        result: the content of result.json: the costs of each iteration.
-        initial_states: the initial DDP solution's, shape (T+1, n_x).
-        mean_states: those that the last q(ζ) is centred on, shape (T+1, n_x).
-        state_covariances: of the last q(ζ)'s marginals, shape (T+1, n_x, n_x).
-        executed_states: of the robot under the learned policy, shape (N+1, n_x).
+        result: the content of result.json: the metrics of each iteration.
+        initial_states: the initial DDP solution's.
+        mean_states: those that the last q(ζ) is centred on.
+        state_covariances: of the last q(ζ)'s marginals.
+        executed_states: of the robot under the learned policy, over N steps.
     """
 
     mjcf: str
     time_step: float
     result: dict[str, Any] | None = None
-    initial_states: Array | None = None
-    mean_states: Array | None = None
-    state_covariances: Array | None = None
-    executed_states: Array | None = None
+    initial_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
+    mean_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
+    state_covariances: Annotated[Array | None, Shape("T+1", "n_x", "n_x")] = None
+    executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
 
-    def save_trajectories(self, folder: Path) -> None:
+    def save_trajectories(self, folder: RunFolder) -> None:
         """Writes the motions that are known, for a run without a bag."""
-        arrays = {
-            "initial_states": self.initial_states,
-            "mean_states": self.mean_states,
-            "state_covariances": self.state_covariances,
-            "executed_states": self.executed_states,
-        }
-        known = {name: array for name, array in arrays.items() if array is not None}
-        with replacing(folder / TRAJECTORIES) as file:
-            np.savez_compressed(file, **known)  # type: ignore[arg-type]
+        known = {name: values for name, values in arrays_of(self).items() if values is not None}
+        write_archive(folder.trajectories, known)
 
 
-def read_results(folder: Path) -> RunRecord:
+def read_results(folder: RunFolder) -> RunRecord:
     """Returns the run whose results `train` left in a folder.
 
     Raises:
         InvalidInputError: they are not there, or do not fit the task.
     """
     try:
-        result = json.loads((folder / "result.json").read_text())
+        result = read_result(folder.result)
         task = make_task(result["task"])
-        n_x = task.dynamics.state_dim
-        with np.load(folder / TRAJECTORIES, allow_pickle=False) as file:
-            covariances = file["state_covariances"]
-            arrays = {
-                "state_covariances": finite_array(
-                    "state_covariances", covariances, (len(covariances), n_x, n_x)
-                )
-            }
-            for name in ("initial_states", "mean_states", "executed_states"):
-                arrays[name] = finite_array(name, file[name], (len(file[name]), n_x))
+        found = read_archive(folder.trajectories)
+        sizes = {"T": len(found["mean_states"]) - 1, "N": len(found["executed_states"]) - 1}
+        shapes = array_shapes(RunRecord, **sizes, n_x=task.dynamics.state_dim)
+        arrays = {name: finite_array(name, found[name], shape) for name, shape in shapes.items()}
         return RunRecord(
             task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
         )
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(
-            f"'{folder}' does not hold what `train` writes for one of {', '.join(sorted(TASKS))}: "
-            f"{str(error).rstrip('.')}."
+            f"'{folder.path}' does not hold what `train` writes for one of "
+            f"{', '.join(sorted(TASKS))}: {str(error).rstrip('.')}."
         ) from error

@@ -1,0 +1,65 @@
+"""The folder that a training leaves: the names of its files, and how they are written and read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.storage.files import write_json
+from vgps_ros.storage.policy_file import save_policy
+
+
+class RunFolder:
+    """Names the files of a run.
+
+    Attributes:
+        path: the folder.
+        result: costs and other metrics of each iteration (JSON).
+        policy: the policy of the last iteration (JSON).
+        distribution: q(ζ) of each initial state at the end (.npz).
+        trajectories: motions to draw, for a run that has no bag (.npz).
+        learning_curve: a picture of the costs.
+        checkpoints: folder of the checkpoints, as long as the training has not ended.
+        bag: folder of the recording, if the run was recorded.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.result = path / "result.json"
+        self.policy = path / "policy.json"
+        self.distribution = path / "distribution.npz"
+        self.trajectories = path / "trajectories.npz"
+        self.learning_curve = path / "learning_curve.png"
+        self.checkpoints = path / "checkpoints"
+        self.bag = path / "bag"
+
+    def is_finished(self) -> bool:
+        """Returns whether a training has ended here."""
+        return self.result.is_file() and not self.checkpoints.exists()
+
+    def file_names(self) -> str:
+        """Returns the names of the files that are there, for a sentence."""
+        files = (self.result, self.policy, self.distribution, self.trajectories)
+        *names, last = [f.name for f in (*files, self.learning_curve) if f.is_file()]
+        return f"{', '.join(names)} and {last}"
+
+    def save(self, result: dict[str, Any], policy: GaussianPolicy) -> None:
+        """Writes result.json and policy.json, each in one piece; makes the folder if needed."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        write_json(self.result, result)
+        save_policy(policy, result["task"], self.policy)
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """Returns the content of a result.json.
+
+    Raises:
+        InvalidInputError: the file is missing, or is not that of a training.
+    """
+    try:
+        content: dict[str, Any] = json.loads(path.read_text())
+        _ = content["task"], content["initial_ddp_cost"], content["iterations"][-1]["k"]
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise InvalidInputError(f"'{path}' is not a result.json of a training: {error}.") from error
+    return content
