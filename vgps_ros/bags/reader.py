@@ -126,6 +126,11 @@ class BagReader:
         for connection, stamp, data in self._reader.messages(self._connections(topics)):
             yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
 
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yields when each message of a topic was received [ns], and its fields as attributes."""
+        for message in self.messages([topic]):
+            yield message.stamp, self.decode(message)
+
     def decode(self, message: BagMessage) -> Any:
         """Returns the message's fields as attributes, by the definition that the bag holds.
 

@@ -38,16 +38,10 @@ def _read_bag(path: Path) -> RunRecord:
         topics = filled_topics(bag)
 
         def decoded(name: str) -> list[Any]:
-            if name not in topics:
-                return []
-            return [bag.decode(message) for message in bag.messages([topics[name]])]
+            return [message for _, message in bag.decoded(topics[name])] if name in topics else []
 
         mjcf = decoded("robot_description")[0].data
-        distributions = [
-            message
-            for message in decoded("trajectory_distribution")
-            if message.trajectory_index == 0
-        ]
+        distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
         states = topics.get("joint_states")
         episode = last_episode(bag, states, mjcf) if states else None
         time_step = episode.time_step if episode else 0.0

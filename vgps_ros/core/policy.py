@@ -15,10 +15,10 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vgps_ros.core.arrays import Array, Shape, array_shapes
-from vgps_ros.core.checks import check_record, finite_array, one_of, positive, quoted
+from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -129,35 +129,29 @@ class Architecture:
 class GaussianPolicy:
     """π_θ(u|x) = N(μ_θ(x), diag(σ)²).
 
+    The arrays may be given as any sequences of numbers.
+
     Attributes:
         architecture: shape of the network.
         parameters: θ, layer by layer, weights row-major, then biases.
         noise_std: σ, one standard deviation for each control, [N·m].
 
     Raises:
-        InvalidInputError: an array has the wrong shape, is not finite, or σ is not positive.
+        InvalidInputError: an array has the wrong size, is not finite, or σ is not positive.
     """
 
     architecture: Architecture
     parameters: Annotated[Array, Shape("num_parameters")]
-    noise_std: Annotated[Array, Shape("control_dim")]
+    noise_std: Annotated[Array, Shape("n_u")]
 
     def __post_init__(self) -> None:
-        """Checks the arrays."""
-        check_record("policy", self, **_sizes(self.architecture))
+        """Checks the arrays, and keeps copies that nobody else can change."""
+        num_parameters, n_u = self.architecture.num_parameters, self.architecture.control_dim
+        shapes = array_shapes(GaussianPolicy, num_parameters=num_parameters, n_u=n_u)
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
         for std in self.noise_std:
             positive("noise_std", std)
-
-    @classmethod
-    def of(cls, shape: Architecture, numbers: Callable[[str], ArrayLike]) -> "GaussianPolicy":
-        """Returns the policy whose arrays hold the numbers that are given for each name.
-
-        Raises:
-            InvalidInputError: there are too few or too many numbers, or one is not valid.
-        """
-        shapes = array_shapes(cls, **_sizes(shape))
-        arrays = {n: finite_array(f"policy.{n}", numbers(n), s) for n, s in shapes.items()}
-        return cls(shape, **arrays)
 
     def check_fits(self, state_dim: int, control_dim: int) -> None:
         """Checks that the policy can drive a robot of these dimensions.
@@ -214,8 +208,3 @@ class GaussianPolicy:
         z = (controls - self.mean(states)) / self.noise_std
         normaliser = np.sum(np.log(self.noise_std)) + 0.5 * len(self.noise_std) * np.log(2 * np.pi)
         return -0.5 * np.sum(z**2, -1) - normaliser
-
-
-def _sizes(shape: Architecture) -> dict[str, int]:
-    """Returns the sizes that the declarations of a policy's arrays name."""
-    return {"num_parameters": shape.num_parameters, "control_dim": shape.control_dim}

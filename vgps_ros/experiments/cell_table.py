@@ -4,6 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -84,32 +85,26 @@ class MethodResults:
 
 def by_panel(table: pa.Table) -> dict[Panel, dict[str, MethodResults]]:
     """Returns the results of each panel's methods, both in the order of the paper."""
-    rows: dict[Panel, dict[str, dict[int, list[dict[str, Any]]]]] = defaultdict(
-        lambda: defaultdict(lambda: defaultdict(list))
+    order = list(METHODS)
+    rows = sorted(
+        (row for row in table.to_pylist() if row["method"] in METHODS),
+        key=lambda row: (*_place(row)[:2], order.index(row["method"]), *_place(row)[3:]),
     )
-    for row in table.to_pylist():
-        panel = Panel(row["task"], row["hidden_units"])
-        rows[panel][row["method"]][row["seed"]].append(row)
-    return {
-        panel: {
-            method: MethodResults(
-                tuple(sorted(methods[method])),
-                {
-                    name: np.array(
-                        [
-                            [row.get(name) for row in methods[method][s]]
-                            for s in sorted(methods[method])
-                        ],
-                        dtype=float,
-                    )
-                    for name in (*_METRICS, "seconds")
-                },
-            )
-            for method in METHODS
-            if method in methods
+    found: dict[Panel, dict[str, MethodResults]] = defaultdict(dict)
+    for (task, units, method), group in groupby(rows, lambda row: _place(row)[:3]):
+        own = list(group)
+        seeds = tuple(dict.fromkeys(row["seed"] for row in own))
+        columns = {
+            name: np.array([row.get(name) for row in own], float).reshape(len(seeds), -1)
+            for name in (*_METRICS, "seconds")
         }
-        for panel, methods in sorted(rows.items(), key=lambda item: item[0])
-    }
+        found[Panel(task, units)][method] = MethodResults(seeds, columns)
+    return dict(found)
+
+
+def _place(row: Mapping[str, Any]) -> list[Any]:
+    """Returns task, hidden units, method, seed and iteration."""
+    return [row[name] for name in _KEYS]
 
 
 def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:
@@ -118,17 +113,8 @@ def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:
     for entry in result["iterations"]:
         seconds += entry["q_step_seconds"] + entry["m_step_seconds"]
         # A cost that diverged is null in JSON and infinite here.
-        values = {name: math.inf if value is None else value for name, value in entry.items()}
-        rows.append(
-            {
-                **{name: values[name] for name in SCHEMA.names if name in values},
-                "task": cell.panel.task,
-                "hidden_units": cell.panel.hidden_units,
-                "method": cell.method,
-                "seed": cell.seed,
-                "iteration": entry["k"],
-                "initial_ddp_cost": result["initial_ddp_cost"],
-                "seconds": seconds,
-            }
-        )
+        own = {n: math.inf if entry[n] is None else entry[n] for n in _METRICS if n in entry}
+        place = (cell.panel.task, cell.panel.hidden_units, cell.method, cell.seed, entry["k"])
+        own |= dict(zip(_KEYS, place, strict=True))
+        rows.append({**own, "initial_ddp_cost": result["initial_ddp_cost"], "seconds": seconds})
     return rows

@@ -42,7 +42,7 @@ def train(
         task: the control problem.
         settings: of the search.
         seed: of all random draws.
-        output: folder for the files.
+        output: folder for the files; made if it is missing.
         on_iteration: called at the end of each iteration.
         on_initial_ddp: called at the end of each iteration of the initial solve.
         checkpoints: what a training that was stopped goes on from, with the same numbers.
@@ -54,14 +54,14 @@ def train(
         VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints are
             those of another training.
     """
+    output.path.mkdir(parents=True, exist_ok=True)  # an error here comes before hours of learning
     optimizer = TrajectoryOptimizer(task)
 
-    def optimize(request: OptimizationRequest) -> OptimizationResult:
-        report = on_initial_ddp if request.iteration == 0 else lambda _: None
-        return optimizer.optimize(request, on_iteration=report)
-
     def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
-        return [optimize(request) for request in requests]
+        return [
+            optimizer.optimize(r, on_initial_ddp) if r.iteration == 0 else optimizer.optimize(r)
+            for r in requests
+        ]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         policy, history = iteration.policy, iteration.history

@@ -19,7 +19,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
-from vgps_ros.core.arrays import array_shapes, arrays_of, from_arrays
+from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_arrays
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -46,12 +46,9 @@ def plain(value: Any) -> Any:
 
 
 def to_message(kind: type[Kind], *sources: Any, **given: Any) -> Kind:
-    """Returns a message whose fields take the values of records' attributes of the same names.
+    """Returns a message whose fields are given, or are the sources' attributes of the same names.
 
-    Args:
-        kind: type of the message.
-        sources: records; a field that none of them has keeps its default.
-        given: fields by name that the records lack, or have in another form.
+    A field that is not given and that no source has keeps its default.
     """
     for name in kind.get_fields_and_field_types():  # type: ignore[attr-defined]
         for source in sources:
@@ -62,13 +59,7 @@ def to_message(kind: type[Kind], *sources: Any, **given: Any) -> Kind:
 
 
 def from_message(kind: type[Kind], message: Any, **given: Any) -> Kind:
-    """Returns a record whose fields take the values of the message's fields of the same names.
-
-    Args:
-        kind: type of the record.
-        message: it must have all fields of the record that are not given.
-        given: fields by name that the message lacks, or has in another form.
-    """
+    """Returns a record whose fields are given, or are the message's fields of the same names."""
     names = [f.name for f in fields(kind) if f.name not in given]  # type: ignore[arg-type]
     return kind(**{name: plain(getattr(message, name)) for name in names}, **given)
 
@@ -88,13 +79,8 @@ def policy_to_msg(
     policy: GaussianPolicy, task: str, iteration: int, stamp: Time
 ) -> GaussianPolicyMsg:
     """Returns the policy as a message."""
-    return to_message(
-        GaussianPolicyMsg,
-        *(policy.architecture, policy),
-        header=Header(stamp=stamp),
-        task=task,
-        iteration=iteration,
-    )
+    given = {"header": Header(stamp=stamp), "task": task, "iteration": iteration}
+    return to_message(GaussianPolicyMsg, policy.architecture, policy, **given)
 
 
 def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
@@ -109,10 +95,9 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
             f"The policy's layer_sizes are {quoted(sizes)}, but they must start with the number of "
             f"observed coordinates, {len(message.observed)}, and end with the number of controls."
         )
-    shape = from_message(
-        Architecture, message, hidden_units=tuple(sizes[1:-1]), control_dim=sizes[-1]
-    )
-    return GaussianPolicy.of(shape, lambda name: getattr(message, name))
+    units = {"hidden_units": tuple(sizes[1:-1]), "control_dim": sizes[-1]}
+    arrays = {name: getattr(message, name) for name in declared_shapes(GaussianPolicy)}
+    return GaussianPolicy(from_message(Architecture, message, **units), **arrays)
 
 
 def distribution_to_msg(
@@ -175,7 +160,7 @@ def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     Raises:
         InvalidInputError: a joint is missing, or a value is missing or not finite.
     """
-    order = _order(message, joint_names)
+    order = _order(tuple(message.name), tuple(joint_names))
     n = len(message.name)
     positions = finite_array("joint_states.position", message.position, (n,))
     velocities = finite_array("joint_states.velocity", message.velocity, (n,))
@@ -195,16 +180,12 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     Raises:
         InvalidInputError: a joint is missing, or a torque is missing or not finite.
     """
-    order = _order(message, joint_names)
+    order = _order(tuple(message.name), tuple(joint_names))
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
 
 
-def _order(message: JointState, joint_names: Sequence[str]) -> NDArray[np.intp]:
-    return _order_of(tuple(message.name), tuple(joint_names))
-
-
 @lru_cache(maxsize=16)  # the joints of a sender always come in the same order
-def _order_of(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+def _order(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
     index = {name: i for i, name in enumerate(names)}
     missing = [name for name in joint_names if name not in index]
     if missing or len(index) != len(names):

@@ -9,31 +9,20 @@ from std_msgs.msg import Header
 from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.messages.conversions import plain
+from vgps_ros.messages.conversions import plain, to_message
 from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
 
 
-def progress_to_msg(
-    metrics: IterationMetrics,
-    *,
-    task: str,
-    method: str,
-    seed: int,
-    iterations: int,
-    remaining_seconds: float,
-    stamp: Time,
-) -> LearningProgress:
-    """Returns one iteration's metrics as a message."""
-    return LearningProgress(
-        header=Header(stamp=stamp),
-        task=task,
-        method=method,
-        seed=seed,
-        iteration=metrics.k,
-        iterations=iterations,
-        remaining_seconds=remaining_seconds,
-        **{name: getattr(metrics, name) for name in METRICS},
-    )
+def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> LearningProgress:
+    """Returns one iteration's metrics as a message.
+
+    Args:
+        metrics: the iteration.
+        stamp: when it ended.
+        run: task, method, seed, iterations and remaining_seconds of the run.
+    """
+    header = Header(stamp=stamp)
+    return to_message(LearningProgress, metrics, header=header, iteration=metrics.k, **run)
 
 
 def progress_from_msg(message: LearningProgress) -> IterationMetrics:

@@ -24,8 +24,7 @@ from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimization import check_distribution
 from vgps_ros.search.workspace import Update, initial_states
-from vgps_ros.storage.archive import read_archive, write_archive
-from vgps_ros.storage.files import part_of
+from vgps_ros.storage.files import part_of, read_archive, write_archive
 from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
 
@@ -95,31 +94,28 @@ class Checkpoints:
         Raises:
             InvalidInputError: there are only checkpoints of another run.
         """
-        loaded = [self._load(path, run, kind) for path in (self._path(0), self._path(1))]
-        found = [one for one in loaded if isinstance(one, SearchState)]
+        found: list[SearchState] = []
+        refused: list[Exception] = []
+        for path in (self._path(0), self._path(1)):
+            try:
+                found.append(_load(path, run, kind))
+            except FileNotFoundError:  # noqa: PERF203
+                continue
+            except ForeignCheckpointError as error:
+                self.tell(str(error))
+                refused.insert(0, error)
+            except Exception as error:  # whatever the bytes are, they are no checkpoint
+                self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
+                refused.append(error)
         if found:
             state = max(found, key=lambda one: one.k)
             self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
             return state
-        for error in loaded:
-            if isinstance(error, ForeignCheckpointError):
-                raise error
-        if any(loaded):
+        if refused and isinstance(refused[0], ForeignCheckpointError):
+            raise refused[0]
+        if refused:
             self.tell("There is no whole checkpoint: the training begins anew.")
         return None
-
-    def _load(self, path: Path, run: Run, kind: type[Update]) -> SearchState | Exception | None:
-        """The state in a file, or why it is refused."""
-        try:
-            return _load(path, run, kind)
-        except FileNotFoundError:
-            return None
-        except ForeignCheckpointError as error:
-            self.tell(str(error))
-            return error
-        except Exception as error:  # whatever the bytes are, they are no checkpoint
-            self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
-            return error
 
     def remove(self) -> None:
         """Removes the files, and the folder if there is nothing else in it."""

@@ -54,19 +54,16 @@ class SearchIteration(IterationMetrics):
 
     @classmethod
     def of(
-        cls,
-        state: SearchState,
-        update: Update,
-        evaluation: Evaluation,
-        warnings: tuple[str, ...] = (),
+        cls, state: SearchState, evaluation: Evaluation, warnings: tuple[str, ...] = ()
     ) -> "SearchIteration":
-        """Returns the outcome of the iteration that has led to a state by an update."""
+        """Returns the outcome of the iteration that has led to a state."""
+        assert state.last
         return cls(
             **vars(state.history[-1]),
-            policy=update.policy,
+            policy=state.last.policy,
             evaluation=evaluation,
             initial_solutions=state.initial_solutions,
-            solutions=update.solutions,
+            solutions=state.last.solutions,
             history=state.history,
             warnings=warnings,
         )

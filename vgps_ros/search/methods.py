@@ -94,7 +94,7 @@ def search(
     if found:
         state, work.simulator_steps = found, found.simulator_steps
         if found.last:
-            yield SearchIteration.of(found, found.last, evaluated(found.last, found.k))
+            yield SearchIteration.of(found, evaluated(found.last, found.k))
     else:
         state = SearchState(work.initial_solutions, work.simulator_steps, (), None)
         if checkpoints:
@@ -109,4 +109,4 @@ def search(
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
         if checkpoints:
             checkpoints.save(run, state)
-        yield SearchIteration.of(state, update, evaluation, work.take_warnings())
+        yield SearchIteration.of(state, evaluation, work.take_warnings())

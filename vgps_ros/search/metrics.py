@@ -8,29 +8,21 @@ experiment and the recording derive from the declaration.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
 from vgps_ros.core.gaussians import entropy, kl_divergence
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import TrajectoryDistribution
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation
     from vgps_ros.search.iteration import SearchState
-    from vgps_ros.search.trajectory_optimization import OptimizationResult
     from vgps_ros.search.workspace import Update, Workspace
 
 
-@dataclass(frozen=True)
-class Metric:
-    """Declares a metric.
-
-    Attributes:
-        description: its meaning and unit.
-        drawn: its name in a recording, if it is drawn there.
-    """
+class Metric(NamedTuple):
+    """Declares a metric: its meaning and unit, and its name in a recording if it is drawn there."""
 
     description: str
     drawn: str = ""
@@ -97,40 +89,41 @@ def measure(
 ) -> IterationMetrics:
     """Computes the metrics of the iteration that has led from a state to an update."""
     policy, k = update.policy, before.k + 1
-    solutions = before.last.solutions if before.last else before.initial_solutions
+    noise = np.diag(policy.noise_std**2)
+    # Those that line 6 has not adapted yet; the first candidate's where vgps has chosen another.
+    solved = work.scored(before.last.solutions if before.last else before.initial_solutions)
+    divergences = [
+        kl_divergence(
+            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
+        )
+        for q in solved
+    ]
     return IterationMetrics(
         k=k,
         alpha=work.settings.alpha(k),
-        initial_ddp_cost=_mean_cost(before.initial_solutions),
-        ddp_cost=_mean_cost(update.solutions),
-        deterministic_cost=evaluation.deterministic_cost,
-        deterministic_survival=evaluation.deterministic_survival,
-        stochastic_cost_mean=evaluation.stochastic_mean,
-        stochastic_cost_median=evaluation.stochastic_median,
-        stochastic_survival=evaluation.stochastic_survival,
+        initial_ddp_cost=float(np.mean([s.cost for s in before.initial_solutions])),
+        ddp_cost=float(np.mean([s.cost for s in update.solutions])),
+        **evaluation_metrics(evaluation),
         noise_std=tuple(policy.noise_std.tolist()),
-        policy_kl=policy_kl(policy, work.scored(solutions)),
-        policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
+        policy_kl=float(np.mean(divergences)),
+        policy_entropy=float(entropy(noise)),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,
     )
 
 
-def policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribution]) -> float:
-    """Returns KL(q(u|x) ‖ π_θ(u|x)) along the distributions' means, mean over steps [nat].
-
-    The metric takes the trajectories before they are adapted to the policy; where vgps chooses
-    among candidates, those of the first one.
-    """
-    noise = np.diag(policy.noise_std**2)
-    divergences = [
-        kl_divergence(
-            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
-        )
-        for q in distributions
-    ]
-    return float(np.mean(divergences))
+def evaluation_metrics(evaluation: "Evaluation") -> dict[str, Any]:
+    """Computes the metrics by name that sum up an evaluation."""
+    costs = evaluation.stochastic_costs
+    finite = costs[np.isfinite(costs)]
+    return {
+        "deterministic_cost": float(evaluation.deterministic_costs.mean()),
+        "deterministic_survival": float(evaluation.deterministic_survived.mean()),
+        "stochastic_cost_mean": float(finite.mean()) if finite.size else math.inf,
+        "stochastic_cost_median": float(np.quantile(costs, 0.5, method="higher")),
+        "stochastic_survival": float(evaluation.stochastic_survived.mean()),
+    }
 
 
 def result_content(
@@ -140,15 +133,7 @@ def result_content(
     policy: GaussianPolicy | None,
     history: Sequence[IterationMetrics],
 ) -> dict[str, Any]:
-    """Returns the content of result.json, which a training leaves behind.
-
-    Args:
-        task: name of the task.
-        method: name of the policy search.
-        seed: of all random draws.
-        policy: of the last iteration, where it is known.
-        history: metrics of all iterations, at least one.
-    """
+    """Returns the content of result.json; the last policy may be unknown, as in some bags."""
     return {
         "task": task,
         "method": method,
@@ -158,10 +143,6 @@ def result_content(
         "initial_ddp_cost": history[-1].initial_ddp_cost,
         "iterations": [metrics.entry() for metrics in history],
     }
-
-
-def _mean_cost(solutions: "Sequence[OptimizationResult]") -> float:
-    return float(np.mean([s.cost for s in solutions]))
 
 
 def _json_value(value: Any) -> Any:

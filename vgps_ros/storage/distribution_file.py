@@ -9,7 +9,7 @@ from vgps_ros.core.arrays import array_shapes, arrays_of, from_arrays
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import TrajectoryDistribution
-from vgps_ros.storage.archive import read_archive, write_archive
+from vgps_ros.storage.files import read_archive, write_archive
 
 
 def save_distributions(

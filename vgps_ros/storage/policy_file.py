@@ -8,7 +8,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from vgps_ros.core.arrays import arrays_of
+from vgps_ros.core.arrays import arrays_of, declared_shapes
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.storage.files import write_json
@@ -33,6 +33,7 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
         raise InvalidInputError(f"{path} is not a readable policy file: {error}.") from error
     try:
         shape = from_entries(Architecture, content, {})
-        return GaussianPolicy.of(shape, content.__getitem__), str(content["task"])
+        arrays = {name: content[name] for name in declared_shapes(GaussianPolicy)}
+        return GaussianPolicy(shape, **arrays), str(content["task"])
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInputError(f"{path} is not a policy of vgps_ros: {error}.") from error

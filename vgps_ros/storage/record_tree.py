@@ -71,13 +71,9 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
 
 
 def from_entries(kind: Any, entries: Any, arrays: Mapping[str, Array], **narrower: Any) -> Any:
-    """Returns a record from the trees of its fields by name.
+    """Returns a record from the trees of its fields by name, as `from_tree` does.
 
-    Args:
-        kind: the record's type.
-        entries: the trees by name.
-        arrays: by name.
-        narrower: types of fields by name, where they are known better than the record declares.
+    Where the type of a field is known better than the record declares, it is given by name.
 
     Raises:
         KeyError: a field is missing.

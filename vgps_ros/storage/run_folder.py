@@ -11,28 +11,17 @@ from vgps_ros.storage.policy_file import save_policy
 
 
 class RunFolder:
-    """Names the files of a run.
-
-    Attributes:
-        path: the folder.
-        result: costs and other metrics of each iteration (JSON).
-        policy: the policy of the last iteration (JSON).
-        distribution: q(ζ) of each initial state at the end (.npz).
-        trajectories: motions to draw, for a run that has no bag (.npz).
-        learning_curve: a picture of the costs.
-        checkpoints: folder of the checkpoints, as long as the training has not ended.
-        bag: folder of the recording, if the run was recorded.
-    """
+    """Names the files of a run."""
 
     def __init__(self, path: Path):
         self.path = path
-        self.result = path / "result.json"
-        self.policy = path / "policy.json"
-        self.distribution = path / "distribution.npz"
-        self.trajectories = path / "trajectories.npz"
+        self.result = path / "result.json"  # metrics of each iteration
+        self.policy = path / "policy.json"  # of the last iteration
+        self.distribution = path / "distribution.npz"  # q(ζ) of each initial state at the end
+        self.trajectories = path / "trajectories.npz"  # motions to draw where there is no bag
         self.learning_curve = path / "learning_curve.png"
-        self.checkpoints = path / "checkpoints"
-        self.bag = path / "bag"
+        self.checkpoints = path / "checkpoints"  # a folder, until the training has ended
+        self.bag = path / "bag"  # a folder, if the run was recorded
 
     def is_finished(self) -> bool:
         """Returns whether a training has ended here."""
