@@ -125,15 +125,11 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
         InvalidInputError: an array does not fit the others, or a value is not finite.
     """
     n_x, n_u = int(message.mean.n_x), int(message.mean.n_u)
-    if not n_x or not n_u:
+    horizon = len(message.mean.controls) // max(n_u, 1)
+    if not n_x or not n_u or not horizon:
         raise InvalidInputError(
-            f"The trajectory has n_x={n_x} and n_u={n_u}; both must be above 0."
-        )
-    horizon = len(message.mean.controls) // n_u
-    if not horizon:
-        raise InvalidInputError(
-            f"The trajectory has {len(message.mean.controls)} control values for n_u={n_u}, but it "
-            "must have a step at least."
+            f"The trajectory has n_x={n_x} and n_u={n_u} and {len(message.mean.controls)} control "
+            "values, but both must be above 0, and there must be the controls of a step at least."
         )
     arrays = {}
     for name, shape in array_shapes(TrajectoryDistribution, T=horizon, n_x=n_x, n_u=n_u).items():

@@ -20,12 +20,12 @@ class RunFolder:
         self.distribution = path / "distribution.npz"  # q(ζ) of each initial state at the end
         self.trajectories = path / "trajectories.npz"  # motions to draw where there is no bag
         self.learning_curve = path / "learning_curve.png"
-        self.checkpoints = path / "checkpoints"  # a folder, until the training has ended
+        self.checkpoints = path / "checkpoints"  # a folder, empty once the training has ended
         self.bag = path / "bag"  # a folder, if the run was recorded
 
     def is_finished(self) -> bool:
-        """Returns whether a training has ended here."""
-        return self.result.is_file() and not self.checkpoints.exists()
+        """Returns whether a training has ended here: it removes its checkpoints at the end."""
+        return self.result.is_file() and not any(self.checkpoints.rglob("*.npz"))
 
     def file_names(self) -> str:
         """Returns the names of the files that are there, for a sentence."""
