@@ -149,9 +149,11 @@ class GaussianPolicy:
         num_parameters, n_u = self.architecture.num_parameters, self.architecture.control_dim
         shapes = array_shapes(GaussianPolicy, num_parameters=num_parameters, n_u=n_u)
         for name, shape in shapes.items():
-            object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
+            object.__setattr__(
+                self, name, finite_array(f"policy.{name}", getattr(self, name), shape)
+            )
         for std in self.noise_std:
-            positive("noise_std", std)
+            positive("policy.noise_std", std)
 
     def check_fits(self, state_dim: int, control_dim: int) -> None:
         """Checks that the policy can drive a robot of these dimensions.
