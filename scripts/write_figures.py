@@ -30,6 +30,7 @@ from vgps_ros.programs.evaluate import evaluate
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
 from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
 from vgps_ros.views.filmstrip import filmstrip
@@ -111,7 +112,7 @@ def ten_units(output: Path, seeds: int) -> list[Figures]:
     """Trains walkers of ten units, and draws how the first one walks for 4 s and for 60 s."""
     rows, task = walker(output, seeds, 10, 50), make_task("walker")
     folder = output / "walker-10-units-seed-0"
-    save_picture(filmstrip, read_results(folder), "walker_filmstrip.png")
+    save_picture(filmstrip, read_results(RunFolder(folder)), "walker_filmstrip.png")
     policy, _ = load_policy(folder / "policy.json")
     long = task.dynamics.rollout(task.initial_state, lambda t, x: policy.mean(x), 6000)
     save_picture(trajectory, motion(task, long.states), "walker_60s.png", colours=16)

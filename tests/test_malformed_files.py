@@ -16,6 +16,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.policy_file import load_policy, save_policy
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
 from vgps_ros.tasks.task import load_model
@@ -43,15 +44,17 @@ def write_model(folder):
 
 
 def write_result(folder):
-    (folder / "file").write_text(json.dumps({"task": "rotor", "iterations": [{"k": 1}]}))
+    (folder / "file").write_text(
+        json.dumps({"task": "rotor", "initial_ddp_cost": 1.0, "iterations": [{"k": 1}]})
+    )
     states = np.zeros((3, 2))
     run = RunRecord("", 0.05, None, states, states, np.zeros((3, 2, 2)), states)
-    run.save_trajectories(folder)
+    run.save_trajectories(RunFolder(folder))
 
 
 def read_result(path):
     shutil.copy(path, path.with_name("result.json"))
-    read_results(path.parent)
+    read_results(RunFolder(path.parent))
 
 
 KINDS = {

@@ -22,7 +22,6 @@ from tests.faults.trainings import HIDDEN_UNITS, LEARNING
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import reindex
 from vgps_ros.search.methods import search
-from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.storage.policy_file import save_policy
@@ -162,7 +161,7 @@ def check_training(training: Training, system: System, tally: Tally) -> None:
     if (training.folder / "policy.json").read_bytes() != expected.read_bytes():
         tally.lost.append(f"the policy of seed {training.seed} is another one")
     result = json.loads((training.folder / "result.json").read_text())
-    if _numbers(result["iterations"]) != _numbers([iteration_entry(i) for i in iterations]):
+    if _numbers(result["iterations"]) != _numbers([i.entry() for i in iterations]):
         tally.lost.append(f"the history of seed {training.seed} is another one")
 
 

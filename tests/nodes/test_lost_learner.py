@@ -17,7 +17,6 @@ from tests.nodes.test_training import (
 )
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.checkpoints import Run
-from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
@@ -40,7 +39,7 @@ def expected(tmp_path_factory):
     iterations = train_in_process(ROTOR, SETTINGS, SEED)
     path = tmp_path_factory.mktemp("expected") / "policy.json"
     save_policy(iterations[-1].policy, "rotor", path)
-    return without_times([iteration_entry(i) for i in iterations]), path.read_bytes()
+    return without_times([i.entry() for i in iterations]), path.read_bytes()
 
 
 class Training:

@@ -87,9 +87,7 @@ FIRST = OptimizeTrajectory.Request(
     guess=[Trajectory(n_x=2, n_u=1, controls=pack(np.zeros(50)))],
 )
 SOLVED = TrajectoryOptimizer(ROTOR).optimize(request_from_msg(FIRST, ROTOR))
-DISTRIBUTION = distribution_to_msg(
-    SOLVED.distribution, task="rotor", trajectory_index=0, iteration=1, time_step=0.02, stamp=STAMP
-)
+DISTRIBUTION = distribution_to_msg(SOLVED.distribution, ROTOR, 0, 1, STAMP)
 NEXT = OptimizeTrajectory.Request(
     task="rotor",
     iteration=1,

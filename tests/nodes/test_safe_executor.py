@@ -441,9 +441,8 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
 
     np.testing.assert_array_equal(robot.drive(near), robot.policy.mean(near))
     robot.diagnosis_while_driven(OK, "Running", near)
-    wrong = distribution_to_msg(
-        *(q,), task="walker", trajectory_index=0, iteration=1, time_step=0.02, stamp=Time()
-    )
+    wrong = distribution_to_msg(q, robot.task, 0, 1, Time())
+    wrong.task = "walker"
     distributions = graph.publisher(TrajectoryDistributionMsg, "trajectory_distribution", LATCHED)
     distributions.publish(wrong)
     robot.diagnosis(ERROR, "Refused a trajectory_distribution; any before it stays")

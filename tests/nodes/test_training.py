@@ -21,7 +21,6 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
-from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
 from vgps_ros.search.workspace import initial_states
@@ -75,7 +74,7 @@ def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
 
     iterations = train_in_process(swimmer, SHORT, 7)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    entries = [iteration_entry(iteration) for iteration in iterations]
+    entries = [iteration.entry() for iteration in iterations]
     assert without_times(result["iterations"]) == without_times(entries)
     assert result["initial_ddp_cost"] == iterations[-1].initial_ddp_cost
     assert result["num_parameters"] == 9 * 4 + 4 + 4 * 2 + 2
@@ -94,7 +93,7 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     iterations = train_in_process(rotor, SHORT, 2, method="adaptive_gps")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["method"] == "adaptive_gps"
-    entries = [iteration_entry(iteration) for iteration in iterations]
+    entries = [iteration.entry() for iteration in iterations]
     assert without_times(result["iterations"]) == without_times(entries)
     assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
 
@@ -183,7 +182,8 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
 # The program, which asks for its result every minute, does so all the time.
 _EAGER = """
 import sys
-from vgps_ros.nodes import train_through_graph, training_client
+from vgps_ros.programs import train_through_graph
+from vgps_ros.ros_runtime import training_client
 training_client._RESULT_PERIOD = 0.2
 training_client._ANSWER_TIMEOUT = 4.0
 train_through_graph.main(sys.argv[1:])
@@ -298,7 +298,7 @@ def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, f
 
     iterations = train_in_process(walker, settings, 7)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    entries = [iteration_entry(iteration) for iteration in iterations]
+    entries = [iteration.entry() for iteration in iterations]
     assert without_times(result["iterations"]) == without_times(entries)
     policy, task = load_policy(tmp_path / "out" / "policy.json")
     assert task == "walker"

@@ -99,9 +99,7 @@ def solution(swimmer, iteration: int) -> TrajectoryDistribution:
         linear_dynamics=LinearDynamics(np.zeros((T, n_x, n_x)), np.zeros((T, n_x, n_u))),
         state_covariances=covariances,
     )
-    return distribution_to_msg(
-        q, task="swimmer", trajectory_index=0, iteration=iteration, time_step=0.02, stamp=Time()
-    )
+    return distribution_to_msg(q, swimmer, 0, iteration, Time())
 
 
 def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_policy, tmp_path):

@@ -1,11 +1,15 @@
 """The figure and the summary of an experiment."""
 
+import json
 import math
+import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
-from vgps_ros.experiments.cell_table import MethodResults
+from vgps_ros.experiments.cell_table import MethodResults, write_table
 from vgps_ros.experiments.cells import Panel
 from vgps_ros.experiments.summary import summary
 from vgps_ros.programs.experiment import main as experiment
@@ -36,6 +40,21 @@ def test_it_draws_and_sums_up(folder, tmp_path, capsys):
     assert (tmp_path / "out" / "figure1.rrd").read_bytes().startswith(b"RRF")
     lines = (tmp_path / "out" / "summary.csv").read_text().splitlines()
     assert len(lines) == 1 + 2 * 2
+
+
+def test_a_table_of_an_older_version_lacks_a_metric_and_is_drawn(folder, tmp_path):
+    older = shutil.copytree(folder, tmp_path / "older")
+    table = pa.parquet.read_table(older / "results.parquet")
+    pa.parquet.write_table(table.drop_columns(["policy_kl"]), older / "results.parquet")
+    main([str(older), "--output", str(tmp_path / "out")])
+    assert (tmp_path / "out" / "summary.csv").read_text().count("\n") == 5
+    for file in older.rglob("result.json"):
+        result = json.loads(file.read_text())
+        del result["iterations"][0]["policy_kl"], result["iterations"][0]["initial_ddp_cost"]
+        file.write_text(json.dumps(result))
+    kl = write_table(older)["policy_kl"].to_pylist()
+    assert kl[::2] == [None] * 8
+    assert all(value > 0 for value in kl[1::2])
 
 
 def test_pictures_are_replaced_only_where_that_is_asked_for(folder, tmp_path):

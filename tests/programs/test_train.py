@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.programs.train import main
+from vgps_ros.search.metrics import METRICS
 from vgps_ros.storage.distribution_file import load_distributions
 from vgps_ros.storage.policy_file import load_policy
 
@@ -25,19 +26,7 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     assert result["hidden_units"] == [3, 2]
     assert result["num_parameters"] == (9 * 3 + 3) + (3 * 2 + 2) + (2 * 2 + 2)
     assert [entry["k"] for entry in result["iterations"]] == [1, 2]
-    assert set(result["iterations"][0]) == {
-        "k",
-        "alpha",
-        "ddp_cost",
-        "deterministic_cost",
-        "deterministic_survival",
-        "stochastic_cost_mean",
-        "stochastic_cost_median",
-        "stochastic_survival",
-        "q_step_seconds",
-        "m_step_seconds",
-        "simulator_steps",
-    }
+    assert set(result["iterations"][0]) == {"k", *METRICS}
     policy, task = load_policy(tmp_path / "run" / "policy.json")
     assert task == "swimmer"
     assert policy.mean(np.zeros(10)).shape == (2,)

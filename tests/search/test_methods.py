@@ -117,7 +117,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
         gps=GpsSettings(guiding_noise=1.0),
         **scale,
     )
-    gaps = [i.evaluation.deterministic_cost - optimum for i in (first, last)]
+    gaps = [i.deterministic_cost - optimum for i in (first, last)]
     assert gaps[0] > (0.05 if imitates else 0.5) * (standing - optimum)
     assert 0 <= gaps[1] < (0.02 if imitates else 0.25) * (standing - optimum), gaps
 

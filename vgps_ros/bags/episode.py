@@ -47,8 +47,7 @@ def last_episode(bag: BagReader, topic: str, mjcf: str) -> Episode | None:
     model = compile_model(mjcf)
     names, actuated = joint_names(model), actuated_joint_names(model)
     rows: dict[int, tuple[Array, Array]] = {}
-    for recorded in bag.messages([topic]):
-        message = bag.decode(recorded)
+    for _, message in bag.decoded(topic):
         stamp = nanoseconds(message.header.stamp)
         if rows and stamp < max(rows):
             rows = {}

@@ -145,6 +145,11 @@ class BagReader:
         for connection, stamp, data in self._reader.messages(self._connections(topics)):
             yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
 
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yields the time of receipt [ns] and the decoded message, for each message of a topic."""
+        for message in self.messages([topic]):
+            yield message.stamp, self.decode(message)
+
     def decode(self, message: BagMessage) -> Any:
         """Decodes a message with the definition that the bag holds.
 

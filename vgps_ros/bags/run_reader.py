@@ -6,10 +6,10 @@ from typing import Any
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.episode import last_episode
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import distribution_from_msg
-from vgps_ros.messages.progress import entry_from_msg
-from vgps_ros.search.result_file import result_content
-from vgps_ros.views.run_record import TRAJECTORIES, RunRecord, read_results
+from vgps_ros.messages.conversions import distribution_from_msg, policy_from_msg
+from vgps_ros.messages.progress import result_from_msgs
+from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.views.run_record import RunRecord, read_results
 
 
 def read_run(path: Path) -> RunRecord:
@@ -18,14 +18,15 @@ def read_run(path: Path) -> RunRecord:
     Raises:
         InvalidInputError: the folder is neither of these, or cannot be read.
     """
-    if (path / TRAJECTORIES).is_file():
-        return read_results(path)
-    if (path / "bag").is_dir():
-        return _read_bag(path / "bag")
-    if (path / "result.json").is_file():
+    folder = RunFolder(path)
+    if folder.trajectories.is_file():
+        return read_results(folder)
+    if folder.bag.is_dir():
+        return _read_bag(folder.bag)
+    if folder.result.is_file():
         raise InvalidInputError(
-            f"'{path}' has costs but no motion, which is in bag/ or in {TRAJECTORIES}: name the "
-            "folder of a run that has finished."
+            f"'{path}' has costs but no motion, which is in {folder.bag.name}/ or in "
+            f"{folder.trajectories.name}: name the folder of a run that has finished."
         )
     return _read_bag(path)
 
@@ -36,16 +37,10 @@ def _read_bag(path: Path) -> RunRecord:
         topics = bag.filled_topics
 
         def decoded(name: str) -> list[Any]:
-            if name not in topics:
-                return []
-            return [bag.decode(message) for message in bag.messages([topics[name]])]
+            return [message for _, message in bag.decoded(topics[name])] if name in topics else []
 
         mjcf = decoded("robot_description")[0].data
-        distributions = [
-            message
-            for message in decoded("trajectory_distribution")
-            if message.trajectory_index == 0
-        ]
+        distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
         states = topics.get("joint_states")
         episode = last_episode(bag, states, mjcf) if states else None
         time_step = episode.time_step if episode else 0.0
@@ -65,19 +60,11 @@ def _read_bag(path: Path) -> RunRecord:
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
-    """Returns the costs of the last training in the bag, in the form of result.json."""
+    """Returns the content of result.json for the last training in the bag."""
     if not progress:
         return None
     begin = max(i for i, message in enumerate(progress) if i == 0 or message.iteration == 1)
-    last = progress[-1]
-    sizes = [int(size) for size in policies[-1].layer_sizes] if policies else []
-    return result_content(
-        task=last.task,
-        method=last.method,
-        seed=int(last.seed),
-        hidden_units=sizes[1:-1],
-        num_parameters=len(policies[-1].parameters) if policies else 0,
-        initial_ddp_cost=last.initial_ddp_cost,
-        # A learner that was started again publishes again the iteration from which it goes on.
-        iterations=list({m.iteration: entry_from_msg(m) for m in progress[begin:]}.values()),
-    )
+    # A learner that was started again repeats the iteration that it goes on from.
+    history = {message.iteration: message for message in progress[begin:]}
+    policy = policy_from_msg(policies[-1]) if policies else None
+    return result_from_msgs(list(history.values()), policy)

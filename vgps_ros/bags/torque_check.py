@@ -8,7 +8,6 @@ the bag may hold a state or a policy somewhat later than the torque that was com
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -97,23 +96,23 @@ def check_torques(bag: BagReader) -> TorqueCheck:
         InvalidInputError: the bag lacks a topic that is needed, or holds no torque.
     """
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
-    model = compile_model(_first(bag, topics["robot_description"]).data)
+    model = compile_model(next(bag.decoded(topics["robot_description"]))[1].data)
     policies = _Timeline()
-    for received, message in _decoded(bag, topics["policy"]):
+    for received, message in bag.decoded(topics["policy"]):
         policies.add(received, (message.iteration, policy_from_msg(message)))
     joints, actuated = joint_names(model), actuated_joint_names(model)
     executor = RecordedExecutor(bag, joints, actuated)
     marginals = _marginals(bag, executor)
     found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
-    for received, message in _decoded(bag, topics["joint_states"]):
+    for received, message in bag.decoded(topics["joint_states"]):
         if (state := _usable(message, joints)) is None:
             found.unusable += 1
         else:
             states[nanoseconds(message.header.stamp)].add(received, state)
     first_state = min((timeline.received[0] for timeline in states.values()), default=0)
     answered: set[int] = set()
-    for received, message in _decoded(bag, topics["joint_command"]):
+    for received, message in bag.decoded(topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
         torques = command_from_msg(message, actuated)
         answered_states = states[stamp].around(received) if stamp in states else []
@@ -192,7 +191,7 @@ def _marginals(bag: BagReader, executor: RecordedExecutor) -> _Timeline:
     timeline, latest = _Timeline(), dict[int, TrainingMarginals]()
     topic = bag.filled_topics.get("trajectory_distribution")
     if executor.settings.safe_action == "feedback" and topic:
-        for received, message in _decoded(bag, topic):
+        for received, message in bag.decoded(topic):
             q = distribution_from_msg(message)
             latest[message.trajectory_index] = executor.marginals(q)
             timeline.add(received, tuple(latest.values()))
@@ -205,13 +204,3 @@ def _usable(message: JointState, joints: list[str]) -> Array | None:
         return state_from_msg(message, joints)
     except InvalidInputError:
         return None
-
-
-def _decoded(bag: BagReader, topic: str) -> Iterator[tuple[int, Any]]:
-    """Yields the time of receipt [ns] and the decoded message for each message of a topic."""
-    for message in bag.messages([topic]):
-        yield message.stamp, bag.decode(message)
-
-
-def _first(bag: BagReader, topic: str) -> Any:
-    return next(_decoded(bag, topic))[1]

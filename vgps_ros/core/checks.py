@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vgps_ros.core.arrays import Array, arrays_of, declared_shapes
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array
 
 # Of a covariance's largest entry: the inverse of a badly scaled matrix is exact to no more.
 _ROUNDING = 1e-3
@@ -78,6 +78,24 @@ def check_covariances(name: str, covariances: Array) -> None:
             raise InvalidInputError(
                 f"{name} is not {what} at step {np.flatnonzero(wrong)[0]}, as a covariance must be."
             )
+
+
+def check_record(name: str, record: Any, **sizes: int) -> None:
+    """Checks that a record's arrays have the shapes that it declares, and fit values.
+
+    Args:
+        name: what the sentence calls the record.
+        record: one whose arrays are declared with `core.arrays.Shape`.
+        sizes: value of each symbol in the declared shapes, such as T and n_x.
+
+    Raises:
+        InvalidInputError: a shape is wrong, a value is not finite, or a matrix is no covariance.
+    """
+    declared = declared_shapes(type(record))
+    for path, values in arrays_of(record).items():
+        check_array(f"{name}.{path}", values, declared[path].of(sizes))
+        if declared[path].is_covariance:
+            check_covariances(f"{name}.{path}", values)
 
 
 def positive(name: str, value: float) -> float:

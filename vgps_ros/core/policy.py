@@ -12,14 +12,14 @@ gives the same up to rounding, for the rollouts of evaluations.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.arrays import Array, Shape, array_shapes
 from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array
 
 
 def _softplus(z: Array) -> Array:
@@ -129,25 +129,31 @@ class Architecture:
 class GaussianPolicy:
     """π_θ(u|x) = N(μ_θ(x), diag(σ)²).
 
+    The arrays may be given as any sequences of numbers.
+
     Attributes:
         architecture: shape of the network.
-        parameters: θ, shape (num_parameters,): layer by layer, weights row-major, then biases.
-        noise_std: σ, shape (n_u,), [N·m].
+        parameters: θ, layer by layer, weights row-major, then biases.
+        noise_std: σ, one standard deviation for each control, [N·m].
 
     Raises:
         InvalidInputError: an array has the wrong size, is not finite, or σ is not positive.
     """
 
     architecture: Architecture
-    parameters: Array
-    noise_std: Array
+    parameters: Annotated[Array, Shape("num_parameters")]
+    noise_std: Annotated[Array, Shape("n_u")]
 
     def __post_init__(self) -> None:
-        """Checks the arrays."""
-        finite_array("parameters", self.parameters, (self.architecture.num_parameters,))
-        finite_array("noise_std", self.noise_std, (self.architecture.control_dim,))
+        """Checks the arrays, and keeps copies that nobody else can change."""
+        num_parameters, n_u = self.architecture.num_parameters, self.architecture.control_dim
+        shapes = array_shapes(GaussianPolicy, num_parameters=num_parameters, n_u=n_u)
+        for name, shape in shapes.items():
+            object.__setattr__(
+                self, name, finite_array(f"policy.{name}", getattr(self, name), shape)
+            )
         for std in self.noise_std:
-            positive("noise_std", std)
+            positive("policy.noise_std", std)
 
     def check_fits(self, state_dim: int, control_dim: int) -> None:
         """Checks that the policy can drive a robot of these dimensions.

@@ -1,16 +1,17 @@
 """Frozen records that the parts of the method hand to each other.
 
 Indices run over steps first: `states[t]` is x_{t+1} of the paper, which counts from 1. A trajectory
-of T controls has T + 1 states; the last one carries no cost.
+of T controls has T + 1 states; the last one carries no cost. The shape of an array stands where its
+field is declared, and files, messages and checks derive from there.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vgps_ros.core.arrays import Array, Shape, first_steps
 
 
 @dataclass(frozen=True)
@@ -18,12 +19,12 @@ class Trajectory:
     """A sequence of states and controls.
 
     Attributes:
-        states: shape (T+1, n_x), generalized positions [m, rad], then velocities [m/s, rad/s].
-        controls: shape (T, n_u), [N·m].
+        states: generalized positions [m, rad], then velocities [m/s, rad/s].
+        controls: joint torques [N·m].
     """
 
-    states: Array
-    controls: Array
+    states: Annotated[Array, Shape("T+1", "n_x")]
+    controls: Annotated[Array, Shape("T", "n_u")]
 
     @property
     def horizon(self) -> int:
@@ -32,41 +33,27 @@ class Trajectory:
 
     def first(self, steps: int) -> "Trajectory":
         """Returns the first steps."""
-        return Trajectory(self.states[: steps + 1], self.controls[:steps])
+        return first_steps(self, steps)
 
 
 @dataclass(frozen=True)
 class LinearDynamics:
-    """Derivatives of x' = f(x, u) along a trajectory.
+    """Derivatives of x' = f(x, u) along a trajectory."""
 
-    Attributes:
-        f_x: shape (T, n_x, n_x).
-        f_u: shape (T, n_x, n_u).
-    """
-
-    f_x: Array
-    f_u: Array
+    f_x: Annotated[Array, Shape("T", "n_x", "n_x")]
+    f_u: Annotated[Array, Shape("T", "n_x", "n_u")]
 
 
 @dataclass(frozen=True)
 class CostExpansion:
-    """Second-order expansion of a cost along a trajectory (section 4).
+    """Value, gradient and Hessian of a cost along a trajectory (section 4)."""
 
-    Attributes:
-        c: shape (T,), values.
-        c_x: shape (T, n_x).
-        c_u: shape (T, n_u).
-        c_xx: shape (T, n_x, n_x).
-        c_uu: shape (T, n_u, n_u).
-        c_ux: shape (T, n_u, n_x).
-    """
-
-    c: Array
-    c_x: Array
-    c_u: Array
-    c_xx: Array
-    c_uu: Array
-    c_ux: Array
+    c: Annotated[Array, Shape("T")]
+    c_x: Annotated[Array, Shape("T", "n_x")]
+    c_u: Annotated[Array, Shape("T", "n_u")]
+    c_xx: Annotated[Array, Shape("T", "n_x", "n_x")]
+    c_uu: Annotated[Array, Shape("T", "n_u", "n_u")]
+    c_ux: Annotated[Array, Shape("T", "n_u", "n_x")]
 
 
 @dataclass(frozen=True)
@@ -75,17 +62,17 @@ class TrajectoryDistribution:
 
     Attributes:
         mean: x̄, ū.
-        gains: K_t, shape (T, n_u, n_x).
-        control_covariances: Quu_t⁻¹, shape (T, n_u, n_u), [N²·m²].
+        gains: K_t, [N·m] per unit of the state.
+        control_covariances: Quu_t⁻¹, [N²·m²].
         linear_dynamics: f_x, f_u around the mean.
-        state_covariances: Σ_t of the marginals q(x_t), shape (T+1, n_x, n_x).
+        state_covariances: Σ_t of the marginals q(x_t).
     """
 
     mean: Trajectory
-    gains: Array
-    control_covariances: Array
+    gains: Annotated[Array, Shape("T", "n_u", "n_x")]
+    control_covariances: Annotated[Array, Shape("T", "n_u", "n_u", is_covariance=True)]
     linear_dynamics: LinearDynamics
-    state_covariances: Array
+    state_covariances: Annotated[Array, Shape("T+1", "n_x", "n_x", is_covariance=True)]
 
     @cached_property
     def state_roots(self) -> Array:
@@ -96,10 +83,4 @@ class TrajectoryDistribution:
 
     def first(self, steps: int) -> "TrajectoryDistribution":
         """Returns the distribution over the first steps."""
-        return TrajectoryDistribution(
-            self.mean.first(steps),
-            self.gains[:steps],
-            self.control_covariances[:steps],
-            LinearDynamics(self.linear_dynamics.f_x[:steps], self.linear_dynamics.f_u[:steps]),
-            self.state_covariances[: steps + 1],
-        )
+        return first_steps(self, steps)

@@ -1,12 +1,12 @@
 """Writes and reads the table of an experiment, with a row for each iteration of each cell."""
 
-import json
 import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pyarrow as pa
@@ -17,28 +17,23 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.experiments.cells import Cell, Panel, finished_cells
 from vgps_ros.search.methods import METHODS
+from vgps_ros.search.metrics import METRICS, IterationMetrics
 from vgps_ros.storage.files import replacing
+from vgps_ros.storage.run_folder import RunFolder, read_result
 
 TABLE = "results"  # name of the table's files, with the endings .parquet and .csv
 
-SCHEMA = pa.schema(
-    [
-        ("task", pa.string()),
-        ("hidden_units", pa.int64()),
-        ("method", pa.string()),
-        ("seed", pa.int64()),
-        ("iteration", pa.int64()),
-        ("initial_ddp_cost", pa.float64()),
-        ("ddp_cost", pa.float64()),
-        ("stochastic_cost_mean", pa.float64()),
-        ("stochastic_cost_median", pa.float64()),
-        ("stochastic_survival", pa.float64()),
-        ("deterministic_cost", pa.float64()),
-        ("deterministic_survival", pa.float64()),
-        ("simulator_steps", pa.int64()),
-        ("seconds", pa.float64()),
-    ]
-)
+_KEYS = {
+    "task": pa.string(),
+    "hidden_units": pa.int64(),
+    "method": pa.string(),
+    "seed": pa.int64(),
+    "iteration": pa.int64(),
+}
+_NUMBERS = {float: pa.float64(), int: pa.int64()}  # a metric of several numbers has no column
+_TYPES = get_type_hints(IterationMetrics)
+_METRICS = {name: _NUMBERS[_TYPES[name]] for name in METRICS if _TYPES[name] in _NUMBERS}
+SCHEMA = pa.schema({**_KEYS, **_METRICS, "seconds": pa.float64()})
 
 
 def write_table(root: Path) -> pa.Table:
@@ -66,7 +61,7 @@ def read_table(root: Path) -> pa.Table:
         table = pa.parquet.read_table(path)
     except (pa.ArrowInvalid, OSError) as error:
         raise InvalidInputError(f"'{path}' is not a Parquet table: {error}.") from error
-    if table.schema.names != SCHEMA.names or not table.num_rows:
+    if not set(_KEYS) <= set(table.schema.names) or not table.num_rows:
         raise InvalidInputError(
             f"'{path}' is not the table of an experiment: it has {table.num_rows} rows and the "
             f"columns {', '.join(table.schema.names)}."
@@ -89,48 +84,36 @@ class MethodResults:
 
 def by_panel(table: pa.Table) -> dict[Panel, dict[str, MethodResults]]:
     """Returns the results of each panel's methods, both in the order of the paper."""
-    rows: dict[Panel, dict[str, dict[int, list[dict[str, Any]]]]] = defaultdict(
-        lambda: defaultdict(lambda: defaultdict(list))
+    order = list(METHODS)
+    rows = sorted(
+        (row for row in table.to_pylist() if row["method"] in METHODS),
+        key=lambda row: (*_place(row)[:2], order.index(row["method"]), *_place(row)[3:]),
     )
-    for row in table.to_pylist():
-        panel = Panel(row["task"], row["hidden_units"])
-        rows[panel][row["method"]][row["seed"]].append(row)
-    numbers = [field.name for field in SCHEMA if field.type != pa.string()]
-    return {
-        panel: {
-            method: MethodResults(
-                tuple(sorted(methods[method])),
-                {
-                    name: np.array(
-                        [[row[name] for row in methods[method][s]] for s in sorted(methods[method])]
-                    )
-                    for name in numbers
-                },
-            )
-            for method in METHODS
-            if method in methods
+    found: dict[Panel, dict[str, MethodResults]] = defaultdict(dict)
+    for (task, units, method), group in groupby(rows, lambda row: _place(row)[:3]):
+        own = list(group)
+        seeds = tuple(dict.fromkeys(row["seed"] for row in own))
+        columns = {
+            name: np.array([row.get(name) for row in own], float).reshape(len(seeds), -1)
+            for name in (*_METRICS, "seconds")
         }
-        for panel, methods in sorted(rows.items(), key=lambda item: item[0])
-    }
+        found[Panel(task, units)][method] = MethodResults(seeds, columns)
+    return dict(found)
+
+
+def _place(row: Mapping[str, Any]) -> list[Any]:
+    """Returns task, hidden units, method, seed and iteration."""
+    return [row[name] for name in _KEYS]
 
 
 def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:
-    result = json.loads((cell.folder(root) / "result.json").read_text())
+    result = read_result(RunFolder(cell.folder(root)).result)
     rows, seconds = [], 0.0
     for entry in result["iterations"]:
         seconds += entry["q_step_seconds"] + entry["m_step_seconds"]
-        # A cost that diverged is null in JSON and infinite in the table.
-        values = {name: math.inf if value is None else value for name, value in entry.items()}
-        rows.append(
-            {
-                **{name: values[name] for name in SCHEMA.names if name in values},
-                "task": cell.panel.task,
-                "hidden_units": cell.panel.hidden_units,
-                "method": cell.method,
-                "seed": cell.seed,
-                "iteration": entry["k"],
-                "initial_ddp_cost": result["initial_ddp_cost"],
-                "seconds": seconds,
-            }
-        )
+        # A cost that diverged is null in JSON and infinite here.
+        own = {n: math.inf if entry[n] is None else entry[n] for n in _METRICS if n in entry}
+        place = (cell.panel.task, cell.panel.hidden_units, cell.method, cell.seed, entry["k"])
+        own |= dict(zip(_KEYS, place, strict=True))
+        rows.append({**own, "initial_ddp_cost": result["initial_ddp_cost"], "seconds": seconds})
     return rows

@@ -17,6 +17,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import TASKS, make_task
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # the panels of Figure 1
@@ -145,7 +146,7 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
             evaluation_rollouts=protocol.evaluation_rollouts,
             hidden_units=(cell.panel.hidden_units,),
         )
-        train(cell.method, task, settings, cell.seed, unfinished)
+        train(cell.method, task, settings, cell.seed, RunFolder(unfinished))
         if cell.is_finished(root):  # such a worker was faster; its numbers are the same
             shutil.rmtree(unfinished)
         else:

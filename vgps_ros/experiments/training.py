@@ -1,7 +1,6 @@
 """Runs a whole training in this process and writes the folder of its results."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,15 @@ from vgps_ros.core.ddp import Iteration
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
-from vgps_ros.search.result_file import iteration_entry, result_content
+from vgps_ros.search.metrics import result_content
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
     TrajectoryOptimizer,
 )
-from vgps_ros.storage.distribution_file import DISTRIBUTION, save_distributions
-from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.distribution_file import save_distributions
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task
 from vgps_ros.views.run_record import RunRecord
 
@@ -29,7 +27,7 @@ def train(
     task: Task,
     settings: SearchSettings,
     seed: int,
-    output: Path,
+    output: RunFolder,
     *,
     on_iteration: Callable[[SearchIteration], None] = lambda _: None,
     on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
@@ -57,35 +55,28 @@ def train(
         VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints belong
             to another training.
     """
-    output.mkdir(parents=True, exist_ok=True)
+    output.path.mkdir(
+        parents=True, exist_ok=True
+    )  # an error here is raised before hours of learning
     optimizer = TrajectoryOptimizer(task)
 
-    def optimize(request: OptimizationRequest) -> OptimizationResult:
-        report = on_initial_ddp if request.iteration == 0 else lambda _: None
-        return optimizer.optimize(request, on_iteration=report)
-
     def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
-        return [optimize(request) for request in requests]
+        return [
+            optimizer.optimize(r, on_initial_ddp) if r.iteration == 0 else optimizer.optimize(r)
+            for r in requests
+        ]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
-        content = result_content(
-            task=task.name,
-            method=method,
-            seed=seed,
-            hidden_units=settings.hidden_units,
-            num_parameters=iteration.policy.architecture.num_parameters,
-            initial_ddp_cost=iteration.initial_ddp_cost,
-            iterations=[iteration_entry(figures) for figures in iteration.history],
-        )
-        write_json(output / "result.json", content)
-        save_policy(iteration.policy, task.name, output / "policy.json")
+        policy, history = iteration.policy, iteration.history
+        content = result_content(task.name, method, seed, policy, history)
+        output.save(content, policy)
         on_iteration(iteration)
     _save_motions(task, iteration, content, output)
     return content
 
 
 def _save_motions(
-    task: Task, iteration: SearchIteration, content: dict[str, Any], output: Path
+    task: Task, iteration: SearchIteration, content: dict[str, Any], output: RunFolder
 ) -> None:
     """Writes trajectories.npz for the first initial state, distribution.npz for all of them."""
     policy = iteration.policy
@@ -106,4 +97,4 @@ def _save_motions(
         executed.states[np.isfinite(executed.states).all(axis=1)],  # the states before it diverged
     ).save_trajectories(output)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
-    save_distributions(scored, task.name, output / DISTRIBUTION)
+    save_distributions(scored, task.name, output.distribution)

@@ -5,31 +5,63 @@ Arrays cross as their bytes, so a value that goes there and back keeps every bit
 
 from array import array
 from collections.abc import Sequence
-from functools import lru_cache
+from dataclasses import fields
+from functools import lru_cache, reduce
+from operator import attrgetter
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import (
-    GaussianPolicy as GaussianPolicyMsg,
-)
-from vgps_msgs.msg import (
-    Trajectory as TrajectoryMsg,
-)
-from vgps_msgs.msg import (
-    TrajectoryDistribution as TrajectoryDistributionMsg,
-)
+from std_msgs.msg import Header
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Trajectory as TrajectoryMsg
+from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
+from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_arrays
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.tasks import Task
+
+Kind = TypeVar("Kind")
+
+# Arrays of q(ζ) that have another name in the message.
+_MESSAGE_NAMES = {
+    "linear_dynamics.f_x": "state_jacobians",
+    "linear_dynamics.f_u": "control_jacobians",
+}
 
 
 def pack(values: Array) -> array:
     """Returns the row-major values as an array that a message takes without a copy per number."""
     return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
+
+
+def plain(value: Any) -> Any:
+    """Returns a message's list of numbers as a tuple of Python's, and any other value as it is."""
+    return tuple(value.tolist()) if hasattr(value, "tolist") else value
+
+
+def to_message(kind: type[Kind], *sources: Any, **given: Any) -> Kind:
+    """Returns a message whose fields are given, or are the sources' attributes of the same names.
+
+    A field that is not given and that no source has keeps its default.
+    """
+    for name in kind.get_fields_and_field_types():  # type: ignore[attr-defined]
+        for source in sources:
+            if name not in given and hasattr(source, name):
+                value = getattr(source, name)
+                given[name] = pack(value) if isinstance(value, np.ndarray) else value
+    return kind(**given)
+
+
+def from_message(kind: type[Kind], message: Any, **given: Any) -> Kind:
+    """Returns a record whose fields are given, or are the message's fields of the same names."""
+    names = [f.name for f in fields(kind) if f.name not in given]  # type: ignore[arg-type]
+    return kind(**{name: plain(getattr(message, name)) for name in names}, **given)
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -47,20 +79,8 @@ def policy_to_msg(
     policy: GaussianPolicy, task: str, iteration: int, stamp: Time
 ) -> GaussianPolicyMsg:
     """Returns the policy as a message."""
-    shape = policy.architecture
-    message = GaussianPolicyMsg(
-        task=task,
-        iteration=iteration,
-        observed=list(shape.observed),
-        layer_sizes=list(shape.layer_sizes),
-        activation=shape.activation,
-        hidden_bias=shape.hidden_bias,
-        output_bias=shape.output_bias,
-        parameters=pack(policy.parameters),
-        noise_std=pack(policy.noise_std),
-    )
-    message.header.stamp = stamp
-    return message
+    given = {"header": Header(stamp=stamp), "task": task, "iteration": iteration}
+    return to_message(GaussianPolicyMsg, policy.architecture, policy, **given)
 
 
 def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
@@ -75,49 +95,26 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
             f"The policy's layer_sizes are {quoted(sizes)}, but they must start with the number of "
             f"observed coordinates, {len(message.observed)}, and end with the number of controls."
         )
-    shape = Architecture(
-        observed=tuple(int(i) for i in message.observed),
-        hidden_units=tuple(sizes[1:-1]),
-        control_dim=sizes[-1],
-        activation=message.activation,
-        hidden_bias=message.hidden_bias,
-        output_bias=message.output_bias,
-    )
-    return GaussianPolicy(
-        shape,
-        finite_array("policy.parameters", message.parameters, (shape.num_parameters,)),
-        finite_array("policy.noise_std", message.noise_std, (shape.control_dim,)),
-    )
+    units = {"hidden_units": tuple(sizes[1:-1]), "control_dim": sizes[-1]}
+    arrays = {name: getattr(message, name) for name in declared_shapes(GaussianPolicy)}
+    return GaussianPolicy(from_message(Architecture, message, **units), **arrays)
 
 
 def distribution_to_msg(
-    q: TrajectoryDistribution,
-    *,
-    task: str,
-    trajectory_index: int,
-    iteration: int,
-    time_step: float,
-    stamp: Time,
+    q: TrajectoryDistribution, task: Task, trajectory_index: int, iteration: int, stamp: Time
 ) -> TrajectoryDistributionMsg:
     """Returns q(ζ) as a message."""
     message = TrajectoryDistributionMsg(
-        task=task,
+        header=Header(stamp=stamp),
+        task=task.name,
         trajectory_index=trajectory_index,
         iteration=iteration,
-        time_step=time_step,
-        mean=TrajectoryMsg(
-            n_x=q.mean.states.shape[1],
-            n_u=q.mean.controls.shape[1],
-            states=pack(q.mean.states),
-            controls=pack(q.mean.controls),
-        ),
-        gains=pack(q.gains),
-        control_covariances=pack(q.control_covariances),
-        state_jacobians=pack(q.linear_dynamics.f_x),
-        control_jacobians=pack(q.linear_dynamics.f_u),
-        state_covariances=pack(q.state_covariances),
+        time_step=task.dynamics.time_step,
+        mean=TrajectoryMsg(n_x=q.mean.states.shape[1], n_u=q.mean.controls.shape[1]),
     )
-    message.header.stamp = stamp
+    for name, values in arrays_of(q).items():
+        *owner, field = _MESSAGE_NAMES.get(name, name).split(".")
+        setattr(reduce(getattr, owner, message), field, pack(values))
     return message
 
 
@@ -128,33 +125,17 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
         InvalidInputError: an array does not fit the others, or a value is not finite.
     """
     n_x, n_u = int(message.mean.n_x), int(message.mean.n_u)
-    if not n_x or not n_u:
+    horizon = len(message.mean.controls) // max(n_u, 1)
+    if not n_x or not n_u or not horizon:
         raise InvalidInputError(
-            f"The trajectory has n_x={n_x} and n_u={n_u}; both must be above 0."
+            f"The trajectory has n_x={n_x} and n_u={n_u} and {len(message.mean.controls)} control "
+            "values, but both must be above 0, and there must be the controls of a step at least."
         )
-    horizon = len(message.mean.controls) // n_u
-    if not horizon:
-        raise InvalidInputError(
-            f"The trajectory has {len(message.mean.controls)} control values for n_u={n_u}, but it "
-            "must have a step at least."
-        )
-    return TrajectoryDistribution(
-        mean=Trajectory(
-            finite_array("mean.states", message.mean.states, (horizon + 1, n_x)),
-            finite_array("mean.controls", message.mean.controls, (horizon, n_u)),
-        ),
-        gains=finite_array("gains", message.gains, (horizon, n_u, n_x)),
-        control_covariances=finite_array(
-            "control_covariances", message.control_covariances, (horizon, n_u, n_u)
-        ),
-        linear_dynamics=LinearDynamics(
-            finite_array("state_jacobians", message.state_jacobians, (horizon, n_x, n_x)),
-            finite_array("control_jacobians", message.control_jacobians, (horizon, n_x, n_u)),
-        ),
-        state_covariances=finite_array(
-            "state_covariances", message.state_covariances, (horizon + 1, n_x, n_x)
-        ),
-    )
+    arrays = {}
+    for name, shape in array_shapes(TrajectoryDistribution, T=horizon, n_x=n_x, n_u=n_u).items():
+        field = _MESSAGE_NAMES.get(name, name)
+        arrays[name] = finite_array(field, attrgetter(field)(message), shape)
+    return from_arrays(TrajectoryDistribution, arrays)
 
 
 def state_to_msg(
@@ -175,7 +156,7 @@ def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     Raises:
         InvalidInputError: a joint is missing, or a value is missing or not finite.
     """
-    order = _order(message, joint_names)
+    order = _order(tuple(message.name), tuple(joint_names))
     n = len(message.name)
     positions = finite_array("joint_states.position", message.position, (n,))
     velocities = finite_array("joint_states.velocity", message.velocity, (n,))
@@ -195,16 +176,12 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     Raises:
         InvalidInputError: a joint is missing, or a torque is missing or not finite.
     """
-    order = _order(message, joint_names)
+    order = _order(tuple(message.name), tuple(joint_names))
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
 
 
-def _order(message: JointState, joint_names: Sequence[str]) -> NDArray[np.intp]:
-    return _order_of(tuple(message.name), tuple(joint_names))
-
-
-@lru_cache(maxsize=16)  # a sender keeps to one order
-def _order_of(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+@lru_cache(maxsize=16)  # the joints of a sender always come in the same order
+def _order(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
     index = {name: i for i, name in enumerate(names)}
     missing = [name for name in joint_names if name not in index]
     if missing or len(index) != len(names):

@@ -1,20 +1,21 @@
 """Requests and results of the trajectory optimizer to messages and back."""
 
 from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 from vgps_msgs.msg import OptimizerIteration, Trajectory
-from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.checks import finite_array, one_of, quoted
 from vgps_ros.core.ddp import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
-from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.messages.conversions import (
     distribution_from_msg,
     distribution_to_msg,
+    from_message,
     pack,
     policy_from_msg,
     policy_to_msg,
+    to_message,
 )
 from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
@@ -39,23 +40,16 @@ def request_to_msg(
 ) -> OptimizeTrajectory.Request:
     """Returns the request as a message."""
     n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
-    message = OptimizeTrajectory.Request(
+    guess, previous, policy, k = request.guess, request.previous, request.policy, request.iteration
+    place = (request.trajectory_index, max(k - 1, 0))
+    return to_message(
+        OptimizeTrajectory.Request,
+        request,
         task=task.name,
-        trajectory_index=request.trajectory_index,
-        iteration=request.iteration,
-        seed=request.seed,
-        cost_scale=request.cost_scale,
-        max_iterations=request.max_iterations,
-        initial_state=pack(request.initial_state),
+        guess=[] if guess is None else [Trajectory(n_x=n_x, n_u=n_u, controls=pack(guess))],
+        previous=[distribution_to_msg(previous, task, *place, stamp)] if previous else [],
+        policy=[policy_to_msg(policy, task.name, k, stamp)] if policy else [],
     )
-    if request.guess is not None:
-        message.guess = [Trajectory(n_x=n_x, n_u=n_u, controls=pack(request.guess))]
-    if request.previous is not None:
-        place = (request.trajectory_index, max(request.iteration - 1, 0))
-        message.previous = [_distribution(request.previous, task, place, stamp)]
-    if request.policy is not None:
-        message.policy = [policy_to_msg(request.policy, task.name, request.iteration, stamp)]
-    return message
 
 
 def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> OptimizationRequest:
@@ -70,18 +64,12 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
             f"'{task.name}'."
         )
     shape = (task.planned_horizon, task.dynamics.control_dim)
-    return OptimizationRequest(
-        trajectory_index=message.trajectory_index,
-        iteration=message.iteration,
-        seed=message.seed,
-        cost_scale=message.cost_scale,
-        max_iterations=message.max_iterations,
-        initial_state=finite_array(
-            "initial_state", message.initial_state, (task.dynamics.state_dim,)
-        ),
-        guess=finite_array("guess.controls", message.guess[0].controls, shape)
-        if message.guess
-        else None,
+    guess, start = message.guess, (task.dynamics.state_dim,)
+    return from_message(
+        OptimizationRequest,
+        message,
+        initial_state=finite_array("initial_state", message.initial_state, start),
+        guess=finite_array("guess.controls", guess[0].controls, shape) if guess else None,
         previous=distribution_from_msg(message.previous[0]) if message.previous else None,
         policy=policy_from_msg(message.policy[0]) if message.policy else None,
     )
@@ -91,40 +79,34 @@ def iteration_to_msg(
     iteration: Iteration, request: OptimizationRequest, stamp: Time
 ) -> OptimizerIteration:
     """Returns one entry of a solve's log as a message."""
-    message = OptimizerIteration(
+    return to_message(
+        OptimizerIteration,
+        iteration,
+        header=Header(stamp=stamp),
         trajectory_index=request.trajectory_index,
         search_iteration=request.iteration,
         iteration=iteration.index,
-        cost=iteration.cost,
-        cost_reduction=iteration.cost_reduction,
-        expected_reduction=iteration.expected_reduction,
-        step_size=iteration.step_size,
-        regularization=iteration.regularization,
     )
-    message.header.stamp = stamp
-    return message
 
 
 def result_to_msg(
     result: OptimizationResult, request: OptimizationRequest, task: Task, stamp: Time
 ) -> OptimizeTrajectory.Response:
     """Returns a result as the service's response."""
-    return OptimizeTrajectory.Response(
+    place = (request.trajectory_index, request.iteration)
+    return to_message(
+        OptimizeTrajectory.Response,
+        result,
         success=result.status is not Status.CANCELLED,
         status=result.status.value,
         message=_sentence(result),
-        cost=result.cost,
-        modified_cost=result.modified_cost,
-        distribution=_distribution(
-            result.distribution, task, (request.trajectory_index, request.iteration), stamp
-        ),
+        distribution=distribution_to_msg(result.distribution, task, *place, stamp),
         iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
-        simulator_steps=result.simulator_steps,
     )
 
 
 def _sentence(result: OptimizationResult) -> str:
-    """What a solve ended with, and what can be done where it is trouble."""
+    """Says how a solve ended, and what helps where it did not end well."""
     words = [
         f"The solve ended after {len(result.iterations)} iterations: "
         f"{result.status.value.replace('_', ' ')}."
@@ -164,29 +146,6 @@ def result_from_msg(
         cost=float(costs[0]),
         modified_cost=float(costs[1]),
         status=Status(one_of("status", message.status, [status.value for status in Status])),
-        iterations=tuple(
-            Iteration(
-                index=i.iteration,
-                cost=i.cost,
-                cost_reduction=i.cost_reduction,
-                expected_reduction=i.expected_reduction,
-                step_size=i.step_size,
-                regularization=i.regularization,
-            )
-            for i in message.iterations
-        ),
+        iterations=tuple(from_message(Iteration, i, index=i.iteration) for i in message.iterations),
         simulator_steps=message.simulator_steps,
-    )
-
-
-def _distribution(
-    q: TrajectoryDistribution, task: Task, place: tuple[int, int], stamp: Time
-) -> TrajectoryDistributionMsg:
-    return distribution_to_msg(
-        q,
-        task=task.name,
-        trajectory_index=place[0],
-        iteration=place[1],
-        time_step=task.dynamics.time_step,
-        stamp=stamp,
     )

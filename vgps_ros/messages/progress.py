@@ -1,66 +1,39 @@
-"""Progress of a training run to messages and on to result.json."""
+"""Progress of a training run to messages and back."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.messages.conversions import plain, to_message
+from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
 
 
-def progress_to_msg(
-    iteration: IterationMetrics,
-    *,
-    task: str,
-    method: str,
-    seed: int,
-    iterations: int,
-    remaining_seconds: float,
-    stamp: Time,
-) -> LearningProgress:
-    """Returns one iteration's outcome as a message."""
-    message = LearningProgress(
-        task=task,
-        method=method,
-        seed=seed,
-        iteration=iteration.k,
-        iterations=iterations,
-        alpha=iteration.alpha,
-        initial_ddp_cost=iteration.initial_ddp_cost,
-        ddp_cost=iteration.ddp_cost,
-        deterministic_cost=iteration.deterministic_cost,
-        deterministic_survival=iteration.deterministic_survival,
-        stochastic_cost_mean=iteration.stochastic_cost_mean,
-        stochastic_cost_median=iteration.stochastic_cost_median,
-        stochastic_survival=iteration.stochastic_survival,
-        noise_std=iteration.noise_std,
-        policy_kl=iteration.policy_kl,
-        policy_entropy=iteration.policy_entropy,
-        q_step_seconds=iteration.q_step_seconds,
-        m_step_seconds=iteration.m_step_seconds,
-        remaining_seconds=remaining_seconds,
-        simulator_steps=iteration.simulator_steps,
-    )
-    message.header.stamp = stamp
-    return message
+def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> LearningProgress:
+    """Returns one iteration's metrics as a message.
+
+    Args:
+        metrics: the iteration.
+        stamp: when it ended.
+        run: task, method, seed, iterations and remaining_seconds of the run.
+    """
+    header = Header(stamp=stamp)
+    return to_message(LearningProgress, metrics, header=header, iteration=metrics.k, **run)
 
 
-def entry_from_msg(message: LearningProgress) -> dict[str, Any]:
-    """Returns the message as an entry of result.json's `iterations`."""
-    entry: dict[str, Any] = {"k": message.iteration}
-    for name in (
-        "alpha",
-        "ddp_cost",
-        "deterministic_cost",
-        "deterministic_survival",
-        "stochastic_cost_mean",
-        "stochastic_cost_median",
-        "stochastic_survival",
-        "q_step_seconds",
-        "m_step_seconds",
-        "simulator_steps",
-    ):
-        value = getattr(message, name, math.nan)  # bags of earlier versions lack some
-        entry[name] = value if math.isfinite(value) else None
-    return entry
+def progress_from_msg(message: LearningProgress) -> IterationMetrics:
+    """Returns the message's metrics; NaN stands for one that an older bag's messages lack."""
+    found = {name: plain(getattr(message, name, math.nan)) for name in METRICS}
+    return IterationMetrics(k=message.iteration, **found)
+
+
+def result_from_msgs(
+    history: Sequence[LearningProgress], policy: GaussianPolicy | None
+) -> dict[str, Any]:
+    """Returns the content of result.json of a training that messages tell of, at least one."""
+    last, metrics = history[-1], [progress_from_msg(message) for message in history]
+    return result_content(last.task, last.method, int(last.seed), policy, metrics)

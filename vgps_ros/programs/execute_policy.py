@@ -1,7 +1,6 @@
 """Program `execute_policy`: lets the policy drive the simulation in lock-step, and scores it."""
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.ros_runtime.policy_run import PolicyRun
 from vgps_ros.storage.files import write_json
+from vgps_ros.storage.run_folder import read_result
 from vgps_ros.tasks import TASKS, Task, make_task
 
 
@@ -51,15 +51,6 @@ def _show(
         ):
             table.add_row(name, "diverged" if cost is None else f"{cost:.3f}", "")
     console.print(table)
-
-
-def _read_training(path: Path) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads(path.read_text())
-        _ = content["iterations"][-1], content["initial_ddp_cost"]
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, IndexError, TypeError) as error:
-        raise VgpsError(f"'{path}' is not a result.json of a training: {error}.") from error
-    return content
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -97,7 +88,7 @@ def _run(arguments: argparse.Namespace) -> None:
     steps = task.horizon if arguments.steps is None else arguments.steps
     if steps < 1:
         raise VgpsError(f"--steps is {steps}, but it must be at least 1.")
-    training = _read_training(arguments.result) if arguments.result else None
+    training = read_result(arguments.result) if arguments.result else None
     node = PolicyRun(task, arguments.simulation, arguments.timeout)
     try:
         with Progress(console=console) as progress:

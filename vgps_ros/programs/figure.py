@@ -15,6 +15,7 @@ from vgps_ros.experiments.cell_table import MethodResults, by_panel, read_table
 from vgps_ros.experiments.cells import Cell, Panel
 from vgps_ros.experiments.summary import summary, summary_table
 from vgps_ros.search.methods import METHOD
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.comparison import ComparisonPanel, Curve, comparison
 from vgps_ros.views.comparison_recording import record_comparison
 from vgps_ros.views.plots import save
@@ -82,7 +83,8 @@ def _robots(root: Path, results: Mapping[Panel, Mapping[str, MethodResults]]) ->
             for seed, costs in zip(result.seeds, result.columns["deterministic_cost"], strict=True):
                 found = (float(costs[-1]), Cell(panel, METHOD.default, seed))
                 best[panel.task] = min(best.get(panel.task, found), found, key=lambda pair: pair[0])
-    return [read_results(cell.folder(root)) for cost, cell in best.values() if np.isfinite(cost)]
+    cells = [cell for cost, cell in best.values() if np.isfinite(cost)]
+    return [read_results(RunFolder(cell.folder(root))) for cell in cells]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

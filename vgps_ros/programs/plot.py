@@ -11,6 +11,7 @@ from rich.progress import Progress
 
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
 from vgps_ros.views.plots import learning_curve, motion, save, trajectory
 from vgps_ros.views.run_record import RunRecord
@@ -95,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         run = parsed.run.resolve()
         beside = run.with_name(f"{run.name}-plots")  # nothing but a bag's own files in its folder
-        default = run / "plots" if (run / "result.json").is_file() else beside
+        default = run / "plots" if RunFolder(run).result.is_file() else beside
         plot(parsed.run, parsed.output or default, overwrite=parsed.overwrite)
     except (VgpsError, OSError) as error:
         sys.exit(f"plot: {error}")

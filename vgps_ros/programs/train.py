@@ -13,17 +13,15 @@ from vgps_ros.experiments.training import train
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import METHOD, METHODS
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.result_file import iteration_entry
 from vgps_ros.search.settings import SearchSettings, search_settings
-from vgps_ros.storage.distribution_file import DISTRIBUTION
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import TASKS, Task, make_task
 from vgps_ros.views.plots import learning_curve, save
-from vgps_ros.views.run_record import TRAJECTORIES
 from vgps_ros.views.training_progress import TrainingProgress
 
 
 def train_with_progress(
-    method: str, task: Task, settings: SearchSettings, seed: int, output: Path
+    method: str, task: Task, settings: SearchSettings, seed: int, output: RunFolder
 ) -> None:
     """Trains a policy, shows how it goes, and draws the learning curve.
 
@@ -35,24 +33,22 @@ def train_with_progress(
     """
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
-        checkpoints = Checkpoints(output / "checkpoints", progress.say)
+        checkpoints = Checkpoints(output.checkpoints, progress.say)
         content = train(
             method,
             task,
             settings,
             seed,
             output,
-            on_iteration=lambda i: progress.iteration(
-                iteration_entry(i), i.initial_ddp_cost, remaining.after(i)
-            ),
+            on_iteration=lambda i: progress.iteration(i, remaining.after(i)),
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,
         )
-    save(learning_curve(content), output / "learning_curve.png")
+    save(learning_curve(content), output.learning_curve)
     checkpoints.remove()
     print(
-        f"Wrote result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png to "
-        f"{output}; `ros2 run vgps_ros plot {output}` draws the rest."
+        f"Wrote {output.file_names()} to {output.path}; "
+        f"`ros2 run vgps_ros plot {output.path}` draws the rest."
     )
 
 
@@ -84,7 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="train",
         parents=[which],
         description="Learns a policy in this process, and "
-        f"writes result.json, policy.json, {DISTRIBUTION}, {TRAJECTORIES} and learning_curve.png. "
+        "writes result.json, policy.json, distribution.npz, trajectories.npz and "
+        "learning_curve.png. "
         "One that was stopped or killed goes on where it was when the same command is given again.",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
@@ -95,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         settings = settings_from(parsed, defaults)
         task = replace(task, optimizer=settings_from(parsed, optimizer))
-        train_with_progress(parsed.method, task, settings, parsed.seed, parsed.output)
+        train_with_progress(parsed.method, task, settings, parsed.seed, RunFolder(parsed.output))
     except (VgpsError, OSError) as error:
         sys.exit(f"train: {error}")
     except KeyboardInterrupt:

@@ -12,33 +12,20 @@ from vgps_msgs.action import TrainPolicy
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import policy_from_msg
-from vgps_ros.messages.progress import entry_from_msg
+from vgps_ros.messages.progress import result_from_msgs
 from vgps_ros.ros_runtime.training_client import TrainingClient
-from vgps_ros.search.result_file import result_content
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.plots import learning_curve, save
 from vgps_ros.views.training_progress import TrainingProgress
 
 
-def write_result(result: TrainPolicy.Result, output: Path) -> None:
+def write_result(result: TrainPolicy.Result, output: RunFolder) -> None:
     """Writes result.json, policy.json and learning_curve.png, as `train` does."""
-    last = result.history[-1]
     policy = policy_from_msg(result.policy)
-    content = result_content(
-        task=last.task,
-        method=last.method,
-        seed=int(last.seed),
-        hidden_units=policy.architecture.hidden_units,
-        num_parameters=int(result.num_parameters),
-        initial_ddp_cost=last.initial_ddp_cost,
-        iterations=[entry_from_msg(message) for message in result.history],
-    )
-    output.mkdir(parents=True, exist_ok=True)
-    write_json(output / "result.json", content)
-    save_policy(policy, last.task, output / "policy.json")
-    save(learning_curve(content), output / "learning_curve.png")
+    content = result_from_msgs(result.history, policy)
+    output.save(content, policy)
+    save(learning_curve(content), output.learning_curve)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -83,9 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
             result = node.train(goal, parsed.timeout, progress)
-        write_result(result, parsed.output)
+        folder = RunFolder(parsed.output)
+        write_result(result, folder)
         print(result.message)
-        print(f"Wrote result.json, policy.json and learning_curve.png to {parsed.output}.")
+        print(f"Wrote {folder.file_names()} to {folder.path}.")
     except (VgpsError, OSError, AssertionError) as error:
         sys.exit(f"train_through_graph: {error}")
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -133,15 +133,8 @@ class TrainingResults:
         for index, q in enumerate(distributions):
             # Taken here too: the topic keeps the last few only.
             self._prepare(index, q, task)
-            message = distribution_to_msg(
-                q,
-                task=task,
-                trajectory_index=index,
-                iteration=0,
-                time_step=self._task.dynamics.time_step,
-                stamp=self._node.get_clock().now().to_msg(),
-            )
-            publisher.publish(message)
+            stamp = self._node.get_clock().now().to_msg()
+            publisher.publish(distribution_to_msg(q, self._task, index, 0, stamp))
 
     def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
         one_of("the policy's task", task, [self._task.name])

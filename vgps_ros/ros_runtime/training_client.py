@@ -14,7 +14,7 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.messages.progress import entry_from_msg
+from vgps_ros.messages.progress import progress_from_msg
 from vgps_ros.ros_runtime.peers import Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.views.training_progress import TrainingProgress
@@ -73,7 +73,7 @@ class TrainingClient(Node):
 
         def show_iteration(feedback: Any) -> None:
             p = feedback.feedback.progress
-            progress.iteration(entry_from_msg(p), p.initial_ddp_cost, p.remaining_seconds)
+            progress.iteration(progress_from_msg(p), p.remaining_seconds)
 
         shown: set[str] = set()
 

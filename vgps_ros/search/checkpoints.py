@@ -10,7 +10,6 @@ two are always there, and what a run went on from is not touched before there is
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,18 +21,15 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import settings_of
 from vgps_ros.search.iteration import SearchState
-from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimization import OptimizationResult, check_distribution
+from vgps_ros.search.trajectory_optimization import check_distribution
 from vgps_ros.search.workspace import Update, initial_states
-from vgps_ros.storage.files import part_of, replacing
-from vgps_ros.storage.record_tree import from_tree, to_tree
+from vgps_ros.storage.files import part_of, read_archive, write_archive
+from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
 
 FORMAT = 3  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
-
-Solutions = tuple[OptimizationResult, ...]
 
 
 @dataclass(frozen=True)
@@ -84,8 +80,7 @@ class Checkpoints:
         content = {"run": run.identity(), "state": to_tree(state, arrays)}
         text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
         self.folder.mkdir(parents=True, exist_ok=True)
-        with replacing(self._path(state.k)) as file:
-            np.savez(file, **{_CONTENT: text}, **arrays)  # type: ignore[arg-type]
+        write_archive(self._path(state.k), {_CONTENT: text, **arrays})
 
     def latest(self, run: Run, kind: type[Update]) -> SearchState | None:
         """Returns the state to go on from; None if there is none.
@@ -99,31 +94,28 @@ class Checkpoints:
         Raises:
             InvalidInputError: there are only checkpoints of another run.
         """
-        loaded = [self._load(path, run, kind) for path in (self._path(0), self._path(1))]
-        found = [one for one in loaded if isinstance(one, SearchState)]
+        found: list[SearchState] = []
+        refused: list[Exception] = []
+        for path in (self._path(0), self._path(1)):
+            try:
+                found.append(_load(path, run, kind))
+            except FileNotFoundError:  # noqa: PERF203
+                continue
+            except ForeignCheckpointError as error:
+                self.tell(str(error))
+                refused.insert(0, error)
+            except Exception as error:  # whatever the bytes are, they are no checkpoint
+                self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
+                refused.append(error)
         if found:
             state = max(found, key=lambda one: one.k)
             self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
             return state
-        for error in loaded:
-            if isinstance(error, ForeignCheckpointError):
-                raise error
-        if any(loaded):
+        if refused and isinstance(refused[0], ForeignCheckpointError):
+            raise refused[0]
+        if refused:
             self.tell("There is no whole checkpoint: the training begins anew.")
         return None
-
-    def _load(self, path: Path, run: Run, kind: type[Update]) -> SearchState | Exception | None:
-        """The state in a file, or why it is refused."""
-        try:
-            return _load(path, run, kind)
-        except FileNotFoundError:
-            return None
-        except ForeignCheckpointError as error:
-            self.tell(str(error))
-            return error
-        except Exception as error:  # whatever the bytes are, they are no checkpoint
-            self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
-            return error
 
     def remove(self) -> None:
         """Removes the files, and the folder if there is nothing else in it."""
@@ -142,19 +134,10 @@ class ForeignCheckpointError(InvalidInputError):
 
 
 def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
-    with zipfile.ZipFile(path) as archive:
-        damaged = archive.testzip()
-    if damaged:
-        raise InvalidInputError(f"the check sum of {damaged} is wrong.")
-    with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
+    arrays = read_archive(path)
     content = json.loads(arrays.pop(_CONTENT).tobytes())
     _compare(content["run"], run.identity(), path)
-    tree = content["state"]
-    last = None if tree["last"] is None else from_tree(kind, tree["last"], arrays)
-    solutions = from_tree(Solutions, tree["initial_solutions"], arrays)
-    history = from_tree(tuple[IterationMetrics, ...], tree["history"], arrays)
-    state = SearchState(solutions, from_tree(int, tree["simulator_steps"], arrays), history, last)
+    state: SearchState = from_entries(SearchState, content["state"], arrays, last=kind | None)
     _check(state, run)
     return state
 

@@ -29,32 +29,6 @@ class Evaluation:
     deterministic_survived: NDArray[np.bool_]
     stochastic_survived: NDArray[np.bool_]
 
-    @property
-    def deterministic_cost(self) -> float:
-        """Mean over the initial states."""
-        return float(self.deterministic_costs.mean())
-
-    @property
-    def stochastic_mean(self) -> float:
-        """Mean over the rollouts that did not diverge; inf if all did."""
-        finite = self.stochastic_costs[np.isfinite(self.stochastic_costs)]
-        return float(finite.mean()) if finite.size else float("inf")
-
-    @property
-    def stochastic_median(self) -> float:
-        """Median over all rollouts, a diverged one counting as inf."""
-        return float(np.quantile(self.stochastic_costs, 0.5, method="higher"))
-
-    @property
-    def stochastic_survival(self) -> float:
-        """Share of the stochastic rollouts that neither diverged nor fell."""
-        return float(self.stochastic_survived.mean())
-
-    @property
-    def deterministic_survival(self) -> float:
-        """Share of the initial states from which the policy without noise survives."""
-        return float(self.deterministic_survived.mean())
-
 
 def evaluate(
     task: Task,

@@ -1,13 +1,8 @@
 """What is known of an iteration of a policy search as it ends."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from vgps_ros.core.gaussians import kl_divergence
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.search.evaluation import Evaluation
 from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -21,7 +16,7 @@ class SearchState:
     Attributes:
         initial_solutions: of line 1, one for each initial state.
         simulator_steps: that learning has taken so far.
-        history: figures of the iterations so far.
+        history: metrics of the iterations so far.
         last: what the last one ended with; None at k = 0.
     """
 
@@ -45,9 +40,9 @@ class SearchIteration(IterationMetrics):
         evaluation: its costs.
         initial_solutions: q(ζ) of each initial state before the first iteration.
         solutions: q(ζ) of each at the end of the iteration.
-        history: figures of all iterations so far, the last of which are this one's; complete also
-            where the run went on from a checkpoint.
-        warnings: what went wrong in it and was got over, in sentences.
+        history: metrics of all iterations so far, this one's last; complete also where the run
+            went on from a checkpoint.
+        warnings: sentences on trouble in the iteration that did not end the run.
     """
 
     policy: GaussianPolicy
@@ -59,36 +54,16 @@ class SearchIteration(IterationMetrics):
 
     @classmethod
     def of(
-        cls,
-        state: SearchState,
-        update: Update,
-        evaluation: Evaluation,
-        warnings: tuple[str, ...] = (),
+        cls, state: SearchState, evaluation: Evaluation, warnings: tuple[str, ...] = ()
     ) -> "SearchIteration":
-        """Returns the outcome of the iteration that has led to a state by an update."""
+        """Returns the outcome of the iteration that has led to a state."""
+        assert state.last
         return cls(
             **vars(state.history[-1]),
-            policy=update.policy,
+            policy=state.last.policy,
             evaluation=evaluation,
             initial_solutions=state.initial_solutions,
-            solutions=update.solutions,
+            solutions=state.last.solutions,
             history=state.history,
             warnings=warnings,
         )
-
-
-def policy_kl(policy: GaussianPolicy, distributions: Sequence[TrajectoryDistribution]) -> float:
-    """Returns KL(q(u|x) ‖ π_θ(u|x)) along the distributions' means, mean over steps [nat]."""
-    noise = np.diag(policy.noise_std**2)
-    divergences = [
-        kl_divergence(
-            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
-        )
-        for q in distributions
-    ]
-    return float(np.mean(divergences))
-
-
-def mean_solution_cost(solutions: Sequence[OptimizationResult]) -> float:
-    """Returns the cost of the solutions' means, averaged over initial states."""
-    return float(np.mean([s.cost for s in solutions]))

@@ -10,10 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.gaussians import entropy
 from vgps_ros.core.settings import Setting
 from vgps_ros.search.adapted_weighted_dagger import adapted_weighted_dagger
 from vgps_ros.search.adaptive_gps import adaptive_gps
@@ -22,13 +19,8 @@ from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, gps
-from vgps_ros.search.iteration import (
-    SearchIteration,
-    SearchState,
-    mean_solution_cost,
-    policy_kl,
-)
-from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.search.iteration import SearchIteration, SearchState
+from vgps_ros.search.metrics import measure
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import weighted_dagger
@@ -102,7 +94,7 @@ def search(
     if found:
         state, work.simulator_steps = found, found.simulator_steps
         if found.last:
-            yield SearchIteration.of(found, found.last, evaluated(found.last, found.k))
+            yield SearchIteration.of(found, evaluated(found.last, found.k))
     else:
         state = SearchState(work.initial_solutions, work.simulator_steps, (), None)
         if checkpoints:
@@ -113,38 +105,8 @@ def search(
         q_step = work.optimization_seconds - optimized
         m_step = time.perf_counter() - began - q_step
         evaluation = evaluated(update, k)
-        figures = _figures(work, state, update, evaluation, q_step, m_step)
-        history = (*state.history, figures)
+        history = (*state.history, measure(work, state, update, evaluation, q_step, m_step))
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
         if checkpoints:
             checkpoints.save(run, state)
-        yield SearchIteration.of(state, update, evaluation, work.take_warnings())
-
-
-def _figures(
-    work: Workspace,
-    before: SearchState,
-    update: Update,
-    evaluation: Evaluation,
-    q_step_seconds: float,
-    m_step_seconds: float,
-) -> IterationMetrics:
-    policy, k = update.policy, before.k + 1
-    solutions = before.last.solutions if before.last else before.initial_solutions
-    return IterationMetrics(
-        k=k,
-        alpha=work.settings.alpha(k),
-        initial_ddp_cost=mean_solution_cost(before.initial_solutions),
-        ddp_cost=mean_solution_cost(update.solutions),
-        deterministic_cost=evaluation.deterministic_cost,
-        deterministic_survival=evaluation.deterministic_survival,
-        stochastic_cost_mean=evaluation.stochastic_mean,
-        stochastic_cost_median=evaluation.stochastic_median,
-        stochastic_survival=evaluation.stochastic_survival,
-        noise_std=tuple(policy.noise_std.tolist()),
-        policy_kl=policy_kl(policy, work.scored(solutions)),
-        policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
-        q_step_seconds=q_step_seconds,
-        m_step_seconds=m_step_seconds,
-        simulator_steps=work.simulator_steps,
-    )
+        yield SearchIteration.of(state, evaluation, work.take_warnings())

@@ -1,44 +1,151 @@
-"""An iteration of a policy search in numbers: what is shown, sent and recorded of it."""
+"""An iteration of a policy search in numbers.
 
-from dataclasses import dataclass
+Each number is declared here once, and computed below. The entries of result.json, the message
+LearningProgress (`scripts/write_progress_message.py` writes its definition), the table of an
+experiment and the recording derive from the declaration.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import numpy as np
+
+from vgps_ros.core.gaussians import entropy, kl_divergence
+from vgps_ros.core.policy import GaussianPolicy
+
+if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
+    from vgps_ros.search.evaluation import Evaluation
+    from vgps_ros.search.iteration import SearchState
+    from vgps_ros.search.workspace import Update, Workspace
+
+
+class Metric(NamedTuple):
+    """Declares a metric: its meaning and unit, and its name in a recording if it is drawn there."""
+
+    description: str
+    drawn: str = ""
 
 
 @dataclass(frozen=True)
 class IterationMetrics:
-    """Outcome of iteration k in numbers; a diverged rollout costs inf.
+    """The metrics of iteration k, which counts from 1; a rollout that diverged costs inf.
 
-    Attributes:
-        k: 1 … K.
-        alpha: α_k.
-        initial_ddp_cost: cost of the solution of line 1, mean over initial states.
-        ddp_cost: cost of the current solution, mean over initial states.
-        deterministic_cost: of the policy without noise, mean over initial states.
-        deterministic_survival: share of the initial states from which it survives.
-        stochastic_cost_mean: mean over the rollouts that did not diverge.
-        stochastic_cost_median: over all rollouts.
-        stochastic_survival: share of the rollouts that survive.
-        noise_std: σ of the policy [N·m], one a control.
-        policy_kl: KL(q(u|x) ‖ π_θ(u|x)) along the trajectories before they were adapted to the
-            policy, mean over steps [nat]; in the iteration in which vgps chooses among candidates,
-            along those of the first one.
-        policy_entropy: entropy of π_θ(u|x) [nat].
-        q_step_seconds: wall time of trajectory optimisation.
-        m_step_seconds: wall time of the rest of the update.
-        simulator_steps: that learning has taken so far, finite differences included.
+    Costs of solutions and of the policy without noise are means over the initial states.
     """
 
     k: int
-    alpha: float
-    initial_ddp_cost: float
-    ddp_cost: float
-    deterministic_cost: float
-    deterministic_survival: float
-    stochastic_cost_mean: float
-    stochastic_cost_median: float
-    stochastic_survival: float
-    noise_std: tuple[float, ...]
-    policy_kl: float
-    policy_entropy: float
-    q_step_seconds: float
-    m_step_seconds: float
-    simulator_steps: int
+    alpha: Annotated[float, Metric("alpha_k, the cost's scale", "alpha")]
+    initial_ddp_cost: Annotated[
+        float, Metric("mean cost of the initial DDP solutions, of line 1", "initial_ddp_cost")
+    ]
+    ddp_cost: Annotated[float, Metric("mean cost of the current DDP solutions", "ddp_cost")]
+    deterministic_cost: Annotated[
+        float, Metric("mean cost of the policy without noise; inf: diverged", "deterministic_cost")
+    ]
+    deterministic_survival: Annotated[
+        float, Metric("share of the initial states from which the policy without noise survives")
+    ]
+    stochastic_cost_mean: Annotated[
+        float, Metric("mean cost over the rollouts that did not diverge", "stochastic_cost")
+    ]
+    stochastic_cost_median: Annotated[
+        float, Metric("median cost over all rollouts; one that diverged counts as inf")
+    ]
+    stochastic_survival: Annotated[
+        float, Metric("share of the rollouts that neither diverged nor fell, in [0, 1]")
+    ]
+    noise_std: Annotated[tuple[float, ...], Metric("shape (n_u,): the policy's noise [N·m]")]
+    policy_kl: Annotated[
+        float, Metric("mean KL(q || pi_theta) along the q before line 6 [nat]", "policy_kl")
+    ]
+    policy_entropy: Annotated[float, Metric("entropy of pi_theta(u|x) [nat]")]
+    q_step_seconds: Annotated[float, Metric("wall time of the trajectory optimisation [s]")]
+    m_step_seconds: Annotated[float, Metric("wall time of the rest of the update [s]")]
+    simulator_steps: Annotated[
+        int, Metric("simulator steps that learning has taken, finite differences included")
+    ]
+
+    def entry(self) -> dict[str, Any]:
+        """Returns k and the metrics as JSON values; what is not finite is null there."""
+        return {f.name: _json_value(getattr(self, f.name)) for f in fields(IterationMetrics)}
+
+
+METRICS: dict[str, Metric] = {
+    f.name: f.type.__metadata__[0]  # type: ignore[union-attr]
+    for f in fields(IterationMetrics)
+    if f.name != "k"
+}
+
+
+def measure(
+    work: "Workspace",
+    before: "SearchState",
+    update: "Update",
+    evaluation: "Evaluation",
+    q_step_seconds: float,
+    m_step_seconds: float,
+) -> IterationMetrics:
+    """Computes the metrics of the iteration that has led from a state to an update."""
+    policy, k = update.policy, before.k + 1
+    noise = np.diag(policy.noise_std**2)
+    # Those that line 6 has not adapted yet; the first candidate's where vgps has chosen another.
+    solved = work.scored(before.last.solutions if before.last else before.initial_solutions)
+    divergences = [
+        kl_divergence(
+            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
+        )
+        for q in solved
+    ]
+    return IterationMetrics(
+        k=k,
+        alpha=work.settings.alpha(k),
+        initial_ddp_cost=float(np.mean([s.cost for s in before.initial_solutions])),
+        ddp_cost=float(np.mean([s.cost for s in update.solutions])),
+        **evaluation_metrics(evaluation),
+        noise_std=tuple(policy.noise_std.tolist()),
+        policy_kl=float(np.mean(divergences)),
+        policy_entropy=float(entropy(noise)),
+        q_step_seconds=q_step_seconds,
+        m_step_seconds=m_step_seconds,
+        simulator_steps=work.simulator_steps,
+    )
+
+
+def evaluation_metrics(evaluation: "Evaluation") -> dict[str, Any]:
+    """Computes the metrics by name that sum up an evaluation."""
+    costs = evaluation.stochastic_costs
+    finite = costs[np.isfinite(costs)]
+    return {
+        "deterministic_cost": float(evaluation.deterministic_costs.mean()),
+        "deterministic_survival": float(evaluation.deterministic_survived.mean()),
+        "stochastic_cost_mean": float(finite.mean()) if finite.size else math.inf,
+        "stochastic_cost_median": float(np.quantile(costs, 0.5, method="higher")),
+        "stochastic_survival": float(evaluation.stochastic_survived.mean()),
+    }
+
+
+def result_content(
+    task: str,
+    method: str,
+    seed: int,
+    policy: GaussianPolicy | None,
+    history: Sequence[IterationMetrics],
+) -> dict[str, Any]:
+    """Returns the content of result.json; the last policy may be unknown, as in some bags."""
+    return {
+        "task": task,
+        "method": method,
+        "seed": seed,
+        "hidden_units": list(policy.architecture.hidden_units) if policy else [],
+        "num_parameters": policy.architecture.num_parameters if policy else 0,
+        "initial_ddp_cost": history[-1].initial_ddp_cost,
+        "iterations": [metrics.entry() for metrics in history],
+    }
+
+
+def _json_value(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_json_value(entry) for entry in value]
+    return value if math.isfinite(value) else None

@@ -1,7 +1,7 @@
 """Settings of a policy search, which all methods share."""
 
 from bisect import bisect
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 
 import numpy as np
@@ -130,14 +130,9 @@ class SearchSettings:
 
 def architecture(task: Task, settings: SearchSettings) -> Architecture:
     """Returns the shape of the task's policy."""
-    return Architecture(
-        observed=task.observed,
-        hidden_units=settings.hidden_units,
-        control_dim=task.dynamics.control_dim,
-        activation=settings.activation,
-        hidden_bias=settings.hidden_bias,
-        output_bias=settings.output_bias,
-    )
+    own = {"observed": task.observed, "control_dim": task.dynamics.control_dim}
+    shared = {f.name: getattr(settings, f.name) for f in fields(Architecture) if f.name not in own}
+    return Architecture(**own, **shared)
 
 
 def search_settings(task: Task) -> SearchSettings:

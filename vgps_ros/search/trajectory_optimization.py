@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array, check_covariances, positive
+from vgps_ros.core.checks import check_array, check_record, positive
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
@@ -193,16 +193,8 @@ def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: 
     Raises:
         InvalidInputError: it is not.
     """
-    n_x, n_u, horizon = task.dynamics.state_dim, task.dynamics.control_dim, task.planned_horizon
-    check_array(f"{name}.mean.states", q.mean.states, (horizon + 1, n_x))
-    check_array(f"{name}.mean.controls", q.mean.controls, (horizon, n_u))
-    check_array(f"{name}.gains", q.gains, (horizon, n_u, n_x))
-    check_array(f"{name}.f_x", q.linear_dynamics.f_x, (horizon, n_x, n_x))
-    check_array(f"{name}.f_u", q.linear_dynamics.f_u, (horizon, n_x, n_u))
-    check_array(f"{name}.state_covariances", q.state_covariances, (horizon + 1, n_x, n_x))
-    check_array(f"{name}.control_covariances", q.control_covariances, (horizon, n_u, n_u))
-    check_covariances(f"{name}.state_covariances", q.state_covariances)
-    check_covariances(f"{name}.control_covariances", q.control_covariances)
+    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
+    check_record(name, q, T=task.planned_horizon, n_x=n_x, n_u=n_u)
     if not np.array_equal(q.mean.states[0], start):
         raise InvalidInputError(
             f"initial_state is {start.tolist()}, but it must be where {name} starts, "

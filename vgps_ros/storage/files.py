@@ -1,11 +1,24 @@
-"""Files that are written in one piece."""
+"""Files that are written in one piece; reading one can run no code."""
 
 import json
 import os
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.errors import InvalidInputError
+
+# NumPy's reader raises these of a file that is no archive, is damaged, or holds pickled objects.
+_MALFORMED = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, MemoryError),
+    *(KeyError, IndexError, AttributeError, TypeError, ValueError, SyntaxError),
+)
 
 
 def part_of(path: Path) -> Path:
@@ -39,6 +52,30 @@ def write_json(path: Path, content: Any) -> None:
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     with replacing(path) as file:
         file.write(text.encode())
+
+
+def write_archive(path: Path, arrays: Mapping[str, NDArray]) -> None:
+    """Writes arrays by name as an archive (.npz), in one piece."""
+    with replacing(path) as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def read_archive(path: Path) -> dict[str, NDArray]:
+    """Reads all arrays of an archive, bit for bit.
+
+    Raises:
+        OSError: the file is missing or cannot be read.
+        InvalidInputError: the file is no archive, is damaged, or holds objects of Python.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            damaged = archive.testzip()
+        if damaged:
+            raise InvalidInputError(f"the check sum of {damaged} is wrong")
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except _MALFORMED as error:
+        raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
 
 
 def _sync(folder: Path) -> None:

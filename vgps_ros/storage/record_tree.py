@@ -1,7 +1,7 @@
 """Records as JSON values and arrays, and back: for files that can run no code.
 
-A record becomes a tree of JSON values, in which each array is but a name. Reading it back follows
-the types that the records declare, so that a file can choose none but those.
+A record becomes a tree of JSON values, in which a name stands for each array. Reading it back
+follows the types that the records declare, so that a file can choose none but those.
 """
 
 from collections.abc import Mapping
@@ -70,6 +70,19 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     return _expected(tree, kind)
 
 
+def from_entries(kind: Any, entries: Any, arrays: Mapping[str, Array], **narrower: Any) -> Any:
+    """Returns a record from the trees of its fields by name, as `from_tree` does.
+
+    Where the type of a field is known better than the record declares, it is given by name.
+
+    Raises:
+        KeyError: a field is missing.
+        InvalidInputError: a tree is not of its field's type, or the record refuses its values.
+    """
+    types = get_type_hints(kind) | narrower
+    return kind(**{f.name: from_tree(types[f.name], entries[f.name], arrays) for f in fields(kind)})
+
+
 def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     choices = get_args(kind) or (kind,)
     if tree is None and NoneType in choices:
@@ -77,11 +90,10 @@ def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     entries = dict(_expected(tree, dict))
     name = entries.pop(_RECORD, None)
     (chosen,) = [choice for choice in choices if choice.__name__ == name] or (None,)
-    types = get_type_hints(chosen) if chosen else {}
     if chosen is None or set(entries) != {f.name for f in fields(chosen)}:
         wanted = " or ".join(choice.__name__ for choice in choices)
         raise InvalidInputError(f"A record {name!r} stands where a whole {wanted} must be.")
-    return chosen(**{key: from_tree(types[key], entry, arrays) for key, entry in entries.items()})
+    return from_entries(chosen, entries, arrays)
 
 
 def _expected(tree: Any, kind: type) -> Any:

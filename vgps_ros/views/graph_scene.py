@@ -22,21 +22,12 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     state_from_msg,
 )
+from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import blueprint
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_scene import RobotScene
 
 _PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
-_FIGURES = {  # of learning_progress, by their names in the recording
-    "alpha": "alpha",
-    "stochastic_cost": "stochastic_cost_mean",
-    "deterministic_cost": "deterministic_cost",
-    "ddp_cost": "ddp_cost",
-    "initial_ddp_cost": "initial_ddp_cost",
-    "policy_kl": "policy_kl",
-}
-
-
 DRAWN = {  # topics that are drawn, and their types
     "robot_description": "std_msgs/msg/String",
     "joint_states": "sensor_msgs/msg/JointState",
@@ -136,9 +127,9 @@ class GraphScene:
 
     def _show_learning_progress(self, message: Any) -> None:
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
-        for name, field in _FIGURES.items():
-            if np.isfinite(figure := getattr(message, field)):
-                self.recording.log(f"learning/{name}", rr.Scalars(figure))
+        for name, metric in METRICS.items():
+            if metric.drawn and np.isfinite(value := getattr(message, name)):
+                self.recording.log(f"learning/{metric.drawn}", rr.Scalars(value))
 
     def _show_policy(self, message: Any) -> None:
         noise_std = policy_from_msg(message).noise_std

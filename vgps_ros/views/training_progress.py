@@ -1,10 +1,12 @@
 """Live progress of a training run on the terminal: a table that grows, and a bar with time left."""
 
+import math
 from types import TracebackType
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from vgps_ros.search.metrics import IterationMetrics
 
 _ROW = "{:>9}  {:>6}  {:>10}  {:>13}  {:>8}  {:>11}  {:>9}"
 _HEADER = ("iteration", "alpha", "stochastic", "deterministic", "DDP", "initial DDP", "time left")
@@ -47,27 +49,27 @@ class TrainingProgress:
         """Shows an iteration of the initial solve."""
         self._bar.update(self._initial, completed=index)
 
-    def iteration(self, entry: dict[str, Any], initial_ddp_cost: float, remaining: float) -> None:
-        """Shows an iteration of Algorithm 1, given its entry of result.json."""
+    def iteration(self, metrics: IterationMetrics, remaining: float) -> None:
+        """Shows an iteration of Algorithm 1, and the time left [s]."""
         if not self._has_header:
             self.say(_ROW.format(*_HEADER))
             self._has_header = True
         costs = (
-            entry["stochastic_cost_mean"],
-            entry["deterministic_cost"],
-            entry["ddp_cost"],
-            initial_ddp_cost,
+            metrics.stochastic_cost_mean,
+            metrics.deterministic_cost,
+            metrics.ddp_cost,
+            metrics.initial_ddp_cost,
         )
         self.say(
             _ROW.format(
-                f"{entry['k']}/{self._iterations}",
-                f"{entry['alpha']:.2f}",
-                *("diverged" if cost is None else f"{cost:.1f}" for cost in costs),
+                f"{metrics.k}/{self._iterations}",
+                f"{metrics.alpha:.2f}",
+                *(f"{cost:.1f}" if math.isfinite(cost) else "diverged" for cost in costs),
                 f"{remaining:.0f} s",
             )
         )
         self._bar.update(self._initial, visible=False)
-        self._bar.update(self._learning, completed=entry["k"], visible=True)
+        self._bar.update(self._learning, completed=metrics.k, visible=True)
 
     def say(self, line: str) -> None:
         """Prints a line above the bar."""

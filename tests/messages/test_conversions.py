@@ -1,0 +1,68 @@
+"""Records to messages and files and back: every array, bit for bit."""
+
+import re
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+
+from vgps_ros.core.arrays import arrays_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.conversions import (
+    distribution_from_msg,
+    distribution_to_msg,
+    policy_from_msg,
+    policy_to_msg,
+)
+from vgps_ros.storage.policy_file import load_policy, save_policy
+
+
+def same_bits(one, other):
+    ours, theirs = arrays_of(one), arrays_of(other)
+    return ours.keys() == theirs.keys() and all(
+        ours[name].tobytes() == theirs[name].tobytes() and ours[name].shape == theirs[name].shape
+        for name in ours
+    )
+
+
+def test_a_distribution_crosses_bit_for_bit(random_distribution, swimmer):
+    q = random_distribution()
+    message = distribution_to_msg(q, swimmer, 3, 7, Time(sec=5))
+    assert len(arrays_of(q)) == 7
+    assert same_bits(distribution_from_msg(message), q)
+    place = (message.task, message.trajectory_index, message.iteration, message.header.stamp.sec)
+    assert place == ("swimmer", 3, 7, 5)
+    assert message.control_jacobians.tobytes() == q.linear_dynamics.f_u.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "sentence"),
+    [
+        ("state_jacobians", [1.0], "state_jacobians has 1 values, but shape (6, 4, 4) needs 96"),
+        ("gains", np.full(48, np.nan), "gains is nan at index 0"),
+    ],
+)
+def test_a_distribution_that_does_not_fit_is_refused(
+    random_distribution, swimmer, name, values, sentence
+):
+    message = distribution_to_msg(random_distribution(), swimmer, 0, 0, Time())
+    setattr(message, name, list(values))
+    with pytest.raises(InvalidInputError, match=re.escape(sentence)):
+        distribution_from_msg(message)
+
+
+def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):
+    policy = random_policy(hidden_units=(5, 3), activation="tanh", output_bias=False)
+    save_policy(policy, "swimmer", tmp_path / "policy.json")
+    kept, task = load_policy(tmp_path / "policy.json")
+    assert task == "swimmer"
+    for read in (policy_from_msg(policy_to_msg(policy, "swimmer", 1, Time())), kept):
+        assert read.architecture == policy.architecture
+        assert same_bits(read, policy)
+
+
+def test_a_policy_that_does_not_fit_is_refused(random_policy):
+    message = policy_to_msg(random_policy(), "swimmer", 1, Time())
+    message.noise_std = [1.0]
+    with pytest.raises(InvalidInputError, match=r"noise_std has 1 values"):
+        policy_from_msg(message)
