@@ -3,7 +3,7 @@
 import numpy as np
 
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
 
@@ -18,7 +18,7 @@ print(
 
 steps = search_settings(task).initial_ddp_iterations
 request = OptimizationRequest(0, 0, 0, 1.0, steps, task.initial_state)
-result = TrajectoryOptimizer(task).optimize(request)
+result = optimize(task, request)
 demonstrated = task.trajectory_cost(task.demonstration.first(task.horizon)) / task.horizon
 optimised = result.cost / task.horizon
 states = result.distribution.mean.first(task.horizon).states

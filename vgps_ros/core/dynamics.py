@@ -25,11 +25,13 @@ class Dynamics(Protocol):
         state_dim: n_x.
         control_dim: n_u.
         time_step: for which one control is held [s].
+        substeps: simulator steps in that time.
     """
 
     state_dim: int
     control_dim: int
     time_step: float
+    substeps: int
 
     def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
         """Returns the rollout of u = ū + K (x − x̄) from x_1, NaN from where it diverges.
@@ -45,5 +47,5 @@ class Dynamics(Protocol):
     ) -> Iterator[Trajectory]:
         """Yields the same for several nominal trajectories, in order."""
 
-    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory."""
+    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""

@@ -5,8 +5,9 @@ hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers
 parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
-Evaluation is NumPy's in the trajectory optimiser, in fits and on the robot; `compiled_network`
-gives the same up to rounding, for the rollouts of evaluations.
+The trajectory optimiser, fits and the robot evaluate the network by this module. Evaluations
+execute it in a compiled loop (`compiled_network`), and the M-step differentiates it in torch
+(`policy_network`); a test holds that all three agree up to rounding.
 """
 
 from collections.abc import Callable
@@ -178,26 +179,30 @@ class GaussianPolicy:
 
     def mean(self, states: Array) -> Array:
         """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
-        activation = ACTIVATIONS[self.architecture.activation][0]
-        a = states[..., self._observed]
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            a = activation(a @ w.T + b)
-        return a @ weight.T + bias
+        return self._forward(states)[0]
 
     def linearize(self, states: Array) -> tuple[Array, Array]:
         """Returns μ_θ(x), shape (..., n_u), and ∂μ/∂x, shape (..., n_u, n_x)."""
-        activation, derivative = ACTIVATIONS[self.architecture.activation]
-        a = states[..., self._observed]
+        derivative = ACTIVATIONS[self.architecture.activation][1]
+        mean, inputs = self._forward(states)
         jacobian = np.eye(len(self.architecture.observed))
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            z = a @ w.T + b
-            a = activation(z)
+        *hidden, (weight, _) = self.layers
+        for (w, _), z in zip(hidden, inputs, strict=True):
             jacobian = derivative(z)[..., None] * (w @ jacobian)
         full = np.zeros((*states.shape[:-1], self.architecture.control_dim, states.shape[-1]))
         full[..., self.architecture.observed] = weight @ jacobian
-        return a @ weight.T + bias, full
+        return mean, full
+
+    def _forward(self, states: Array) -> tuple[Array, list[Array]]:
+        """Returns μ_θ(x) and the input of each hidden layer's activation, shape (..., n_out)."""
+        activation = ACTIVATIONS[self.architecture.activation][0]
+        a, inputs = states[..., self._observed], []
+        *hidden, (weight, bias) = self.layers
+        for w, b in hidden:
+            z = a @ w.T + b
+            inputs.append(z)
+            a = activation(z)
+        return a @ weight.T + bias, inputs
 
     def log_density(self, states: Array, controls: Array) -> Array:
         """Returns log π_θ(u|x) [nat], shape (...,)."""

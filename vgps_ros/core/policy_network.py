@@ -1,7 +1,8 @@
 """The policy's network in torch, in units that condition its fit.
 
 States and controls are standardised while weights are optimised; the weights handed in and out are
-those of the raw units.
+those of the raw units. The network is written a second time here, with one sample a column: with
+one a row, as in `GaussianPolicy`, the M-step takes 1.2 to 1.4 times as long.
 """
 
 from collections.abc import Callable, Sequence
@@ -124,12 +125,12 @@ def minimize_lbfgs(
 
 
 def _columns(samples: Array) -> torch.Tensor:
-    """One sample a column: products of so few rows, and sums over samples, take less time so."""
+    """Returns samples (..., n) as a tensor (n, N)."""
     return torch.from_numpy(np.ascontiguousarray(samples.reshape(-1, samples.shape[-1]).T))
 
 
 def _affine(weight: torch.Tensor, a: torch.Tensor, bias: torch.Tensor | float) -> torch.Tensor:
-    """W a + b for one sample a column."""
+    """Returns W a + b, shape (n_out, N), for inputs (n_in, N)."""
     if isinstance(bias, torch.Tensor):
         return torch.addmm(bias[:, None], weight, a)
     return weight @ a

@@ -15,7 +15,7 @@ from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
-    TrajectoryOptimizer,
+    optimize,
 )
 from vgps_ros.storage.distribution_file import DISTRIBUTION, save_distributions
 from vgps_ros.storage.files import write_json
@@ -57,14 +57,10 @@ def train(
             those of another training.
     """
     output.mkdir(parents=True, exist_ok=True)
-    optimizer = TrajectoryOptimizer(task)
-
-    def optimize(request: OptimizationRequest) -> OptimizationResult:
-        report = on_initial_ddp if request.iteration == 0 else lambda _: None
-        return optimizer.optimize(request, on_iteration=report)
 
     def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
-        return [optimize(request) for request in requests]
+        reports = [on_initial_ddp if r.iteration == 0 else lambda _: None for r in requests]
+        return [optimize(task, r, report) for r, report in zip(requests, reports, strict=True)]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         content = result_content(

@@ -60,7 +60,7 @@ def evaluate(
         mean = policy.mean(x)
         return mean + policy.noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
-    states, controls = task.dynamics.rollouts(starts, control_law, steps)
+    states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
     # Steps up to the first state in which a rollout does not stand; 1 at least, for the means.
     lasted = np.where(standing.all(axis=1), steps, np.maximum(standing.argmin(axis=1), 1))

@@ -34,9 +34,8 @@ def _notice(sentence: str) -> Iterator[None]:
 def _run_each_loop(task: Task) -> None:
     dynamics = task.dynamics
     motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
-    local = backward_pass(dynamics.linearize(motion), task.cost.expand(motion), 1.0)
+    local = backward_pass(dynamics.linearize(motion)[0], task.cost.expand(motion), 1.0)
     dynamics.follow(task.initial_state, motion, local.gains)
     shape = Architecture(task.observed, (1,), dynamics.control_dim)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
     dynamics.execute(policy, motion.states[:1], np.zeros((1, 1, dynamics.control_dim)))
-    dynamics.simulator_steps = 0

@@ -243,9 +243,8 @@ class Workspace:
         """
         task, dynamics = self.task, self.task.dynamics
         spread = task.initial_std * rng.standard_normal((count, dynamics.state_dim))
-        before = dynamics.simulator_steps
-        states, controls = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
-        self.simulator_steps += dynamics.simulator_steps - before
+        states, controls, steps = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
+        self.simulator_steps += steps
         lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
         costs = np.where(lies, task.cost.rest, task.cost(states[:, :-1], controls))
         # The end of the last step counts too: a rollout that diverges in it has no cost.

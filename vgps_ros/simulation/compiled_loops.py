@@ -1,28 +1,13 @@
 """MuJoCo's C functions in compiled loops: rollouts and derivatives without Python in between."""
 
-import ctypes
-from pathlib import Path
-
-import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import types
-from numba.core.typing import signature
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import CompiledNetwork, network_output
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
 
-# By address: loaded as LLVM does it, all symbols of the library, and of those that it holds, would
-# come before those of the same name in libraries that are loaded later.
-_LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
-for _name in ("mj_step", "mj_stepSkip"):
-    _address = ctypes.cast(getattr(_LIBRARY, _name), ctypes.c_void_p).value
-    llvmlite.binding.add_symbol(_name, _address)
-_mj_step = types.ExternalFunction("mj_step", signature(types.void, types.intp, types.intp))
-_mj_step_skip = types.ExternalFunction(
-    "mj_stepSkip", signature(types.void, types.intp, types.intp, types.int32, types.int32)
-)
 # What a step may leave out, because it is still valid from the step before.
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
@@ -34,6 +19,9 @@ _KINK = 10.0
 class Simulator:
     """One simulation of a model, for one thread at a time.
 
+    Attributes:
+        data: MuJoCo's record of the simulation.
+
     Args:
         model: with as many positions as velocities.
         substeps: simulator steps for which one control is held.
@@ -41,10 +29,10 @@ class Simulator:
     """
 
     def __init__(self, model: mujoco.MjModel, substeps: int, cyclic: Array):
-        data = mujoco.MjData(model)
-        self._keep = model, data  # as long as their memory is used
+        self.data = data = mujoco.MjData(model)
+        self._model = model  # kept as long as its memory is used
         self._memory = (
-            model._address, data._address, data.qpos, data.qvel, data.ctrl, data.qacc_warmstart,
+            address(model), address(data), data.qpos, data.qvel, data.ctrl, data.qacc_warmstart,
             substeps,
         )  # fmt: skip
         n_v, n_u = model.nv, model.nu
@@ -56,6 +44,12 @@ class Simulator:
                 np.setdiff1d(np.arange(n_v), cyclic),
             ]
         )
+
+    def advance(self, states: Array, controls: Array) -> Array:
+        """Returns f(x, u) of each pair of states (N, n_x) and controls (N, n_u), shape (N, n_x)."""
+        after = np.array(states)
+        _advance_each(*self._memory, np.ascontiguousarray(controls), after)
+        return after
 
     def follow(
         self, start: Array, nominal: Trajectory, gains: Array, bounds: tuple[float, float]
@@ -114,6 +108,16 @@ class Simulator:
 
 
 @compiled
+def _advance_each(  # type: ignore[no-untyped-def]  # pragma: no cover
+    model, data, qpos, qvel, ctrl, warmstart, substeps, controls, states
+):  # fmt: skip
+    memory = (model, data, qpos, qvel, ctrl, warmstart)
+    for i in range(len(states)):
+        ctrl[:] = controls[i]
+        _advance(memory, substeps, states[i], np.inf)
+
+
+@compiled
 def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
     model, data, qpos, qvel, ctrl, warmstart, substeps,
     nominal_states, nominal_controls, gains, state_bound, control_bound, states, controls,
@@ -163,7 +167,7 @@ def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pra
     qvel[:] = x[n_v:]
     warmstart[:] = 0.0  # nothing carries over from one step to another
     for _ in range(substeps):
-        _mj_step(model, data)
+        mj_step(model, data)
     x[:n_v] = qpos
     x[n_v:] = qvel
     return _is_within(x, bound)
@@ -223,6 +227,6 @@ def _step(memory, z, warm, skip, after):  # type: ignore[no-untyped-def]  # prag
     qvel[:] = z[n_v : 2 * n_v]
     ctrl[:] = z[2 * n_v :]
     warmstart[:] = warm
-    _mj_step_skip(model, data, skip, 1)  # type: ignore[call-overload]
+    mj_step_skip(model, data, skip, 1)
     after[:n_v] = qpos
     after[n_v:] = qvel
