@@ -4,9 +4,11 @@ import numpy as np
 
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
 
+silence_mujoco()
 task = make_task("walker")
 walking = walk(task.dynamics, GAIT, round(30.0 / task.dynamics.time_step))
 x, hips, pitch = (walking.states[:, i] for i in (0, 1, 2))

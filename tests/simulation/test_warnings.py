@@ -27,10 +27,8 @@ def test_every_warning_of_mujoco_has_a_kind_of_its_own():
 _DIVERGENCE = """
 import numpy as np
 from vgps_ros.core.records import Trajectory
-from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import make_task
 
-SILENCE
 walker = make_task("walker")
 starts = np.stack([walker.initial_state] * 3)
 states, *_ = walker.dynamics.rollouts(starts, lambda t, x: np.full((3, 6), 1e8), 5)
@@ -39,20 +37,30 @@ states[0, 1:] = starts[0]
 walker.dynamics.linearize(Trajectory(states[0], np.full((5, 6), 1e8)))
 assert walker.dynamics.warnings()
 """
+_PROGRAM = """
+from contextlib import suppress
+from vgps_ros.programs.{} import main
+with suppress(SystemExit):
+    main(["--seed", "none"])
+"""
 
 
-@pytest.mark.parametrize("silent", [True, False])
-def test_a_divergence_leaves_a_log_only_where_nobody_has_silenced_mujoco(tmp_path, silent):
+@pytest.mark.parametrize(
+    ("beginning", "files"),
+    [
+        ("", ["MUJOCO_LOG.TXT"]),
+        ("from vgps_ros.simulation.warnings import silence_mujoco as s; s()", []),
+        *((_PROGRAM.format(name), []) for name in ("train", "evaluate", "find_gait")),
+    ],
+)
+def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(
+    tmp_path, beginning, files
+):
     """The walker, whose contacts MuJoCo finds unstable; derivatives come from several threads.
 
     In a process of its own, since MuJoCo hands the warnings of all simulations to one place.
     """
-    script = _DIVERGENCE.replace("SILENCE", "silence_mujoco()" if silent else "")
-    done = subprocess.run(
-        [sys.executable, "-c", script], check=True, cwd=tmp_path, capture_output=True, text=True
-    )
-    files = [path.name for path in tmp_path.iterdir()]
-    if silent:
-        assert (done.stdout, done.stderr, files) == ("", "", [])
-    else:
-        assert files == ["MUJOCO_LOG.TXT"]
+    script = [sys.executable, "-c", beginning + _DIVERGENCE]
+    done = subprocess.run(script, check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert [path.name for path in tmp_path.iterdir()] == files
+    assert ("WARNING" in done.stdout + done.stderr) == bool(files)

@@ -17,6 +17,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import TASKS, make_task
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # of Figure 1
@@ -130,6 +131,7 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
     Returns:
         Why it failed, or nothing.
     """
+    silence_mujoco()  # in the worker, whose process is the experiment's
     # One cell, one thread: cells share the processors, and no number depends on how many they are.
     torch.set_num_threads(1)
     folder = cell.folder(root)

@@ -15,6 +15,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.policy_file import load_policy
 from vgps_ros.tasks import TASKS, Task, make_task
@@ -114,6 +115,7 @@ def show(result: dict[str, Any]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    silence_mujoco()
     parser = argparse.ArgumentParser(
         prog="evaluate", description="Rolls out a learned policy from perturbed starts."
     )
