@@ -132,22 +132,22 @@ class Workspace:
         self.initial_solutions = initial_solutions or self._solve_cost_alone()
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
-        guess = self.task.guess
-        return self._optimize(
-            [
-                OptimizationRequest(
-                    trajectory_index=i,
-                    iteration=0,
-                    seed=self.seed,
-                    cost_scale=self.settings.alpha(0),
-                    max_iterations=self.settings.initial_ddp_iterations,
-                    initial_state=start,
-                    guess=guess(generator(self.seed, Stream.INITIAL_CONTROLS, i))
-                    if guess
-                    else None,
-                )
-                for i, start in enumerate(self.starts)
-            ]
+        requests = [self._request(i, k=0) for i in range(len(self.starts))]
+        if self.task.guess:
+            rngs = (generator(self.seed, Stream.INITIAL_CONTROLS, i) for i in range(len(requests)))
+            guesses = map(self.task.guess, rngs)
+            requests = [replace(r, guess=g) for r, g in zip(requests, guesses, strict=True)]
+        return self._optimize(requests)
+
+    def _request(self, i: int, k: int) -> OptimizationRequest:
+        settings = self.settings
+        return OptimizationRequest(
+            trajectory_index=i,
+            iteration=k,
+            seed=self.seed,
+            cost_scale=settings.alpha(k),
+            max_iterations=settings.ddp_iterations if k else settings.initial_ddp_iterations,
+            initial_state=self.starts[i],
         )
 
     def random_policies(self, count: int) -> list[GaussianPolicy]:
@@ -197,7 +197,12 @@ class Workspace:
     ) -> tuple[OptimizationResult, ...]:
         """Adapts q(ζ) to the policy (lines 5 and 6); where that diverges, all q(ζ) stay."""
         try:
-            return self._optimize(self._adaptations(solutions, policy, k))
+            return self._optimize(
+                [
+                    replace(self._request(i, k), previous=solution.distribution, policy=policy)
+                    for i, solution in enumerate(solutions)
+                ]
+            )
         except DivergenceError as error:
             self._warnings.append(f"The solutions of iteration {k} stay as they were: {error}")
             return tuple(solutions)
@@ -206,23 +211,6 @@ class Workspace:
         """Returns what went wrong since the last call and was got over, in sentences."""
         taken, self._warnings = tuple(self._warnings), []
         return taken
-
-    def _adaptations(
-        self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
-    ) -> list[OptimizationRequest]:
-        return [
-            OptimizationRequest(
-                trajectory_index=i,
-                iteration=k,
-                seed=self.seed,
-                cost_scale=self.settings.alpha(k),
-                max_iterations=self.settings.ddp_iterations,
-                initial_state=self.starts[i],
-                previous=solution.distribution,
-                policy=policy,
-            )
-            for i, solution in enumerate(solutions)
-        ]
 
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
         """Draws rollouts of the policy, with its noise, from each start."""

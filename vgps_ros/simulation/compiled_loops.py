@@ -5,15 +5,18 @@ import numpy as np
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import CompiledNetwork, network_output
+from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
 
-# What a step may leave out, because it is still valid from the step before.
+# Stages that a step may skip, because their results are still valid from the step before.
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-# Where a velocity is zero drag has a kink: differences are centred within so many perturbations.
+# Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 _KINK = 10.0
+# A rollout whose states [m, rad, m/s, rad/s] or controls [N·m] leave these bounds has diverged.
+_BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
 
 
 class Simulator:
@@ -25,16 +28,14 @@ class Simulator:
     Args:
         model: with as many positions as velocities.
         substeps: simulator steps for which one control is held.
-        cyclic: positions that change nothing but themselves.
+        cyclic: indices of the positions that change nothing but themselves.
     """
 
     def __init__(self, model: mujoco.MjModel, substeps: int, cyclic: Array):
         self.data = data = mujoco.MjData(model)
         self._model = model  # kept as long as its memory is used
-        self._memory = (
-            address(model), address(data), data.qpos, data.qvel, data.ctrl, data.qacc_warmstart,
-            substeps,
-        )  # fmt: skip
+        arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
+        self._memory = (address(model), address(data), *arrays, substeps)
         n_v, n_u = model.nv, model.nu
         # Controls, velocities, positions: each leaves valid what those before it need.
         self._columns = np.concatenate(
@@ -45,52 +46,50 @@ class Simulator:
             ]
         )
 
-    def advance(self, states: Array, controls: Array) -> Array:
-        """Returns f(x, u) of each pair of states (N, n_x) and controls (N, n_u), shape (N, n_x)."""
-        after = np.array(states)
-        _advance_each(*self._memory, np.ascontiguousarray(controls), after)
-        return after
+    def advance(
+        self, states: Array, controls: Array, after: Array, bounds: tuple[float, float] = _BOUNDS
+    ) -> tuple[int, int]:
+        """Does one control step of several rollouts.
 
-    def follow(
-        self, start: Array, nominal: Trajectory, gains: Array, bounds: tuple[float, float]
-    ) -> tuple[Array, Array]:
-        """Executes u = ū + K (x − x̄).
+        Args:
+            states: x of each, shape (N, n_x); a rollout outside its bound has diverged.
+            controls: u of each, shape (N, n_u); NaN afterwards where the rollout had diverged.
+            after: result f(x, u), shape (N, n_x); NaN where x, u or the result is out of bounds.
+            bounds: bounds on the magnitudes of states and controls.
+
+        Returns:
+            How many controls were executed, and how many rollouts are still inside the bounds.
+        """
+        executed, inside = _advance_each(self._memory, bounds, states, controls, after)
+        return executed, inside
+
+    def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
+        """Executes u = ū + K (x − x̄); NaN from where a state or a control leaves its bound.
 
         Args:
             start: x_1, shape (n_x,).
             nominal: x̄, ū.
             gains: K, shape (T, n_u, n_x).
-            bounds: of the magnitudes of states and controls.
-
-        Returns:
-            States, shape (T+1, n_x), and controls, shape (T, n_u); NaN from where one of them
-            leaves its bound.
         """
         states = np.full((nominal.horizon + 1, len(start)), np.nan)
         controls = np.full(nominal.controls.shape, np.nan)
         states[0] = start
-        _follow(*self._memory, nominal.states, nominal.controls, gains, *bounds, states, controls)
-        return states, controls
+        _follow(self._memory, _BOUNDS, nominal.states, nominal.controls, gains, states, controls)
+        return Trajectory(states, controls)
 
     def execute(
-        self,
-        network: CompiledNetwork,
-        noise: Array,
-        bounds: tuple[float, float],
-        states: Array,
-        controls: Array,
+        self, network: CompiledNetwork, noise: Array, states: Array, controls: Array
     ) -> None:
         """Executes u = μ_θ(x) + noise in several rollouts, one after another.
 
         Args:
             network: μ_θ.
             noise: shape (N, T, n_u), [N·m].
-            bounds: of the magnitudes of states and controls.
-            states: result, shape (N, T+1, n_x), from x_1 on; what stays as it was from where a
-                state or a control leaves its bound.
+            states: result, shape (N, T+1, n_x), which begins with x_1; it stays as it was from
+                where a state or a control leaves its bound.
             controls: result, shape (N, T, n_u), likewise.
         """
-        _execute(*self._memory, network, noise, *bounds, states, controls)
+        _execute(self._memory, _BOUNDS, network, noise, states, controls)
 
     def differentiate(
         self, states: Array, controls: Array, eps: float, f_x: Array, f_u: Array
@@ -104,27 +103,39 @@ class Simulator:
             f_x: result, shape (N, n_x, n_x).
             f_u: result, shape (N, n_x, n_u).
         """
-        return int(_differentiate(*self._memory, self._columns, states, controls, eps, f_x, f_u))
+        return int(_differentiate(self._memory, self._columns, states, controls, eps, f_x, f_u))
 
 
 @compiled
-def _advance_each(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps, controls, states
-):  # fmt: skip
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def _advance_each(memory, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+    ctrl = memory[4]
+    executed = inside = 0
     for i in range(len(states)):
-        ctrl[:] = controls[i]
-        _advance(memory, substeps, states[i], np.inf)
+        x = after[i]
+        x[:] = states[i]
+        is_inside = _is_within(x, bounds[0])
+        if not is_inside:
+            controls[i] = np.nan
+        elif _is_within(controls[i], bounds[1]):
+            ctrl[:] = controls[i]
+            executed += 1
+            is_inside = _advance(memory, x, bounds[0])
+        else:
+            is_inside = False
+        if is_inside:
+            inside += 1
+        else:
+            x[:] = np.nan
+    return executed, inside
 
 
 @compiled
 def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps,
-    nominal_states, nominal_controls, gains, state_bound, control_bound, states, controls,
-):  # fmt: skip
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+    memory, bounds, nominal_states, nominal_controls, gains, states, controls
+):
+    ctrl = memory[4]
     x = states[0].copy()
-    if not _is_within(x, state_bound):
+    if not _is_within(x, bounds[0]):
         return
     for t in range(len(controls)):
         for i in range(len(ctrl)):
@@ -132,40 +143,37 @@ def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             for j in range(len(x)):
                 ctrl[i] += gains[t, i, j] * (x[j] - nominal_states[t, j])
         controls[t] = ctrl
-        if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
+        if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
             return
         states[t + 1] = x
 
 
 @compiled
-def _execute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps,
-    network, noise, state_bound, control_bound, states, controls,
-):  # fmt: skip
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def _execute(memory, bounds, network, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
+    ctrl = memory[4]
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
-        if not _is_within(x, state_bound):
+        if not _is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
             network_output(network, x, a, z)
             for i in range(len(ctrl)):
                 ctrl[i] = a[i] + noise[rollout, t, i]
             controls[rollout, t] = ctrl
-            if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
+            if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
                 break
             states[rollout, t + 1] = x
 
 
 @compiled
-def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Lets the control act on x; false if x then is outside the bound."""
-    model, data, qpos, qvel, _, warmstart = memory
+def _advance(memory, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Lets the control act on x; returns false if x then is outside the bound."""
+    model, data, qpos, qvel, _, warmstart, substeps = memory
     n_v = len(qvel)
     qpos[:] = x[:n_v]
     qvel[:] = x[n_v:]
-    warmstart[:] = 0.0  # nothing carries over from one step to another
+    warmstart[:] = 0.0  # nothing carries over from one control to the next
     for _ in range(substeps):
         mj_step(model, data)
     x[:n_v] = qpos
@@ -175,16 +183,14 @@ def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pra
 
 @compiled
 def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Whether all values are inside the bound; NaN is not."""
+    """Returns whether all values are inside the bound; NaN is not."""
     return np.all(np.abs(values) < bound)
 
 
 @compiled
-def _differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps, columns, states, controls, eps, f_x, f_u
-):  # fmt: skip
-    """The chain rule over the simulator steps of one control."""
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def _differentiate(memory, columns, states, controls, eps, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Applies the chain rule over the simulator steps of one control."""
+    _, _, _, qvel, ctrl, warmstart, substeps = memory
     n_v, n_u = len(qvel), len(ctrl)
     n_x = 2 * n_v
     z, warm = np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
@@ -220,8 +226,8 @@ def _differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @compiled
 def _step(memory, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Steps from z = (x, u); what is skipped must be valid for it."""
-    model, data, qpos, qvel, ctrl, warmstart = memory
+    """Steps from z = (x, u); the results of skipped stages must be valid for z."""
+    model, data, qpos, qvel, ctrl, warmstart, _ = memory
     n_v = len(qvel)
     qpos[:] = z[:n_v]
     qvel[:] = z[n_v : 2 * n_v]

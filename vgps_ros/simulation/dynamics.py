@@ -13,16 +13,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from functools import partial
 from itertools import chain
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from vgps_ros.core.compiled_network import compiled_network
-from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
+from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
@@ -89,7 +89,10 @@ class Dynamics:
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""
-        return self._advance(state[None], control[None])[0]
+        after = np.empty((1, self.state_dim))
+        pair = np.array(state[None], float), np.array(control[None], float)
+        self._with_simulator(Simulator.advance, *pair, after, (np.inf, np.inf))
+        return after[0]
 
     def rollouts(
         self, initial_states: Array, control_law: ControlLaw, horizon: int
@@ -100,34 +103,29 @@ class Dynamics:
 
         Args:
             initial_states: shape (N, n_x).
-            control_law: maps t and the states (N, n_x) to controls (N, n_u).
+            control_law: maps t and the states (N, n_x) to controls (N, n_u), or to one for all.
             horizon: T.
 
         Returns:
             States, shape (N, T+1, n_x), controls, shape (N, T, n_u), and how many simulator steps
             they took.
         """
-        n, steps = len(initial_states), 0
-        states = np.full((n, horizon + 1, self.state_dim), np.nan)
-        controls = np.full((n, horizon, self.control_dim), np.nan)
-        states[:, 0] = initial_states
-        x = np.nan_to_num(states[:, 0])  # the law sees zeros where a rollout has diverged
-        alive = _sound(states[:, 0], DIVERGENCE_BOUND, slice(None))
+        n, executed = len(initial_states), 0
+        states = np.full((horizon + 1, n, self.state_dim), np.nan)
+        controls = np.full((horizon, n, self.control_dim), np.nan)
+        states[0] = initial_states
+        x = np.nan_to_num(states[0])  # the law sees zeros where a rollout has diverged
         for t in range(horizon):
-            control = control_law(t, x)  # one may serve all
-            controls[alive, t] = control if control.ndim == 1 else control[alive]
-            alive = _sound(controls[:, t], CONTROL_BOUND, alive)
-            count = len(x[alive])
-            if not count:
+            controls[t] = control_law(t, x)
+            count, sound = self._with_simulator(
+                Simulator.advance, states[t], controls[t], states[t + 1]
+            )
+            executed += count
+            if not sound:
                 break
-            steps += count * self.substeps
-            states[alive, t + 1] = self._advance(states[alive, t], controls[alive, t])
-            x = states[:, t + 1]
-            alive = _sound(x, DIVERGENCE_BOUND, alive)
-            if not isinstance(alive, slice):
-                states[np.setdiff1d(np.arange(n), alive), t + 1] = np.nan
-                x = np.nan_to_num(x)
-        return states, controls, steps
+            x = states[t + 1] if sound == n else np.nan_to_num(states[t + 1])
+        states, controls = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (states, controls))
+        return states, controls, executed * self.substeps
 
     def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
         """Runs one rollout; `control_law` still sees states of shape (1, n_x)."""
@@ -148,17 +146,13 @@ class Dynamics:
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
         """Does the same for several nominal trajectories, as many at once as there are threads."""
-        bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
         for first in range(0, len(nominals), self.threads):
             batch = nominals[first : first + self.threads]
 
             def work(
                 simulator: Simulator, part: slice, batch: Sequence[Trajectory] = batch
             ) -> list[Trajectory]:
-                return [
-                    Trajectory(*simulator.follow(start, nominal, gains, bounds))
-                    for nominal in batch[part]
-                ]
+                return [simulator.follow(start, nominal, gains) for nominal in batch[part]]
 
             yield from chain.from_iterable(self._in_threads(len(batch), work))
 
@@ -185,12 +179,9 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        network, bounds = compiled_network(policy), (DIVERGENCE_BOUND, CONTROL_BOUND)
+        network = compiled_network(policy)
         self._in_threads(
-            n,
-            lambda simulator, part: simulator.execute(
-                network, noise[part], bounds, states[part], controls[part]
-            ),
+            n, lambda s, part: s.execute(network, noise[part], states[part], controls[part])
         )
         return states, controls
 
@@ -207,34 +198,17 @@ class Dynamics:
         )
         return LinearDynamics(f_x, f_u), sum(steps)
 
-    def _advance(self, states: Array, controls: Array) -> Array:
-        """Returns f(x, u) of each pair, shape (N, n_x), computed on the calling thread."""
-        return self._with_simulator(lambda simulator: simulator.advance(states, controls))
-
     def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
         """Divides `count` pieces of work into parts; each thread takes the next part."""
-
-        def do(part: slice) -> T:
-            return self._with_simulator(lambda simulator: work(simulator, part))
-
         if min(self.threads, count) == 1:
-            return [do(slice(0, count))]
+            return [self._with_simulator(work, slice(0, count))]
         ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
-        return list(self._pool.map(do, map(slice, ends[:-1], ends[1:])))
+        parts = map(slice, ends[:-1], ends[1:])
+        return list(self._pool.map(partial(self._with_simulator, work), parts))
 
-    def _with_simulator(self, work: Callable[[Simulator], T]) -> T:
+    def _with_simulator(self, work: Callable[..., T], *arguments: Any) -> T:
         simulator = self._idle.get()
         try:
-            return work(simulator)
+            return work(simulator, *arguments)
         finally:
             self._idle.put(simulator)
-
-
-def _sound(
-    rows: Array, bound: float, alive: "slice | NDArray[np.intp]"
-) -> "slice | NDArray[np.intp]":
-    """Returns those that are alive, and inside the bound in all their values; NaN is not."""
-    if np.abs(rows[alive]).max(initial=0.0) < bound:
-        return alive
-    inside = np.logical_and.reduce(np.abs(rows) < bound, axis=1)
-    return np.arange(len(rows))[alive][inside[alive]]
