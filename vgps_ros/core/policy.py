@@ -31,11 +31,11 @@ def _sigmoid(z: Array) -> Array:
     return 0.5 * (1.0 + np.tanh(0.5 * z))
 
 
-# Beyond these a message or a goal is a mistake, and would take gigabytes in the fit.
+# A message or goal that asks for more is a mistake, whose fit would take gigabytes.
 MAX_LAYERS = 100
 MAX_PARAMETERS = 1_000_000
 
-# Name: the activation and its derivative.
+# The activation and its derivative, by name.
 ACTIVATIONS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
     "softplus": (_softplus, _sigmoid),
     "tanh": (np.tanh, lambda z: 1.0 - np.tanh(z) ** 2),
@@ -52,8 +52,8 @@ class Architecture:
         hidden_units: width of each hidden layer.
         control_dim: n_u.
         activation: softplus, tanh or relu.
-        hidden_bias: whether hidden layers have bias terms.
-        output_bias: whether the output layer has bias terms.
+        hidden_bias: true if hidden layers have bias terms.
+        output_bias: true if the output layer has bias terms.
 
     Raises:
         InvalidInputError: a layer has no units, the activation is unknown, a coordinate is read
@@ -84,18 +84,18 @@ class Architecture:
             )
         if len(set(self.observed)) != len(self.observed):
             raise InvalidInputError(
-                f"The policy reads the coordinates {quoted(list(self.observed))}, but each only "
-                "once may be read."
+                f"The policy reads the coordinates {quoted(list(self.observed))}, but it may read "
+                "each only once."
             )
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
-        """Inputs, width of each hidden layer, outputs."""
+        """The number of inputs, the width of each hidden layer, and the number of outputs."""
         return (len(self.observed), *self.hidden_units, self.control_dim)
 
     @property
     def biased(self) -> tuple[bool, ...]:
-        """Which layers have bias terms."""
+        """Whether each layer has bias terms."""
         return (*[self.hidden_bias] * len(self.hidden_units), self.output_bias)
 
     @property

@@ -4,7 +4,7 @@
 
 "We also implemented an adapted variant, where the DDP solution is re-optimized at each iteration to
 match the policy (in addition to weighting)." The solutions are those of line 6 of Algorithm 1, with
-the same α; the current one names actions and weights of the whole dataset.
+the same α; the current solution gives the actions and weights of the whole dataset.
 """
 
 from functools import partial

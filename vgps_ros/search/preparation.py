@@ -1,4 +1,4 @@
-"""Compiles what a search needs, so that no request has to wait for it."""
+"""Compiles the loops that a search needs, so that no request waits for the compiler."""
 
 import threading
 from collections.abc import Iterator
@@ -10,18 +10,18 @@ from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.tasks import Task
 
-_NOTICE_DELAY = 2.0  # after which somebody who waits is told why [s]
+_NOTICE_DELAY = 2.0  # time after which the notice is printed [s]
 
 
 def prepare(task: Task) -> None:
-    """Runs each compiled loop once, over one step: seconds on a new machine, later a moment."""
+    """Runs each compiled loop once, for one step; it takes seconds only on a new machine."""
     with _notice("Compiling for this machine, which takes some ten seconds and is kept ..."):
         _run_each_loop(task)
 
 
 @contextmanager
 def _notice(sentence: str) -> Iterator[None]:
-    """Prints a sentence where what follows is not done soon."""
+    """Prints a sentence if the block that follows is not done soon."""
     timer = threading.Timer(_NOTICE_DELAY, print, (sentence,), {"flush": True})
     timer.daemon = True
     timer.start()

@@ -1,4 +1,4 @@
-"""Lines 1, 3 and 6 of Algorithm 1: optimise q(ζ) by DDP and compute its marginals.
+"""Lines 1, 3 and 6 of Algorithm 1: optimises q(ζ) by DDP and computes its marginals.
 
 An optimisation is a pure function of its request, so it gives the same numbers in this process, in
 another one, or on another machine of the same kind.
@@ -24,18 +24,18 @@ from vgps_ros.tasks import Task
 
 @dataclass(frozen=True)
 class OptimizationRequest:
-    """One solve.
+    """The input of one solve.
 
     Attributes:
-        trajectory_index: which initial state of Algorithm 1.
+        trajectory_index: index of the initial state in Algorithm 1.
         iteration: k of Algorithm 1; 0 for the initial solve.
         seed: seed of the run.
         cost_scale: α.
-        max_iterations: DDP iterations at most.
+        max_iterations: largest number of DDP iterations.
         initial_state: x_1, shape (n_x,).
-        guess: controls (T, n_u) to start from, where there is no `previous`.
+        guess: controls (T, n_u) to start from if there is no `previous`.
         previous: q(ζ) of the iteration before.
-        policy: π_θ; without it the cost is α c alone.
+        policy: π_θ; if it is None the cost is α c alone.
     """
 
     trajectory_index: int
@@ -51,16 +51,16 @@ class OptimizationRequest:
 
 @dataclass(frozen=True)
 class OptimizationResult:
-    """What a solve returns.
+    """The result of one solve.
 
     Attributes:
         distribution: q(ζ).
         cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
-        modified_cost: what was minimised.
-        status: why the solve ended.
-        iterations: its log.
-        simulator_steps: that it took, finite differences included.
-        simulator_warnings: what MuJoCo warned of meanwhile, in words; empty if of nothing.
+        modified_cost: the cost that was minimised, Σ c̄ or Σ α c over the planned horizon.
+        status: the reason why the solve ended.
+        iterations: the solver's log.
+        simulator_steps: simulator steps that it took, finite differences included.
+        simulator_warnings: MuJoCo's warnings meanwhile, in words; empty if there were none.
     """
 
     distribution: TrajectoryDistribution
@@ -189,7 +189,7 @@ def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: 
     """Checks that q(ζ) has finite values, is one of the task, and begins at x_1.
 
     Raises:
-        InvalidInputError: it is not.
+        InvalidInputError: q(ζ) differs from that.
     """
     n_x, n_u, horizon = task.dynamics.state_dim, task.dynamics.control_dim, task.planned_horizon
     check_array(f"{name}.mean.states", q.mean.states, (horizon + 1, n_x))

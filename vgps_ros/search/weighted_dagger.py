@@ -34,9 +34,9 @@ def marginal_log_weights(
     """Returns (log q(x_t) − log q(x̄_t)) / n, shape (N, T), of states (N, T, n_x).
 
     Args:
-        q: whose marginals count.
+        q: distribution whose marginals weigh the states.
         states: x_1 … x_T of each rollout.
-        observed: the n coordinates that count.
+        observed: indices of the n coordinates that are compared.
     """
     deviations = (states - q.mean.states[:-1])[..., observed]
     return -0.5 * squared_distance(deviations, observed_covariances(q, observed)) / len(observed)

@@ -1,4 +1,4 @@
-"""MuJoCo's C functions in compiled loops: rollouts and derivatives without Python in between."""
+"""Rollouts and derivatives in compiled loops, which call MuJoCo's C functions without Python."""
 
 import mujoco
 import numpy as np
@@ -26,7 +26,7 @@ class Simulator:
         data: MuJoCo's record of the simulation.
 
     Args:
-        model: with as many positions as velocities.
+        model: a model with as many positions as velocities.
         substeps: simulator steps for which one control is held.
         cyclic: indices of the positions that change nothing but themselves.
     """
@@ -37,7 +37,7 @@ class Simulator:
         arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
         self._memory = (address(model), address(data), *arrays, substeps)
         n_v, n_u = model.nv, model.nu
-        # Controls, velocities, positions: each leaves valid what those before it need.
+        # Controls first, positions last, so that the stages which a step skips stay valid.
         self._columns = np.concatenate(
             [
                 np.arange(2 * n_v, 2 * n_v + n_u),

@@ -23,7 +23,7 @@ from vgps_ros.core.records import LinearDynamics, Trajectory
 
 
 class Status(str, Enum):
-    """Why a solve ended."""
+    """The reasons for which a solve ends."""
 
     CONVERGED = "converged"
     ITERATION_LIMIT = "iteration_limit"
@@ -53,7 +53,7 @@ class Solution:
         cost: its cost.
         policy: the local policy around it, from a backward pass of its own.
         linear_dynamics: f_x, f_u around it.
-        status: why the solve ended.
+        status: the reason why the solve ended.
         iterations: the log, with one entry for each iteration.
         simulator_steps: simulator steps of all its rollouts and derivatives.
     """
@@ -130,13 +130,13 @@ def solve(
 
     Args:
         dynamics: x' = f(x, u).
-        cost: what to minimise.
-        initial: where to start from; it must satisfy the dynamics.
+        cost: c(x, u).
+        initial: trajectory to start from, which must satisfy the dynamics.
         settings: regularisation, line search and tolerance.
-        max_iterations: iterations at most, at least 1.
+        max_iterations: largest number of iterations, at least 1.
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
         on_iteration: called with each iteration's log.
-        is_cancelled: asked between the parts of an iteration; true ends the solve.
+        is_cancelled: called between the parts of an iteration; true ends the solve.
 
     Raises:
         DivergenceError: the initial trajectory, its cost or a derivative is not finite, or Quu is

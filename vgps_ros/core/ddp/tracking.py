@@ -1,7 +1,7 @@
-"""Following a demonstration.
+"""Follows a demonstration.
 
-Replayed open-loop, torques of a gait diverge: rounding errors grow with every step. The gains of a
-linear-quadratic regulator around the demonstration hold the rollout to it,
+A gait whose torques are replayed without feedback diverges, since rounding errors grow with every
+step. A linear-quadratic regulator around the demonstration keeps the rollout close to it,
 
     minimise  Σ ‖δx‖² + ρ ‖δu‖²,    u = ū + K (x − x̄).
 """
@@ -14,7 +14,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
 CONTROL_WEIGHT = 1e-4  # ρ [1/(N²·m²)]
-# As in a solve, it keeps gains moderate where contact is hard.
+# As in a solve, μ keeps gains moderate where contact is hard.
 REGULARIZATION = 0.1
 
 
@@ -47,7 +47,7 @@ def track(
     gains = backward_pass(linear, expansion, REGULARIZATION).gains
     rollout = dynamics.follow(start, demonstration, gains)
     error = np.abs(rollout.states - demonstration.states)[:, : n_x // 2]
-    away = np.argwhere(~(error <= tolerance))  # written so that NaN counts
+    away = np.argwhere(~(error <= tolerance))  # written so that NaN counts as away
     if away.size:
         t, joint = away[0]
         raise DivergenceError(
