@@ -15,12 +15,7 @@ from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.ddp.backward_pass import _recursion
 from vgps_ros.search.preparation import prepare
-from vgps_ros.simulation.compiled_loops import (
-    _advance_each,
-    _differentiate,
-    _execute,
-    _follow,
-)
+from vgps_ros.simulation import compiled_loops
 from vgps_ros.tasks import make_task
 
 
@@ -100,7 +95,10 @@ def test_the_drawn_problem_can_be_solved():
 def test_after_its_preparation_a_search_compiles_nothing(name):
     task = make_task(name)
     prepare(task)
-    loops = (_advance_each, _differentiate, _execute, _follow, _recursion)
+    loops = [
+        *(compiled_loops.advance, compiled_loops.differentiate),
+        *(compiled_loops.execute, compiled_loops.follow, _recursion),
+    ]
     before = [len(loop.signatures) for loop in loops]
     assert all(before)
     motion = task.dynamics.rollout(

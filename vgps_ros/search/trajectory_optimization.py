@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgps_ros.core.checks import check_array, check_covariances, positive
+from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
@@ -94,10 +95,16 @@ def optimize(
     _check(task, request)
     warned_before = task.dynamics.warnings()
     initial, linear, first_steps = _start(task, request)
-    cost = ScaledCost(task.cost, request.cost_scale)
+    scaled = ScaledCost(task.cost, request.cost_scale)
+    cost: TrajectoryCost = scaled
+    if request.policy and request.previous:
+        place = (request.iteration, request.trajectory_index)
+        rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
+        deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
+        cost = PolicyCost(scaled, request.policy, deviations, request.previous.gains)
     solution = solve(
         task.dynamics,
-        cost if request.policy is None else _policy_cost(task, cost, request),
+        cost,
         initial,
         _scaled(task.optimizer.ddp, request.cost_scale),
         request.max_iterations,
@@ -160,15 +167,6 @@ def _start(
     tolerance = task.optimizer.demonstration_tolerance
     followed, steps = track(dynamics, shown, start, task.joint_names, tolerance)
     return followed, None, steps
-
-
-def _policy_cost(task: Task, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
-    assert request.previous is not None
-    assert request.policy is not None
-    place = (request.iteration, request.trajectory_index)
-    rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
-    deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
-    return PolicyCost(scaled, request.policy, deviations, request.previous.gains)
 
 
 def _distribution(task: Task, solution: Solution, alpha: float) -> TrajectoryDistribution:

@@ -4,9 +4,8 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.compilation import compiled
-from vgps_ros.core.compiled_network import CompiledNetwork, network_output
-from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
-from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.compiled_network import network_output
+from vgps_ros.core.records import Array
 from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
 
 # Stages that a step may skip, because their results are still valid from the step before.
@@ -15,99 +14,23 @@ _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 # Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 _KINK = 10.0
-# A rollout whose states [m, rad, m/s, rad/s] or controls [N·m] leave these bounds has diverged.
-_BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
+Memory = tuple[int, int, Array, Array, Array, Array, int]
+"""Addresses of model and data; qpos, qvel, ctrl and qacc_warmstart of the data; substeps."""
 
 
-class Simulator:
-    """One simulation of a model, for one thread at a time.
-
-    Attributes:
-        data: MuJoCo's record of the simulation.
-
-    Args:
-        model: a model with as many positions as velocities.
-        substeps: simulator steps for which one control is held.
-        cyclic: indices of the positions that change nothing but themselves.
-    """
-
-    def __init__(self, model: mujoco.MjModel, substeps: int, cyclic: Array):
-        self.data = data = mujoco.MjData(model)
-        self._model = model  # kept as long as its memory is used
-        arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
-        self._memory = (address(model), address(data), *arrays, substeps)
-        n_v, n_u = model.nv, model.nu
-        # Controls first, positions last, so that the stages which a step skips stay valid.
-        self._columns = np.concatenate(
-            [
-                np.arange(2 * n_v, 2 * n_v + n_u),
-                np.arange(n_v, 2 * n_v),
-                np.setdiff1d(np.arange(n_v), cyclic),
-            ]
-        )
-
-    def advance(
-        self, states: Array, controls: Array, after: Array, bounds: tuple[float, float] = _BOUNDS
-    ) -> tuple[int, int]:
-        """Does one control step of several rollouts.
-
-        Args:
-            states: x of each, shape (N, n_x); a rollout outside its bound has diverged.
-            controls: u of each, shape (N, n_u); NaN afterwards where the rollout had diverged.
-            after: result f(x, u), shape (N, n_x); NaN where x, u or the result is out of bounds.
-            bounds: bounds on the magnitudes of states and controls.
-
-        Returns:
-            How many controls were executed, and how many rollouts are still inside the bounds.
-        """
-        executed, inside = _advance_each(self._memory, bounds, states, controls, after)
-        return executed, inside
-
-    def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
-        """Executes u = ū + K (x − x̄); NaN from where a state or a control leaves its bound.
-
-        Args:
-            start: x_1, shape (n_x,).
-            nominal: x̄, ū.
-            gains: K, shape (T, n_u, n_x).
-        """
-        states = np.full((nominal.horizon + 1, len(start)), np.nan)
-        controls = np.full(nominal.controls.shape, np.nan)
-        states[0] = start
-        _follow(self._memory, _BOUNDS, nominal.states, nominal.controls, gains, states, controls)
-        return Trajectory(states, controls)
-
-    def execute(
-        self, network: CompiledNetwork, noise: Array, states: Array, controls: Array
-    ) -> None:
-        """Executes u = μ_θ(x) + noise in several rollouts, one after another.
-
-        Args:
-            network: μ_θ.
-            noise: shape (N, T, n_u), [N·m].
-            states: result, shape (N, T+1, n_x), which begins with x_1; it stays as it was from
-                where a state or a control leaves its bound.
-            controls: result, shape (N, T, n_u), likewise.
-        """
-        _execute(self._memory, _BOUNDS, network, noise, states, controls)
-
-    def differentiate(
-        self, states: Array, controls: Array, eps: float, f_x: Array, f_u: Array
-    ) -> int:
-        """Writes f_x, f_u at points, by finite differences; returns the simulator steps it took.
-
-        Args:
-            states: shape (N, n_x).
-            controls: shape (N, n_u).
-            eps: perturbation.
-            f_x: result, shape (N, n_x, n_x).
-            f_u: result, shape (N, n_x, n_u).
-        """
-        return int(_differentiate(self._memory, self._columns, states, controls, eps, f_x, f_u))
+def memory_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Memory:
+    """Returns what the loops need of a simulation; valid only while model and data live."""
+    arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
+    return (address(model), address(data), *arrays, substeps)
 
 
 @compiled
-def _advance_each(memory, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+def advance(memory, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Does one control step of N rollouts; `bounds` are those of states and controls.
+
+    Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is out of bounds, and NaN to controls
+    where x is. Returns how many controls were executed, and how many rollouts are within bounds.
+    """
     ctrl = memory[4]
     executed = inside = 0
     for i in range(len(states)):
@@ -130,9 +53,10 @@ def _advance_each(memory, bounds, states, controls, after):  # type: ignore[no-u
 
 
 @compiled
-def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
+def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
     memory, bounds, nominal_states, nominal_controls, gains, states, controls
 ):
+    """Writes the rollout of u = ū + K (x − x̄) from states[0], up to where it leaves its bounds."""
     ctrl = memory[4]
     x = states[0].copy()
     if not _is_within(x, bounds[0]):
@@ -149,7 +73,8 @@ def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _execute(memory, bounds, network, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
+def execute(memory, bounds, network, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes rollouts of u = μ_θ(x) + noise from states[:, 0], up to where they leave bounds."""
     ctrl = memory[4]
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
@@ -188,8 +113,12 @@ def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cov
 
 
 @compiled
-def _differentiate(memory, columns, states, controls, eps, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Applies the chain rule over the simulator steps of one control."""
+def differentiate(memory, columns, eps, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes f_x, f_u at N points, by the chain rule over the simulator steps of one control.
+
+    Takes differences of width eps along the `columns` of z = (x, u): controls first, positions
+    last, so that the stages which a step skips stay valid. Returns the number of simulator steps.
+    """
     _, _, _, qvel, ctrl, warmstart, substeps = memory
     n_v, n_u = len(qvel), len(ctrl)
     n_x = 2 * n_v

@@ -22,15 +22,18 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.compiled_network import compiled_network
-from vgps_ros.core.dynamics import ControlLaw
+from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.simulation.compiled_loops import Simulator
+from vgps_ros.simulation import compiled_loops
+from vgps_ros.simulation.compiled_loops import Memory, memory_of
 from vgps_ros.simulation.warnings import warnings_of
 
 # Parts of the work for each thread: a thread whose core others use too then does fewer of them.
 _PARTS = 4
+# A rollout whose states or controls leave these bounds has diverged.
+_BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
 
 T = TypeVar("T")
 
@@ -77,21 +80,24 @@ class Dynamics:
         self.threads = threads or len(os.sched_getaffinity(0))
         self.cyclic_joints = tuple(cyclic_joints)
         cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
-        self._simulators = [Simulator(model, substeps, cyclic) for _ in range(self.threads)]
-        self._idle = SimpleQueue[Simulator]()  # the simulators that no thread is using
-        for simulator in self._simulators:
-            self._idle.put(simulator)
+        n_x, n_v, n_u = self.state_dim, model.nv, model.nu
+        positions = np.setdiff1d(np.arange(n_v), cyclic)
+        self._columns = np.r_[n_x : n_x + n_u, n_v:n_x, positions]
+        self._simulations = [mujoco.MjData(model) for _ in range(self.threads)]
+        self._idle = SimpleQueue[Memory]()  # the simulations that no thread is using
+        for data in self._simulations:
+            self._idle.put(memory_of(model, data, substeps))
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
-        return warnings_of(simulator.data for simulator in self._simulators)
+        return warnings_of(self._simulations)
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""
         after = np.empty((1, self.state_dim))
         pair = np.array(state[None], float), np.array(control[None], float)
-        self._with_simulator(Simulator.advance, *pair, after, (np.inf, np.inf))
+        self._simulate(compiled_loops.advance, (np.inf, np.inf), *pair, after)
         return after[0]
 
     def rollouts(
@@ -117,9 +123,8 @@ class Dynamics:
         x = np.nan_to_num(states[0])  # the law sees zeros where a rollout has diverged
         for t in range(horizon):
             controls[t] = control_law(t, x)
-            count, sound = self._with_simulator(
-                Simulator.advance, states[t], controls[t], states[t + 1]
-            )
+            step = states[t], controls[t], states[t + 1]
+            count, sound = self._simulate(compiled_loops.advance, _BOUNDS, *step)
             executed += count
             if not sound:
                 break
@@ -150,9 +155,16 @@ class Dynamics:
             batch = nominals[first : first + self.threads]
 
             def work(
-                simulator: Simulator, part: slice, batch: Sequence[Trajectory] = batch
+                memory: Memory, part: slice, batch: Sequence[Trajectory] = batch
             ) -> list[Trajectory]:
-                return [simulator.follow(start, nominal, gains) for nominal in batch[part]]
+                found = []
+                for nominal in batch[part]:
+                    x, u = (np.full_like(a, np.nan) for a in (nominal.states, nominal.controls))
+                    x[0] = start
+                    given = nominal.states, nominal.controls, gains
+                    compiled_loops.follow(memory, _BOUNDS, *given, x, u)
+                    found.append(Trajectory(x, u))
+                return found
 
             yield from chain.from_iterable(self._in_threads(len(batch), work))
 
@@ -181,7 +193,10 @@ class Dynamics:
         states[:, 0] = initial_states
         network = compiled_network(policy)
         self._in_threads(
-            n, lambda s, part: s.execute(network, noise[part], states[part], controls[part])
+            n,
+            lambda memory, part: compiled_loops.execute(
+                memory, _BOUNDS, network, noise[part], states[part], controls[part]
+            ),
         )
         return states, controls
 
@@ -192,23 +207,23 @@ class Dynamics:
         states, controls = trajectory.states[:-1], trajectory.controls
         steps = self._in_threads(
             horizon,
-            lambda simulator, part: simulator.differentiate(
-                states[part], controls[part], self.eps, f_x[part], f_u[part]
+            lambda memory, part: compiled_loops.differentiate(
+                memory, self._columns, self.eps, states[part], controls[part], f_x[part], f_u[part]
             ),
         )
         return LinearDynamics(f_x, f_u), sum(steps)
 
-    def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
+    def _in_threads(self, count: int, work: Callable[[Memory, slice], T]) -> list[T]:
         """Divides `count` pieces of work into parts; each thread takes the next part."""
         if min(self.threads, count) == 1:
-            return [self._with_simulator(work, slice(0, count))]
+            return [self._simulate(work, slice(0, count))]
         ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
         parts = map(slice, ends[:-1], ends[1:])
-        return list(self._pool.map(partial(self._with_simulator, work), parts))
+        return list(self._pool.map(partial(self._simulate, work), parts))
 
-    def _with_simulator(self, work: Callable[..., T], *arguments: Any) -> T:
-        simulator = self._idle.get()
+    def _simulate(self, work: Callable[..., T], *arguments: Any) -> T:
+        memory = self._idle.get()
         try:
-            return work(simulator, *arguments)
+            return work(memory, *arguments)
         finally:
-            self._idle.put(simulator)
+            self._idle.put(memory)

@@ -41,9 +41,9 @@ def swimmer() -> Task:
             rng, (HORIZON, n_u), amplitude=30.0, time_constant=0.5 / dynamics.time_step
         ),
         initial_std=np.full(n_x, 0.01),
-        # Without these limits the trajectory drifts, as α falls, to motions that five units represent
-        # far away from it too: at k = 50 it cost 1.05 to 1.10 times as much as the initial DDP's
-        # (four seeds); with the limits and three DDP iterations 0.97 to 1.05 times (seeds 0 to 4).
+        # Without these limits the trajectory drifts, as α falls, towards what five units represent
+        # over a wide region: at k = 50 its cost was 1.05 to 1.10 of the initial DDP's (four seeds),
+        # but with the limits and three DDP iterations 0.97 to 1.05 of it (seeds 0 to 4).
         std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
         optimizer=OptimizerSettings(marginals=MarginalSettings(std_limit_annealing=0.5)),
     )
