@@ -1,10 +1,10 @@
 """MuJoCo's C functions for compiled loops, and the addresses of what they work on.
 
 MuJoCo's Python functions cannot be called from a compiled loop, so the loop calls those of the C
-library. Two of numba's ways to do that were tried: machine code that calls a ctypes function cannot
-be cached, and a WrapperAddressProtocol takes 10 µs at each call of a loop. So an intrinsic names the
-C function, and LLVM is given its address, both by documented interfaces. LLVM does not load the whole
-library, whose symbols would then come before those of libraries that are loaded later.
+library. Two ways of numba were tried for that: machine code that calls a ctypes function cannot be
+cached, and a WrapperAddressProtocol takes 10 µs at each call of a loop. So an intrinsic names the C
+function, and LLVM is given its address, both by documented interfaces. LLVM does not load the
+library itself, since its symbols would then come before those of libraries that are loaded later.
 
 One private name is left, `_address` of MjModel and MjData: the C functions take no Python objects,
 and MuJoCo offers no other way to their pointers (github.com/google-deepmind/mujoco/issues/2564).
