@@ -12,8 +12,8 @@ _EPS = 1e-6
 class CentredDynamics(Dynamics):
     """The same dynamics, differentiated by `mjd_transitionFD`."""
 
-    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory."""
+    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""
         horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
         f_x, f_u = np.tile(np.eye(n_x), (horizon, 1, 1)), np.zeros((horizon, n_x, n_u))
         a, b = np.empty((n_x, n_x)), np.empty((n_x, n_u))
@@ -27,5 +27,4 @@ class CentredDynamics(Dynamics):
                     mujoco.mj_step(self.model, data)
                 mujoco.mjd_transitionFD(self.model, data, _EPS, True, a, b, None, None)
                 f_x[t], f_u[t] = a @ f_x[t], a @ f_u[t] + b
-        self.simulator_steps += horizon * self.substeps * (2 * (n_x + n_u) + 1)
-        return LinearDynamics(f_x, f_u)
+        return LinearDynamics(f_x, f_u), horizon * self.substeps * (2 * (n_x + n_u) + 1)

@@ -17,7 +17,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import Task, make_task
 
@@ -130,7 +130,6 @@ def service() -> Iterator[Comparison]:
     """A solve through the optimizer's service against the same solve in process."""
     task = make_task("swimmer")
     request = initial_request(task, SOLVE_ITERATIONS)
-    optimizer = TrajectoryOptimizer(task)
     message = request_to_msg(request, task, stamp_of(0))
     with bench() as graph:
         graph.start("trajectory_optimizer")
@@ -143,7 +142,7 @@ def service() -> Iterator[Comparison]:
         yield compare(
             f"{SOLVE_ITERATIONS} DDP iterations through the service / in process",
             through_the_graph,
-            lambda: optimizer.optimize(request),
+            lambda: optimize(task, request),
             1.05,
             repetitions=SOLVES,
         )

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.problems import SEED, in_process
+from benchmarks.problems import SEED
 from benchmarks.timing import Comparison
 from vgps_ros.core.policy_cost import PolicyCost
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.task import smoothed_noise
@@ -43,11 +43,10 @@ def shares() -> Iterator[Comparison]:
     for name, hidden_units in SEARCHES.items():
         task = make_task(name)
         settings = replace(search_settings(task), hidden_units=(hidden_units,))
-        optimizer = TrajectoryOptimizer(task)
         with ExitStack() as stack:
             spent = {part: stack.enter_context(_timed(*place)) for part, place in PARTS.items()}
             began = time.perf_counter()
-            for _ in search("vgps", task, settings, SEED, in_process(optimizer)):
+            for _ in search("vgps", task, settings, SEED, partial(optimize_all, task)):
                 pass
             total = time.perf_counter() - began
         for part, seconds in spent.items():
@@ -119,6 +118,6 @@ def _with_horizon(task: Task, horizon: int) -> Task:
 def _iteration_seconds(task: Task, **settings: Any) -> float:
     """Returns the median time of an iteration after the first [s]."""
     chosen = replace(search_settings(task), iterations=_ITERATIONS, **settings)
-    optimizer = TrajectoryOptimizer(task)
-    ends = [time.perf_counter() for _ in search("vgps", task, chosen, SEED, in_process(optimizer))]
+    run = search("vgps", task, chosen, SEED, partial(optimize_all, task))
+    ends = [time.perf_counter() for _ in run]
     return float(np.median(np.diff(ends)))

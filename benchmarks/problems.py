@@ -8,13 +8,9 @@ import numpy as np
 from vgps_ros.core.ddp import Iteration
 from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search import trajectory_optimization
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import (
-    OptimizationRequest,
-    OptimizationResult,
-    TrajectoryOptimizer,
-)
-from vgps_ros.search.workspace import OptimizeAll
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
 
@@ -48,13 +44,7 @@ def optimize(
     on_iteration: Callable[[Iteration], None] = lambda _: None,
 ) -> OptimizationResult:
     """Does the first solve of a search."""
-    optimizer = TrajectoryOptimizer(task)
-    return optimizer.optimize(initial_request(task, iterations), on_iteration)
-
-
-def in_process(optimizer: TrajectoryOptimizer) -> OptimizeAll:
-    """Returns what solves the requests of a search, one after another."""
-    return lambda requests: [optimizer.optimize(request) for request in requests]
+    return trajectory_optimization.optimize(task, initial_request(task, iterations), on_iteration)
 
 
 def moving(name: str) -> tuple[Task, Trajectory]:

@@ -5,14 +5,14 @@ from dataclasses import replace
 from functools import partial
 
 from benchmarks.goals import Goal, Outcome, Stopwatch, cost_goal, walking_goal
-from benchmarks.problems import SEED, in_process
+from benchmarks.problems import SEED
 from benchmarks.timing import Comparison
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.search.methods import search
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import Task, make_task
 
 # Task: the goal, the hidden units of our policy, and what our time must not exceed of the better
@@ -53,9 +53,8 @@ def reinforcement_learning() -> Iterator[Comparison]:
 def learn(task: Task, goal: Goal, hidden_units: int, watch: Stopwatch) -> Outcome:
     """Runs our search until its policy reaches the goal, for all its iterations at most."""
     settings = replace(search_settings(task), hidden_units=(hidden_units,), evaluation_rollouts=1)
-    optimizer = TrajectoryOptimizer(task)
     best, steps = float("inf"), 0
-    for iteration in search("vgps", task, settings, SEED, in_process(optimizer)):
+    for iteration in search("vgps", task, settings, SEED, partial(optimize_all, task)):
         steps = iteration.history[-1].simulator_steps
         with watch.stopped():
             best = min(best, goal.measure(task, partial(_mean, iteration.policy)))

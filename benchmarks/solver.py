@@ -103,7 +103,7 @@ def ddp_iteration() -> Iterator[Comparison]:
         single = with_threads(task, 1)
         steps = motion.horizon * (2 * (single.dynamics.state_dim + single.dynamics.control_dim) + 2)
         settings = task.optimizer.ddp
-        linear = single.dynamics.linearize(motion)
+        linear, _ = single.dynamics.linearize(motion)
         gains = np.zeros((motion.horizon, single.dynamics.control_dim, single.dynamics.state_dim))
 
         def iterate(task=single, motion=motion, linear=linear, settings=settings) -> None:  # type: ignore[no-untyped-def]
@@ -153,7 +153,7 @@ def derivatives() -> Iterator[Comparison]:
                 partial(one.linearize, motion),
                 partial(plain.linearize, motion),
                 None,
-                remark=f"error {_error(one.linearize(motion), plain.linearize(motion))}",
+                remark=f"error {_error(one.linearize(motion)[0], plain.linearize(motion)[0])}",
             )
 
 

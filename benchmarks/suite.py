@@ -11,6 +11,7 @@ from rich.console import Console
 from benchmarks import graph, learning, optimizers, real_time, reinforcement, solver
 from benchmarks.report import growth_figure, markdown, terminal_table
 from benchmarks.timing import Comparison
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
 from vgps_ros.views.plots import save
 from vgps_ros.views.table_console import table_console
@@ -78,6 +79,7 @@ def _known(name: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    silence_mujoco()
     parser = argparse.ArgumentParser(
         prog="benchmark",
         description="Measures how fast vgps_ros is, as ratios to peers and to floors measured in "

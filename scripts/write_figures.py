@@ -28,7 +28,7 @@ from PIL import Image, ImageSequence
 
 from vgps_ros.programs.evaluate import evaluate
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
 from vgps_ros.storage.policy_file import load_policy
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task, make_task
@@ -77,7 +77,7 @@ def demonstration(output: Path, seeds: int) -> Figures:
     x = walk(task.dynamics, GAIT, round(30.0 / task.dynamics.time_step)).states
     steps = search_settings(task).initial_ddp_iterations
     request = OptimizationRequest(0, 0, 0, 1.0, steps, task.initial_state)
-    solution = TrajectoryOptimizer(task).optimize(request)
+    solution = optimize(task, request)
     save_picture(filmstrip, motion(task, x[: task.horizon + 1]), "walker_demonstration.png")
     return {
         "speed": float(x[-1, 0] - x[0, 0]) / 30.0,

@@ -9,7 +9,10 @@ from hypothesis import settings
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import Task, make_task
+
+silence_mujoco()
 
 # The same examples in every run, and no database beside the tests.
 settings.register_profile("vgps", derandomize=True, deadline=None, database=None, max_examples=50)

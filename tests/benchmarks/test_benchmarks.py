@@ -15,7 +15,7 @@ from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.ddp.backward_pass import _recursion
 from vgps_ros.search.preparation import prepare
-from vgps_ros.simulation.compiled_loops import _differentiate, _execute, _follow
+from vgps_ros.simulation import compiled_loops
 from vgps_ros.tasks import make_task
 
 
@@ -81,8 +81,8 @@ def test_the_peer_has_the_same_derivatives(swimmer):
     motion = swimmer.dynamics.rollout(
         swimmer.initial_state, lambda t, _: 20.0 * np.sin(0.1 * t + np.arange(2)), 30
     )
-    peer = with_threads(swimmer, 1, CentredDynamics).dynamics.linearize(motion)
-    ours = swimmer.dynamics.linearize(motion)
+    peer, _ = with_threads(swimmer, 1, CentredDynamics).dynamics.linearize(motion)
+    ours, _ = swimmer.dynamics.linearize(motion)
     np.testing.assert_allclose(ours.f_x, peer.f_x, rtol=0, atol=1e-5)
     np.testing.assert_allclose(ours.f_u, peer.f_u, rtol=0, atol=1e-5)
 
@@ -95,13 +95,16 @@ def test_the_drawn_problem_can_be_solved():
 def test_after_its_preparation_a_search_compiles_nothing(name):
     task = make_task(name)
     prepare(task)
-    loops = (_differentiate, _execute, _follow, _recursion)
+    loops = [
+        *(compiled_loops.advance, compiled_loops.differentiate),
+        *(compiled_loops.execute, compiled_loops.follow, _recursion),
+    ]
     before = [len(loop.signatures) for loop in loops]
     assert all(before)
     motion = task.dynamics.rollout(
         task.initial_state, lambda *_: np.zeros(task.dynamics.control_dim), 3
     )
-    linear = task.dynamics.linearize(motion)
+    linear, _ = task.dynamics.linearize(motion)
     gains = backward_pass(linear, task.cost.expand(motion), 0.1).gains
     task.dynamics.follow(motion.states[0], motion, gains)
     assert [len(loop.signatures) for loop in loops] == before

@@ -7,8 +7,10 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
+from vgps_ros.core.compiled_network import compiled_network, network_output
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_network import Standardization
 
 MODULES = {
     # Beyond the threshold torch returns z; its default of 20 costs 2e-9.
@@ -43,19 +45,31 @@ def torch_network(policy):
 
 @every_shape
 @pytest.mark.parametrize("activation", sorted(MODULES))
-def test_mean_is_that_of_torch(
+def test_the_network_is_that_of_torch_s_modules_wherever_it_is_written(
     random_policy, rng, hidden_units, hidden_bias, output_bias, activation
 ):
+    """The readable one, the compiled one, and the one that the M-step differentiates."""
     policy = random_policy(
         hidden_units=hidden_units,
         activation=activation,
         hidden_bias=hidden_bias,
         output_bias=output_bias,
     )
-    states = 2 * rng.standard_normal((7, 3, 5))
+    states = rng.standard_normal((21, 5))  # beyond 20 torch takes log(1 + exp(z)) to be z
     with torch.no_grad():
-        expected = torch_network(policy)(torch.from_numpy(states[..., [0, 2, 3]])).numpy()
-    assert_allclose(policy.mean(states), expected, rtol=1e-12, atol=1e-13)
+        expected = torch_network(policy)(torch.from_numpy(states[:, [0, 2, 3]])).numpy()
+    compiled, network, (a, z) = [], compiled_network(policy), np.empty((2, 6))
+    for state in states:
+        network_output(network, state, a, z)
+        compiled.append(a[:2].copy())
+    raw = Standardization(policy.architecture, np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
+    fitted = raw.network(torch.from_numpy(policy.parameters), raw.inputs(states)).numpy().T
+    for name, found in (
+        ("readable", policy.mean(states.reshape(7, 3, 5)).reshape(21, 2)),
+        ("compiled", np.array(compiled)),
+        ("fitted", fitted),
+    ):
+        assert_allclose(found, expected, rtol=1e-12, atol=1e-13, err_msg=name)
 
 
 @every_shape

@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from random import Random
 
 from tests.faults.kinds import FAULTS
@@ -23,7 +24,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import reindex
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
 
@@ -150,12 +151,7 @@ def check_training(training: Training, system: System, tally: Tally) -> None:
         hidden_units=(HIDDEN_UNITS,),
         **LEARNING,
     )
-    optimizer = TrajectoryOptimizer(task)
-    iterations = list(
-        search(
-            "vgps", task, settings, training.seed, lambda rs: [optimizer.optimize(r) for r in rs]
-        )
-    )
+    iterations = list(search("vgps", task, settings, training.seed, partial(optimize_all, task)))
     expected = system.graph.folder / "expected.json"
     save_policy(iterations[-1].policy, task.name, expected)
     if (training.folder / "policy.json").read_bytes() != expected.read_bytes():

@@ -58,7 +58,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.optimization import request_from_msg
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 
 MESSAGES = int(os.environ.get("MALFORMED_MESSAGES", "10500"))
@@ -86,7 +86,7 @@ FIRST = OptimizeTrajectory.Request(
     initial_state=pack(ROTOR.initial_state),
     guess=[Trajectory(n_x=2, n_u=1, controls=pack(np.zeros(50)))],
 )
-SOLVED = TrajectoryOptimizer(ROTOR).optimize(request_from_msg(FIRST, ROTOR))
+SOLVED = optimize(ROTOR, request_from_msg(FIRST, ROTOR))
 DISTRIBUTION = distribution_to_msg(SOLVED.distribution, ROTOR, 0, 1, STAMP)
 NEXT = OptimizeTrajectory.Request(
     task="rotor",

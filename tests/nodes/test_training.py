@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.search.workspace import initial_states
 from vgps_ros.storage.policy_file import load_policy
 from vgps_ros.tasks import Task, make_task
@@ -49,9 +50,7 @@ def start_training(graph, settings: SearchSettings, seed: int, output: Path):
 
 
 def train_in_process(task: Task, settings: SearchSettings, seed: int, method: str = "vgps"):
-    optimizer = TrajectoryOptimizer(task)
-    solve = lambda requests: [optimizer.optimize(r) for r in requests]  # noqa: E731
-    return list(search(method, task, settings, seed, solve))
+    return list(search(method, task, settings, seed, partial(optimize_all, task)))
 
 
 def without_times(entries: list[dict]) -> list[dict]:
@@ -248,11 +247,10 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
     graph, tmp_path, change, sentence
 ):
     task = make_task("rotor")
-    optimizer = TrajectoryOptimizer(task)
 
     def answer(message, _):
         request = request_from_msg(message, task)
-        response = result_to_msg(optimizer.optimize(request), request, task, Time())
+        response = result_to_msg(optimize(task, request), request, task, Time())
         for name, value in change.items():
             setattr(response, name, value)
         return response

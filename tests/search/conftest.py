@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, TrajectoryOptimizer
-
-
-@pytest.fixture(scope="session")
-def optimizer(short_swimmer):
-    return TrajectoryOptimizer(short_swimmer)
+from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
 
 
 @pytest.fixture
@@ -37,13 +32,13 @@ def first_request(short_swimmer, rng):
 
 
 @pytest.fixture
-def next_request(optimizer, first_request, policy):
+def next_request(short_swimmer, first_request, policy):
     """Line 6 of Algorithm 1."""
     return dataclasses.replace(
         first_request,
         iteration=1,
         cost_scale=0.9,
         guess=None,
-        previous=optimizer.optimize(first_request).distribution,
+        previous=optimize(short_swimmer, first_request).distribution,
         policy=policy,
     )

@@ -1,6 +1,7 @@
 """Every method of the comparison: one shape, and a problem whose optimum is known."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.search.gps import combined
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import GpsSettings, search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 
@@ -27,8 +28,7 @@ RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger"}
 
 
 def solver(task):
-    optimizer = TrajectoryOptimizer(task)
-    return lambda requests: [optimizer.optimize(request) for request in requests]
+    return partial(optimize_all, task)
 
 
 def run(method, task, seed=3, wrap=lambda solve: solve, **settings):

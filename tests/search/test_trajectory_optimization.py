@@ -11,31 +11,32 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.marginals import Spread, sample_deviations, state_covariances
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.trajectory_optimization import optimize
 
 
-def test_first_solve_lowers_the_cost_of_its_guess(optimizer, first_request):
-    task, controls = optimizer.task, first_request.guess
+def test_first_solve_lowers_the_cost_of_its_guess(short_swimmer, first_request):
+    task, controls = short_swimmer, first_request.guess
     guess = task.dynamics.rollout(
         first_request.initial_state, lambda t, _: controls[t], task.horizon
     )
-    result = optimizer.optimize(first_request)
+    result = optimize(short_swimmer, first_request)
     assert result.cost < task.trajectory_cost(guess)
     assert result.cost == result.modified_cost == result.iterations[-1].cost
     assert result.status is Status.ITERATION_LIMIT
     assert len(result.iterations) == 3
 
 
-def test_distribution_is_centred_on_an_executed_trajectory(optimizer, next_request):
-    q = optimizer.optimize(next_request).distribution
+def test_distribution_is_centred_on_an_executed_trajectory(short_swimmer, next_request):
+    q = optimize(short_swimmer, next_request).distribution
     states, controls = q.mean.states, q.mean.controls
     assert_array_equal(states[0], next_request.initial_state)
     for t, u in enumerate(controls):
-        assert_array_equal(optimizer.task.dynamics.step(states[t], u), states[t + 1])
+        assert_array_equal(short_swimmer.dynamics.step(states[t], u), states[t + 1])
 
 
-def test_distribution_carries_its_marginals(optimizer, first_request):
-    q = optimizer.optimize(first_request).distribution
-    spread = Spread(np.full(10, 0.01), np.zeros(10), optimizer.task.std_limit)
+def test_distribution_carries_its_marginals(short_swimmer, first_request):
+    q = optimize(short_swimmer, first_request).distribution
+    spread = Spread(np.full(10, 0.01), np.zeros(10), short_swimmer.std_limit)
     expected = state_covariances(q.linear_dynamics, q.gains, q.control_covariances, spread)
     assert_array_equal(q.state_covariances, expected)
     assert_allclose(q.state_covariances[0], 1e-4 * np.eye(10))
@@ -43,41 +44,41 @@ def test_distribution_carries_its_marginals(optimizer, first_request):
     assert_allclose(q.control_covariances[-1], np.linalg.inv(last))
 
 
-def test_limit_of_the_marginals_shrinks_with_alpha(optimizer, first_request):
-    q = optimizer.optimize(dataclasses.replace(first_request, cost_scale=0.25)).distribution
-    limit = 0.25**0.5 * optimizer.task.std_limit
+def test_limit_of_the_marginals_shrinks_with_alpha(short_swimmer, first_request):
+    q = optimize(short_swimmer, dataclasses.replace(first_request, cost_scale=0.25)).distribution
+    limit = 0.25**0.5 * short_swimmer.std_limit
     stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
     assert np.all(stds <= limit * (1 + 1e-12))
     assert_allclose(stds.max(axis=0)[8:], limit[8:])  # the joints' velocities reach it
 
 
-def test_modified_cost_is_alpha_c_less_the_averaged_log_density(optimizer, next_request):
-    result = optimizer.optimize(next_request)
+def test_modified_cost_is_alpha_c_less_the_averaged_log_density(short_swimmer, next_request):
+    result = optimize(short_swimmer, next_request)
     rng = generator(next_request.seed, Stream.POLICY_DERIVATIVES, 1, 0)
     deviations = sample_deviations(next_request.previous, 10, rng)
     cost = PolicyCost(
-        ScaledCost(optimizer.task.cost, 0.9),
+        ScaledCost(short_swimmer.cost, 0.9),
         next_request.policy,
         deviations,
         next_request.previous.gains,
     )
     trajectory = result.distribution.mean
     assert_allclose(result.modified_cost, cost.values(trajectory).sum(), rtol=1e-13)
-    assert result.cost == optimizer.task.trajectory_cost(trajectory)
+    assert result.cost == short_swimmer.trajectory_cost(trajectory)
     assert result.modified_cost < cost.values(next_request.previous.mean).sum()
 
 
-def test_policy_narrows_the_distribution_by_its_precision(optimizer, next_request):
+def test_policy_narrows_the_distribution_by_its_precision(short_swimmer, next_request):
     """Quu of the last step is α c_uu + Σ_θ⁻¹."""
-    q = optimizer.optimize(next_request).distribution
+    q = optimize(short_swimmer, next_request).distribution
     expected = np.diag(0.9 * 2e-5 + 1 / next_request.policy.noise_std**2)
     assert_allclose(np.linalg.inv(q.control_covariances[-1]), expected, rtol=1e-10)
 
 
-def test_scale_of_the_cost_does_not_change_what_is_found(optimizer, first_request):
+def test_scale_of_the_cost_does_not_change_what_is_found(short_swimmer, first_request):
     """Regularisation scales along; a power of two keeps every bit."""
     scaled = dataclasses.replace(first_request, cost_scale=0.25)
-    one, quarter = optimizer.optimize(first_request), optimizer.optimize(scaled)
+    one, quarter = optimize(short_swimmer, first_request), optimize(short_swimmer, scaled)
     assert_array_equal(one.distribution.mean.controls, quarter.distribution.mean.controls)
     assert_array_equal(
         4 * one.distribution.control_covariances[:, 0, 0],
@@ -87,19 +88,21 @@ def test_scale_of_the_cost_does_not_change_what_is_found(optimizer, first_reques
     assert quarter.modified_cost == 0.25 * one.cost
 
 
-def test_optimisation_is_a_pure_function_of_its_request(optimizer, first_request, next_request):
-    first = optimizer.optimize(next_request).distribution
-    optimizer.optimize(first_request)
-    again = optimizer.optimize(next_request).distribution
-    other = optimizer.optimize(dataclasses.replace(next_request, trajectory_index=1)).distribution
+def test_optimisation_is_a_pure_function_of_its_request(short_swimmer, first_request, next_request):
+    first = optimize(short_swimmer, next_request).distribution
+    optimize(short_swimmer, first_request)
+    again = optimize(short_swimmer, next_request).distribution
+    other = optimize(
+        short_swimmer, dataclasses.replace(next_request, trajectory_index=1)
+    ).distribution
     assert_array_equal(first.mean.states, again.mean.states)
     assert_array_equal(first.state_covariances, again.state_covariances)
     assert np.any(first.mean.states != other.mean.states)
 
 
-def test_solve_can_be_watched_and_cancelled(optimizer, first_request):
+def test_solve_can_be_watched_and_cancelled(short_swimmer, first_request):
     seen = []
-    result = optimizer.optimize(first_request, seen.append, lambda: len(seen) == 1)
+    result = optimize(short_swimmer, first_request, seen.append, lambda: len(seen) == 1)
     assert result.status is Status.CANCELLED
     assert result.iterations == tuple(seen)
 
@@ -126,14 +129,14 @@ def changed(array, value):
         (lambda r: {"guess": None}, r"neither guess nor previous; send one"),
     ],
 )
-def test_bad_first_request_is_refused(optimizer, first_request, change, message):
+def test_bad_first_request_is_refused(short_swimmer, first_request, change, message):
     bad = dataclasses.replace(first_request, **change(first_request))
     with pytest.raises(InvalidInputError, match=message):
-        optimizer.optimize(bad)
+        optimize(short_swimmer, bad)
 
 
 @pytest.mark.parametrize("name", ["gains", "state_covariances"])
-def test_bad_previous_distribution_is_refused(optimizer, next_request, name):
+def test_bad_previous_distribution_is_refused(short_swimmer, next_request, name):
     q = next_request.previous
     for value, message in [
         (changed(getattr(q, name), np.nan), rf"previous\.{name} is nan at index 3"),
@@ -141,23 +144,23 @@ def test_bad_previous_distribution_is_refused(optimizer, next_request, name):
     ]:
         previous = dataclasses.replace(q, **{name: value})
         with pytest.raises(InvalidInputError, match=message):
-            optimizer.optimize(dataclasses.replace(next_request, previous=previous))
+            optimize(short_swimmer, dataclasses.replace(next_request, previous=previous))
 
 
-def test_policy_without_previous_distribution_is_refused(optimizer, first_request, policy):
+def test_policy_without_previous_distribution_is_refused(short_swimmer, first_request, policy):
     with pytest.raises(InvalidInputError, match=r"policy but no previous distribution.*send both"):
-        optimizer.optimize(dataclasses.replace(first_request, policy=policy))
+        optimize(short_swimmer, dataclasses.replace(first_request, policy=policy))
 
 
-def test_policy_that_does_not_fit_the_task_is_refused(optimizer, next_request, policy):
+def test_policy_that_does_not_fit_the_task_is_refused(short_swimmer, next_request, policy):
     observed = (*range(8), 10)
     architecture = dataclasses.replace(policy.architecture, observed=observed)
     other = dataclasses.replace(policy, architecture=architecture)
     with pytest.raises(InvalidInputError, match=r"coordinate 10 .* coordinates 0 to 9"):
-        optimizer.optimize(dataclasses.replace(next_request, policy=other))
+        optimize(short_swimmer, dataclasses.replace(next_request, policy=other))
 
 
-def test_guess_that_diverges_is_an_error_with_advice(optimizer, first_request):
+def test_guess_that_diverges_is_an_error_with_advice(short_swimmer, first_request):
     wild = dataclasses.replace(first_request, guess=1e8 * first_request.guess)
     with pytest.raises(DivergenceError, match=r"start from smaller controls"):
-        optimizer.optimize(wild)
+        optimize(short_swimmer, wild)

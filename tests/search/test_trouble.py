@@ -8,7 +8,7 @@ import pytest
 
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 
 SHORT = SearchSettings(
@@ -22,8 +22,7 @@ def rotor():
 
 
 def run(task, settings, change=lambda request: request):
-    optimizer = TrajectoryOptimizer(task)
-    solve = lambda requests: [optimizer.optimize(change(r)) for r in requests]  # noqa: E731
+    solve = lambda requests: [optimize(task, change(r)) for r in requests]  # noqa: E731
     return list(search("vgps", task, settings, 0, solve))
 
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -18,7 +19,7 @@ from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import search
 from vgps_ros.search.metrics import evaluation_metrics
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.vgps import vgps
 from vgps_ros.search.workspace import Workspace, initial_states
 
@@ -28,12 +29,11 @@ QUICK = SearchSettings(
 
 
 def run(task, settings, seed=0):
-    optimizer = TrajectoryOptimizer(task)
     requests = []
 
     def solve(batch):
         requests.append(list(batch))
-        return [optimizer.optimize(request) for request in batch]
+        return optimize_all(task, batch)
 
     return list(search("vgps", task, settings, seed, solve)), requests
 
@@ -91,8 +91,7 @@ def test_candidates_are_learned_side_by_side_until_the_likeliest_goes_on(
         QUICK, iterations=iterations, candidates=3, candidate_iterations=candidate_iterations,
         alphas=(1e4,), alpha_iterations=(0,),  # sharp distributions, so that fits differ
     )  # fmt: skip
-    optimizer = TrajectoryOptimizer(short_swimmer)
-    work = Workspace(short_swimmer, settings, 0, lambda batch: [optimizer.optimize(*batch)])
+    work = Workspace(short_swimmer, settings, 0, partial(optimize_all, short_swimmer))
     before = vgps(work, vgps(work, None, 1), 2)
     assert len({pair.policy.parameters.tobytes() for pair in before.pairs}) == 3
     assert len({pair.solutions[0].cost for pair in before.pairs}) == 3
@@ -152,10 +151,9 @@ def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
 def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
     """Solves of one iteration are independent: they may run anywhere, at any time."""
     settings = replace(QUICK, num_initial_states=2, iterations=1)
-    optimizer = TrajectoryOptimizer(short_swimmer)
 
     def backwards(batch):
-        return [optimizer.optimize(request) for request in reversed(batch)][::-1]
+        return optimize_all(short_swimmer, batch[::-1])[::-1]
 
     (expected,), _ = run(short_swimmer, settings)
     (found,) = search("vgps", short_swimmer, settings, 0, backwards)

@@ -1,13 +1,14 @@
 """Algorithm 1 on a short walk: lookahead, demonstration and falls reach every part."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
 
 
@@ -26,9 +27,8 @@ def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
         evaluation_rollouts=3,
         hidden_units=(5,),
     )
-    optimizer = TrajectoryOptimizer(short_walker)
     iterations = list(
-        search("vgps", short_walker, settings, 0, lambda rs: [optimizer.optimize(r) for r in rs])
+        search("vgps", short_walker, settings, 0, partial(optimize_all, short_walker))
     )
     last = iterations[-1]
     q = last.solutions[0].distribution
@@ -51,10 +51,7 @@ def test_several_starts_have_a_demonstration_each(short_walker):
         evaluation_rollouts=1,
         num_initial_states=3,
     )
-    optimizer = TrajectoryOptimizer(short_walker)
-    (only,) = search(
-        "vgps", short_walker, settings, 10, lambda rs: [optimizer.optimize(r) for r in rs]
-    )
+    (only,) = search("vgps", short_walker, settings, 10, partial(optimize_all, short_walker))
     starts = [solution.distribution.mean.states[0] for solution in only.solutions]
     assert len({start.tobytes() for start in starts}) == 3
     assert not any(short_walker.fallen(s.distribution.mean.states).any() for s in only.solutions)

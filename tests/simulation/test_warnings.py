@@ -1,17 +1,66 @@
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
+import pytest
 
-from vgps_ros.simulation.warnings import in_words, kind_of, simulator_warnings
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.warnings import _KINDS, in_words
+
+WILD = np.r_[np.full(5, 1e3), np.full(5, 9e3)], np.array([1e8, -1e8])
 
 
-def test_a_step_that_explodes_is_counted_by_its_kind(swimmer):
-    before = simulator_warnings()
-    swimmer.dynamics.step(np.r_[np.full(5, 1e3), np.full(5, 9e3)], np.array([1e8, -1e8]))
-    assert in_words(simulator_warnings() - before) == "bad acceleration (1)"
+def test_a_step_that_explodes_is_counted_by_its_kind_in_its_own_dynamics(swimmer):
+    first, other = (Dynamics(swimmer.dynamics.model, threads=2) for _ in range(2))
+    for _ in range(3):
+        first.step(*WILD)
+    assert in_words(first.warnings()) == "bad acceleration (3)"
+    assert not other.warnings()
 
 
 def test_every_warning_of_mujoco_has_a_kind_of_its_own():
-    count = mujoco.mjtWarning.mjNWARNING
-    kinds = {kind_of(mujoco.mju_warningText(warning, 0)) for warning in range(count)}
-    assert len(kinds) == count
-    assert "other" not in kinds
+    assert sorted(map(int, _KINDS)) == list(range(mujoco.mjtWarning.mjNWARNING))
+    assert len(set(_KINDS.values())) == len(_KINDS)
+
+
+_DIVERGENCE = """
+import numpy as np
+from vgps_ros.core.records import Trajectory
+from vgps_ros.tasks import make_task
+
+walker = make_task("walker")
+starts = np.stack([walker.initial_state] * 3)
+states, *_ = walker.dynamics.rollouts(starts, lambda t, x: np.full((3, 6), 1e8), 5)
+assert np.isnan(states[:, -1]).all()
+states[0, 1:] = starts[0]
+walker.dynamics.linearize(Trajectory(states[0], np.full((5, 6), 1e8)))
+assert walker.dynamics.warnings()
+"""
+_PROGRAM = """
+from contextlib import suppress
+from vgps_ros.programs.{} import main
+with suppress(SystemExit):
+    main(["--seed", "none"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("beginning", "files"),
+    [
+        ("", ["MUJOCO_LOG.TXT"]),
+        ("from vgps_ros.simulation.warnings import silence_mujoco as s; s()", []),
+        *((_PROGRAM.format(name), []) for name in ("train", "evaluate", "find_gait")),
+    ],
+)
+def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(
+    tmp_path, beginning, files
+):
+    """The walker, whose contacts MuJoCo finds unstable; derivatives come from several threads.
+
+    In a process of its own, since MuJoCo hands the warnings of all simulations to one place.
+    """
+    script = [sys.executable, "-c", beginning + _DIVERGENCE]
+    done = subprocess.run(script, check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert [path.name for path in tmp_path.iterdir()] == files
+    assert ("WARNING" in done.stdout + done.stderr) == bool(files)

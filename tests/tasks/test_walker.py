@@ -51,7 +51,7 @@ def test_derivatives_through_contact_agree_with_finite_differences(step, finite_
     state, control = WALKER.demonstration.states[step], WALKER.demonstration.controls[step]
     assert FootLoads(WALKER.dynamics.model)(state).sum() > 100
     trajectory = Trajectory(np.stack([state, state]), control[None])
-    linear = WALKER.dynamics.linearize(trajectory)
+    linear, _ = WALKER.dynamics.linearize(trajectory)
     expected = finite_differences(lambda x: WALKER.dynamics.step(x, control), state)
     assert_allclose(linear.f_x[0], expected, atol=2e-3 * np.abs(expected).max())
     expected = finite_differences(lambda u: WALKER.dynamics.step(state, u), control, 1e-4)
@@ -65,7 +65,7 @@ def test_low_hips_and_a_pitched_torso_are_falls():
 
 
 def test_a_rollout_without_torques_falls_and_does_not_survive():
-    states, _ = WALKER.dynamics.rollouts(
+    states, _, _ = WALKER.dynamics.rollouts(
         WALKER.initial_state[None], lambda t, x: np.zeros((1, 6)), 200
     )
     assert not WALKER.survived(states)[0]
@@ -94,7 +94,7 @@ def test_gait_survives_its_vector():
 
 def follow(demonstration):
     start = demonstration.states[0]
-    return track(WALKER.dynamics, demonstration, start, WALKER.joint_names, 1e-6)
+    return track(WALKER.dynamics, demonstration, start, WALKER.joint_names, 1e-6)[0]
 
 
 def test_demonstration_is_followed_where_open_loop_replay_leaves_it():

@@ -1,4 +1,4 @@
-"""Checks of values that come from outside; each raises one sentence a user can act on."""
+"""Checks values that come from outside; each check raises a sentence that a user can act on."""
 
 import math
 import reprlib
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vgps_ros.core.arrays import Array, arrays_of, declared_shapes
 from vgps_ros.core.errors import InvalidInputError
 
-# Of a covariance's largest entry: the inverse of a badly scaled matrix is exact to no more.
+# Tolerance relative to a covariance's largest entry: inverses of badly scaled matrices err so far.
 _ROUNDING = 1e-3
 
 _SHORT = reprlib.Repr()
@@ -35,7 +35,7 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(f"{name} must hold numbers only: {error}.") from error
-    size = math.prod(shape)  # of whole numbers without bounds, where NumPy's would wrap round
+    size = math.prod(shape)  # in unbounded integers, which do not overflow as NumPy's do
     if array.size != size:
         raise InvalidInputError(f"{name} has {array.size} values, but shape {shape} needs {size}.")
     finite = np.isfinite(array)
@@ -51,7 +51,7 @@ def check_array(name: str, array: Array, shape: tuple[int, ...]) -> None:
     """Checks that an array has a shape and finite values.
 
     Raises:
-        InvalidInputError: it has not.
+        InvalidInputError: the shape is another one, or a value is not finite.
     """
     if np.shape(array) != shape:
         raise InvalidInputError(
@@ -64,7 +64,7 @@ def check_covariances(name: str, covariances: Array) -> None:
     """Checks that finite matrices, shape (N, n, n), are symmetric and positive semidefinite.
 
     Raises:
-        InvalidInputError: one is not, by more than rounding.
+        InvalidInputError: a matrix differs from that by more than rounding.
     """
     largest = np.abs(covariances).max(axis=(1, 2), keepdims=True)
     scaled = covariances / np.where(largest > 0.0, largest, 1.0)
@@ -102,7 +102,7 @@ def positive(name: str, value: float) -> float:
     """Returns `value` if it is finite and above zero.
 
     Raises:
-        InvalidInputError: it is not.
+        InvalidInputError: the value is not finite or not above zero.
     """
     if not (np.isfinite(value) and value > 0):
         raise InvalidInputError(f"{name} is {value}, but it must be finite and above 0.")
@@ -113,7 +113,7 @@ def one_of(name: str, value: str, choices: Iterable[str]) -> str:
     """Returns `value` if it is among the choices.
 
     Raises:
-        InvalidInputError: it is not.
+        InvalidInputError: the value is none of the choices.
     """
     names = sorted(choices)
     if value not in names:

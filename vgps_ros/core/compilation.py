@@ -1,4 +1,4 @@
-"""Compiled functions, kept between processes where there is a place for them."""
+"""Compiles functions, and keeps their machine code between processes where a folder allows it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,5 +14,5 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     try:
         return njit(cache=True, nogil=True)(function)
-    except RuntimeError:  # no folder for the cache
+    except RuntimeError:  # numba found no folder for its cache
         return njit(nogil=True)(function)

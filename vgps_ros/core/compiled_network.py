@@ -1,4 +1,4 @@
-"""The policy's network for compiled loops; what it computes is `GaussianPolicy.mean`."""
+"""The policy's network for compiled loops; it computes the same as `GaussianPolicy.mean`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ _SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
 
 
 def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
-    """Returns θ, sizes of the layers, which of them have biases, the activation, what is read."""
+    """Returns θ, the layers' sizes, which have biases, the activation, and the inputs' indices."""
     shape = policy.architecture
     return (
         np.array(policy.parameters),
@@ -27,7 +27,7 @@ def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
 
 @compiled
 def network_output(network, x, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes μ_θ(x) to the beginning of a; a and z are as long as the widest layer."""
+    """Writes μ_θ(x) to the beginning of a; a and z must be as long as the widest layer."""
     parameters, sizes, biased, activation, observed = network
     for i in range(len(observed)):
         a[i] = x[observed[i]]

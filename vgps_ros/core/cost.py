@@ -1,4 +1,4 @@
-"""Costs that the paper's tasks share, and the protocol by which DDP sees any cost.
+"""The form of cost that the paper's tasks share, and the protocol that DDP needs of any cost.
 
     c(x, u) = w_u ‖u‖² + Σ_i (r_i(x) − r_i*)²
 
@@ -48,7 +48,7 @@ class FeatureCost:
 
     @property
     def rest(self) -> float:
-        """What a step costs where features and controls are zero, ‖r*‖²."""
+        """Cost of a step in which features and controls are zero, ‖r*‖²."""
         return float(np.sum(self.targets**2))
 
     def values(self, trajectory: Trajectory) -> Array:

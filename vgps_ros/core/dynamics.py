@@ -1,7 +1,6 @@
 """The dynamics that trajectory optimisation works on, x_{t+1} = f(x_t, u_t), as a protocol.
 
-The simulation of a MuJoCo model is one implementation (`vgps_ros.simulation.dynamics`); a test may
-bring another.
+`vgps_ros.simulation.dynamics` implements it for MuJoCo models; tests bring others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -9,9 +8,9 @@ from typing import Protocol
 
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
-# A state beyond this magnitude has diverged: neither metres nor radians per second get there.
+# A state beyond this magnitude has diverged [m, rad, m/s, rad/s]; no sound motion comes near it.
 DIVERGENCE_BOUND = 1e4
-# MuJoCo replaces a control beyond 1e10 by zero, and so would hide that it diverged [N·m].
+# A control beyond it has diverged [N·m]; MuJoCo replaces one beyond 1e10 by zero and would hide it.
 CONTROL_BOUND = 1e9
 
 ControlLaw = Callable[[int, Array], Array]
@@ -24,15 +23,17 @@ class Dynamics(Protocol):
     Attributes:
         state_dim: n_x.
         control_dim: n_u.
-        time_step: for which one control is held [s].
+        time_step: time for which one control is held [s].
+        substeps: simulator steps in that time.
     """
 
     state_dim: int
     control_dim: int
     time_step: float
+    substeps: int
 
     def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
-        """Returns the rollout of u = ū + K (x − x̄) from x_1, NaN from where it diverges.
+        """Returns the rollout of u = ū + K (x − x̄) from x_1, with NaN from where it diverges on.
 
         Args:
             start: x_1, shape (n_x,).
@@ -43,7 +44,7 @@ class Dynamics(Protocol):
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Yields the same for several nominal trajectories, in order."""
+        """Yields such a rollout for each of several nominal trajectories, in their order."""
 
-    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory."""
+    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""

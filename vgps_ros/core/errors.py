@@ -6,11 +6,11 @@ class VgpsError(Exception):
 
 
 class InvalidInputError(VgpsError, ValueError):
-    """A value from outside has the wrong name, shape or range."""
+    """A value from outside has a wrong name, shape or range."""
 
 
 class DivergenceError(VgpsError, ArithmeticError):
-    """A rollout or a solve left the region in which numbers mean something.
+    """A rollout or a solve left the range in which its numbers have a meaning.
 
     Args:
         sentence: what happened, and what to change.

@@ -1,4 +1,4 @@
-"""The control that a policy gives when it is executed; from it, a recording can be checked."""
+"""The control that an executed policy gives; recorded torques are checked against it."""
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
@@ -8,13 +8,13 @@ from vgps_ros.core.seeding import Stream, generator
 def executed_control(
     policy: GaussianPolicy, state: Array, stamp: int, seed: int | None = None
 ) -> Array:
-    """Returns μ_θ(x), and with a seed noise that depends on it and on the time only.
+    """Returns μ_θ(x), plus noise that depends only on the seed and the time if a seed is given.
 
     Args:
         policy: π_θ.
         state: x, shape (n_x,).
         stamp: time of the state, at least 0 [ns].
-        seed: seed of the noise; None: no noise.
+        seed: seed of the noise; None for no noise.
 
     Returns:
         u, shape (n_u,), [N·m].

@@ -1,4 +1,4 @@
-"""Settings of the M-step, apart from it: who only names them needs no torch."""
+"""Settings of the M-step, in a module of their own, since they can be used without torch."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from vgps_ros.core.settings import setting
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the M-step is done."""
+    """Settings of the M-step."""
 
     form: str = setting(
         "analytic",

@@ -45,7 +45,7 @@ def mixture_log_density(log_densities: Sequence[Array], counts: Sequence[int]) -
 
     Args:
         log_densities: log q_j(u_t|x_t) of every rollout, each of shape (N, T).
-        counts: N_j, how many rollouts came from each q_j.
+        counts: N_j, the number of rollouts that came from each q_j.
     """
     prefixes = np.cumsum(np.stack(log_densities), axis=2)
     shares = np.asarray(counts, dtype=float)[:, None, None] / np.sum(counts)
@@ -79,14 +79,14 @@ def maximize(
     scaling: Standardization,
     iterations: int,
 ) -> GaussianPolicy:
-    """Returns the policy that LBFGS finds from `policy` on; never one of a lower Φ.
+    """Returns the policy that LBFGS finds, started from `policy`; its Φ is never lower.
 
     Args:
-        policy: where to start.
+        policy: policy from which LBFGS starts.
         sets: the rollouts of each initial state.
         regularization: w_r.
         scaling: units of the optimisation.
-        iterations: of LBFGS.
+        iterations: iterations of LBFGS.
     """
     count = len(policy.parameters)
     theta = scaling.to_standard(policy.parameters)

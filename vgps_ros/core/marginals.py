@@ -17,16 +17,16 @@ from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 from vgps_ros.core.settings import setting
 
-# Least standard deviation in each direction where a density or distance needs an inverse
-# [m, rad, m/s, rad/s]: a coordinate of x_1 may be exact.
+# Least standard deviation in each direction where a density or distance needs an inverse, since a
+# coordinate of x_1 may be exact [m, rad, m/s, rad/s].
 LOWEST_STD = 0.01
-# Beyond it a linearisation says nothing about where the state may be [m, rad, m/s, rad/s].
+# A linearisation means nothing for states spread beyond it [m, rad, m/s, rad/s].
 STD_BOUND = 1e6
 
 
 @dataclass(frozen=True)
 class Spread:
-    """What spreads the states, and what bounds it.
+    """The sources and the limit of the states' spread.
 
     Attributes:
         initial_std: standard deviation of x_1, shape (n_x,).
@@ -43,7 +43,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class MarginalSettings:
-    """How wide the marginals are made. The policy learns to come back from as far as they reach."""
+    """Settings of the marginals' width: from so far away the policy learns to come back."""
 
     initial_std_factor: float = setting(
         1.0, "factor on the standard deviation of x_1 that the task names", minimum=0.0,
@@ -67,9 +67,9 @@ class MarginalSettings:
         """Returns the spread at α.
 
         Args:
-            initial_std: of the task, shape (n_x,): positions, then as many velocities.
-            std_limit: of the task, at α = 1, shape (n_x,).
-            alpha: the cost's scale.
+            initial_std: the task's, shape (n_x,): positions, then as many velocities.
+            std_limit: the task's, at α = 1, shape (n_x,).
+            alpha: α, the cost's scale.
         """
         n_v = initial_std.size // 2
         return Spread(
@@ -99,7 +99,7 @@ def state_covariances(
             closed_loop @ sigma[t] @ closed_loop.T + f_u @ control_covariances[t] @ f_u.T + sigma_f
         )
         sigma[t + 1] = _capped(following, spread.std_limit)
-        # Written so that NaN counts.
+        # Written so that a NaN raises the error too.
         if not np.diagonal(sigma[t + 1]).max() <= STD_BOUND**2:
             raise DivergenceError(
                 f"The marginals explode: at step {t + 1} of {horizon} a coordinate's standard "
@@ -134,7 +134,7 @@ def sample_rollout_noise(
 
 
 def observed_covariances(distribution: TrajectoryDistribution, observed: tuple[int, ...]) -> Array:
-    """Returns Σ_1 … Σ_T of some coordinates, shape (T, n, n), widened by LOWEST_STD."""
+    """Returns Σ_1 … Σ_T of n coordinates, shape (T, n, n), widened by LOWEST_STD."""
     chosen = np.ix_(range(distribution.mean.horizon), observed, observed)
     return distribution.state_covariances[chosen] + LOWEST_STD**2 * np.eye(len(observed))
 
@@ -153,7 +153,7 @@ def control_log_density(
 
 
 def _capped(sigma: Array, limit: Array) -> Array:
-    """Scales coordinates down to their limit; correlations stay."""
+    """Scales coordinates down to their limit and keeps their correlations."""
     std = np.sqrt(np.diagonal(sigma))
     scale = np.minimum(1.0, limit / np.maximum(std, 1e-300))
     return sigma * np.outer(scale, scale)

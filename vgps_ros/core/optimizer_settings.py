@@ -9,12 +9,12 @@ from vgps_ros.core.settings import setting
 
 @dataclass(frozen=True)
 class OptimizerSettings:
-    """How q(ζ) is optimised.
+    """Settings of the optimisation of q(ζ).
 
     Attributes:
-        ddp: solver settings; its regularisations are multiplied by α, so that they keep their
-            weight beside a cost that is annealed.
-        marginals: how wide the marginals are made.
+        ddp: settings of the solver; its regularisations are multiplied by α, as the cost is, so
+            that their relative weight stays.
+        marginals: settings of the marginals' width.
     """
 
     ddp: DdpSettings = field(default_factory=DdpSettings)

@@ -5,8 +5,9 @@ hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers
 parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
-Evaluation is NumPy's in the trajectory optimiser, in fits and on the robot; `compiled_network`
-gives the same up to rounding, for the rollouts of evaluations.
+The trajectory optimiser, fits and the robot evaluate the network by this module. Evaluations
+execute it in a compiled loop (`compiled_network`), and the M-step differentiates it in torch
+(`policy_network`); a test holds that all three agree up to rounding.
 """
 
 from collections.abc import Callable
@@ -30,11 +31,11 @@ def _sigmoid(z: Array) -> Array:
     return 0.5 * (1.0 + np.tanh(0.5 * z))
 
 
-# Beyond these a message or a goal is a mistake, and would take gigabytes in the fit.
+# A message or goal that asks for more is a mistake, whose fit would take gigabytes.
 MAX_LAYERS = 100
 MAX_PARAMETERS = 1_000_000
 
-# Name: the activation and its derivative.
+# The activation and its derivative, by name.
 ACTIVATIONS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
     "softplus": (_softplus, _sigmoid),
     "tanh": (np.tanh, lambda z: 1.0 - np.tanh(z) ** 2),
@@ -51,8 +52,8 @@ class Architecture:
         hidden_units: width of each hidden layer.
         control_dim: n_u.
         activation: softplus, tanh or relu.
-        hidden_bias: whether hidden layers have bias terms.
-        output_bias: whether the output layer has bias terms.
+        hidden_bias: true if hidden layers have bias terms.
+        output_bias: true if the output layer has bias terms.
 
     Raises:
         InvalidInputError: a layer has no units, the activation is unknown, a coordinate is read
@@ -83,18 +84,18 @@ class Architecture:
             )
         if len(set(self.observed)) != len(self.observed):
             raise InvalidInputError(
-                f"The policy reads the coordinates {quoted(list(self.observed))}, but each only "
-                "once may be read."
+                f"The policy reads the coordinates {quoted(list(self.observed))}, but it may read "
+                "each only once."
             )
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
-        """Inputs, width of each hidden layer, outputs."""
+        """The number of inputs, the width of each hidden layer, and the number of outputs."""
         return (len(self.observed), *self.hidden_units, self.control_dim)
 
     @property
     def biased(self) -> tuple[bool, ...]:
-        """Which layers have bias terms."""
+        """Whether each layer has bias terms."""
         return (*[self.hidden_bias] * len(self.hidden_units), self.output_bias)
 
     @property
@@ -184,26 +185,30 @@ class GaussianPolicy:
 
     def mean(self, states: Array) -> Array:
         """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
-        activation = ACTIVATIONS[self.architecture.activation][0]
-        a = states[..., self._observed]
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            a = activation(a @ w.T + b)
-        return a @ weight.T + bias
+        return self._forward(states)[0]
 
     def linearize(self, states: Array) -> tuple[Array, Array]:
         """Returns μ_θ(x), shape (..., n_u), and ∂μ/∂x, shape (..., n_u, n_x)."""
-        activation, derivative = ACTIVATIONS[self.architecture.activation]
-        a = states[..., self._observed]
+        derivative = ACTIVATIONS[self.architecture.activation][1]
+        mean, inputs = self._forward(states)
         jacobian = np.eye(len(self.architecture.observed))
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            z = a @ w.T + b
-            a = activation(z)
+        *hidden, (weight, _) = self.layers
+        for (w, _), z in zip(hidden, inputs, strict=True):
             jacobian = derivative(z)[..., None] * (w @ jacobian)
         full = np.zeros((*states.shape[:-1], self.architecture.control_dim, states.shape[-1]))
         full[..., self.architecture.observed] = weight @ jacobian
-        return a @ weight.T + bias, full
+        return mean, full
+
+    def _forward(self, states: Array) -> tuple[Array, list[Array]]:
+        """Returns μ_θ(x) and the input of each hidden layer's activation, shape (..., n_out)."""
+        activation = ACTIVATIONS[self.architecture.activation][0]
+        a, inputs = states[..., self._observed], []
+        *hidden, (weight, bias) = self.layers
+        for w, b in hidden:
+            z = a @ w.T + b
+            inputs.append(z)
+            a = activation(z)
+        return a @ weight.T + bias, inputs
 
     def log_density(self, states: Array, controls: Array) -> Array:
         """Returns log π_θ(u|x) [nat], shape (...,)."""

@@ -80,7 +80,7 @@ class PolicyCost:
 def _products(left: Array, right: Array) -> Array:
     """Returns Σ_s leftᵀ right, shape (T, n, n), of matrices of shape (S, T, m, n).
 
-    Samples and rows are summed in one matrix product a step.
+    One matrix product for each step sums over samples and rows.
     """
     tall = [np.concatenate(list(matrices), axis=1) for matrices in (left, right)]
     return np.swapaxes(tall[0], 1, 2) @ tall[1]

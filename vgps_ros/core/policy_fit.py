@@ -1,6 +1,6 @@
 """The M-step: maximise L(q, θ) with respect to the policy (section 5).
 
-Up to a constant, with states drawn from the marginals of q,
+Up to a constant, with states drawn from the marginals of q, the objective is
 
     L(q, θ) = E[ −½ (μ_θ − μ_q)ᵀ Σ_θ⁻¹ (μ_θ − μ_q) − ½ log|Σ_θ| − ½ tr(Σ_θ⁻¹ Σ_q) ].
 
@@ -69,12 +69,12 @@ def draw_targets(
 def resampled(
     targets: Targets, probabilities: Array | None, count: int, rng: np.random.Generator
 ) -> Iterator[Targets]:
-    """Draws from a set of samples, without end.
+    """Yields draws from a set of samples, without end.
 
     Args:
-        targets: the set.
-        probabilities: of its samples, shape (N,); None if all are equal.
-        count: samples of each draw.
+        targets: the set of samples.
+        probabilities: their probabilities, shape (N,); None if all are equal.
+        count: number of samples in each draw.
         rng: source of the draws.
     """
     while True:
@@ -136,16 +136,16 @@ def fit_to_targets(
     """Returns the policy that maximises L(q, θ), started from `policy`.
 
     Args:
-        policy: where to start.
-        samples: endless; the next one is taken wherever samples are drawn anew.
+        policy: policy from which the fit starts.
+        samples: endless; the fit takes the next ones whenever it draws samples anew.
         scaling: units of the fit.
-        settings: of the fit.
+        settings: settings of the fit.
 
     Raises:
         DivergenceError: SGD or Adam left the finite numbers.
     """
     theta = scaling.to_standard(policy.parameters)
-    if settings.optimizer == "lbfgs":  # with a new memory wherever samples are new
+    if settings.optimizer == "lbfgs":  # it begins anew with new samples
         for start in range(0, settings.iterations, settings.resample_every):
             iterations = min(settings.resample_every, settings.iterations - start)
             theta = minimize_lbfgs(theta, _loss(scaling, next(samples)), iterations)
@@ -153,7 +153,7 @@ def fit_to_targets(
         theta = _fit_gradient(theta, scaling, samples, settings)
     parameters = scaling.to_raw(theta)
     if not np.isfinite(parameters).all():
-        if settings.optimizer == "lbfgs":  # no setting of ours would help: the policy stays
+        if settings.optimizer == "lbfgs":  # no setting would help, so the policy stays
             return with_best_noise(policy, next(samples))
         raise DivergenceError(
             f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "

@@ -1,7 +1,8 @@
-"""The policy's network in torch, in units that condition its fit.
+"""The policy's network in torch, in standardised units, in which its fit is well conditioned.
 
 States and controls are standardised while weights are optimised; the weights handed in and out are
-those of the raw units.
+those of the raw units. The network is written a second time here, with one sample a column: with
+one a row, as in `GaussianPolicy`, the M-step takes 1.2 to 1.4 times as long.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ _ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "tanh": torch.tanh,
     "relu": torch.relu,
 }
-_MEMORY = 20  # steps from which LBFGS knows the curvature; ten leave a fit that is worse
+_MEMORY = 20  # steps from which LBFGS estimates the curvature; fits with ten are worse
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Standardization:
     Shifts are used only where the layer has biases to absorb them.
 
     Attributes:
-        architecture: of the network.
+        architecture: shape of the network.
         input_shift: shape (n_observed,).
         input_scale: shape (n_observed,).
         output_shift: shape (n_u,), [N·m].
@@ -90,12 +91,12 @@ class Standardization:
         return standard
 
     def inputs(self, states: Array) -> torch.Tensor:
-        """Returns what the network reads of N states (..., n_x), standardised, (n_observed, N)."""
+        """Returns the inputs that N states (..., n_x) give, standardised, shape (n_observed, N)."""
         observed = states[..., self.architecture.observed]
         return _columns((observed - self.input_shift) / self.input_scale)
 
     def controls(self, controls: Array) -> torch.Tensor:
-        """Returns N controls (..., n_u), standardised, (n_u, N)."""
+        """Returns N controls (..., n_u), standardised, shape (n_u, N)."""
         return _columns((controls - self.output_shift) / self.output_scale)
 
     def network(self, theta: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
@@ -110,7 +111,7 @@ class Standardization:
 def minimize_lbfgs(
     start: Array, loss: Callable[[torch.Tensor], torch.Tensor], iterations: int
 ) -> Array:
-    """Returns where LBFGS with a strong Wolfe line search gets from `start` on, shape (n,)."""
+    """Returns the point that LBFGS reaches from `start`, by Wolfe line searches, shape (n,)."""
 
     def value_and_gradient(point: Array) -> tuple[float, Array]:
         variables = torch.from_numpy(point).requires_grad_()
@@ -124,12 +125,12 @@ def minimize_lbfgs(
 
 
 def _columns(samples: Array) -> torch.Tensor:
-    """One sample a column: products of so few rows, and sums over samples, take less time so."""
+    """Returns samples (..., n) as a tensor (n, N)."""
     return torch.from_numpy(np.ascontiguousarray(samples.reshape(-1, samples.shape[-1]).T))
 
 
 def _affine(weight: torch.Tensor, a: torch.Tensor, bias: torch.Tensor | float) -> torch.Tensor:
-    """W a + b for one sample a column."""
+    """Returns W a + b, shape (n_out, N), for inputs (n_in, N)."""
     if isinstance(bias, torch.Tensor):
         return torch.addmm(bias[:, None], weight, a)
     return weight @ a

@@ -1,7 +1,7 @@
-"""Random draws that depend on a seed and on what they are for, and on nothing else.
+"""Random draws that depend only on a seed and on their purpose and place in a run.
 
-Every draw has its own stream, named by its purpose and its place in the run. Two processes that
-make the same draw therefore agree bit for bit, whatever each drew before.
+Every draw has its own stream, which purpose and place name. Two processes that make the same draw
+therefore agree bit for bit, whatever each drew before.
 """
 
 from enum import IntEnum
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What a random draw is for. Values are part of a run's identity: never renumber them."""
+    """The purposes of random draws. Numbers are part of a run's identity: never change them."""
 
     INITIAL_STATES = 1
     INITIAL_CONTROLS = 2
@@ -29,7 +29,7 @@ def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:
 
     Args:
         seed: seed of the run, at least 0.
-        stream: what the draw is for.
-        place: where in the run it stands, for example iteration and trajectory index.
+        stream: purpose of the draw.
+        place: its place in the run, for example iteration and trajectory index.
     """
     return np.random.default_rng([seed, int(stream), *place])

@@ -1,7 +1,7 @@
 """Settings that carry their own description and range.
 
-A setting is declared once, in the record that uses it. Its description and range are what
-`--help` prints, what a node declares as a parameter, and what a value is checked against.
+A setting is declared once, in the record that uses it. From this `--help` prints its description
+and range, a node declares its parameter, and values are checked.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from vgps_ros.core.errors import InvalidInputError
 
 Record = TypeVar("Record")
 
-_LONGEST = 1000  # list of values that a setting takes
+_LONGEST = 1000  # the most values that a setting may list
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Setting:
     """Description and range of one setting.
 
     Attributes:
-        name: its name; settings of a nested record are dotted, as in `fit.form`.
-        default: its default, whose type it keeps.
-        description: what it does, with its unit.
+        name: its name; that of a setting in a nested record is dotted, as in `fit.form`.
+        default: its default; values must have the same type.
+        description: a description of its effect, with its unit.
         minimum: smallest valid value, or None.
         maximum: largest valid value, or None.
         choices: valid values, or None.
@@ -68,7 +68,7 @@ class Setting:
         if self.choices:
             one_of(self.name, str(value), self.choices)
         low, high = self.minimum, self.maximum
-        # Written so that NaN fails.
+        # Written so that NaN is refused.
         if (low is not None and not value >= low) or (high is not None and not value <= high):
             raise InvalidInputError(f"{self.name} is {value}, but it must be {self.range()}.")
 
@@ -111,7 +111,7 @@ def with_values(record: Record, values: Mapping[str, Any]) -> Record:
 
     Args:
         record: a settings record.
-        values: by dotted name; missing ones keep the record's value.
+        values: new values by dotted name; other settings keep the record's value.
 
     Raises:
         InvalidInputError: a name is unknown, or a value is of the wrong type or out of range.

@@ -17,6 +17,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import TASKS, make_task
 
@@ -131,6 +132,7 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
     Returns:
         The reason why the training failed, or "" if it succeeded.
     """
+    silence_mujoco()  # in the worker, whose process is the experiment's
     # Each cell uses one thread, since cells run in parallel. The results do not depend on it.
     torch.set_num_threads(1)
     folder = cell.folder(root)

@@ -14,7 +14,7 @@ from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import (
     OptimizationRequest,
     OptimizationResult,
-    TrajectoryOptimizer,
+    optimize,
 )
 from vgps_ros.storage.distribution_file import save_distributions
 from vgps_ros.storage.run_folder import RunFolder
@@ -55,16 +55,11 @@ def train(
         VgpsError: a setting is out of range, the first rollout diverges, or the checkpoints belong
             to another training.
     """
-    output.path.mkdir(
-        parents=True, exist_ok=True
-    )  # an error here is raised before hours of learning
-    optimizer = TrajectoryOptimizer(task)
+    output.path.mkdir(parents=True, exist_ok=True)  # before hours of learning, if it cannot be made
 
     def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
-        return [
-            optimizer.optimize(r, on_initial_ddp) if r.iteration == 0 else optimizer.optimize(r)
-            for r in requests
-        ]
+        reports = [on_initial_ddp if r.iteration == 0 else lambda _: None for r in requests]
+        return [optimize(task, r, report) for r, report in zip(requests, reports, strict=True)]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         policy, history = iteration.policy, iteration.history

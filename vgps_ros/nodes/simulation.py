@@ -30,7 +30,7 @@ from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
 from vgps_ros.ros_runtime.steady_timer import steady_timer
-from vgps_ros.simulation.warnings import in_words, simulator_warnings
+from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
 
 MODE = Setting(
@@ -81,7 +81,7 @@ class Simulation(Node):
         self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
-        self._warned = simulator_warnings()
+        self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
@@ -125,7 +125,7 @@ class Simulation(Node):
         self._report_warnings()
 
     def _report_warnings(self) -> None:
-        new = simulator_warnings() - self._warned
+        new = self._task.dynamics.warnings() - self._warned
         if new:
             self._warned += new
             self._health.set_value("MuJoCo warnings", in_words(self._warned))

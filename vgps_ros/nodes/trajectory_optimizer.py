@@ -26,8 +26,8 @@ from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.trajectory_optimization import TrajectoryOptimizer
-from vgps_ros.simulation.warnings import in_words, simulator_warnings
+from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
 
 
@@ -41,7 +41,7 @@ class TrajectoryOptimizerNode(Node):
         )
         task = replace(task, optimizer=declare_settings(self, task.optimizer))
         prepare(task)  # before the node is there: no request and no peer waits for the compiler
-        self._optimizer = TrajectoryOptimizer(task)
+        self._task = task
         self._health = Health(self)
         self._cancelled = threading.Event()
         self._solving = threading.Event()
@@ -86,26 +86,27 @@ class TrajectoryOptimizerNode(Node):
         return response
 
     def _solve(self, message: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:
-        request = request_from_msg(message, self._optimizer.task)
+        request = request_from_msg(message, self._task)
 
         def publish(iteration: Iteration) -> None:
             stamp = self.get_clock().now().to_msg()
             self._iterations.publish(iteration_to_msg(iteration, request, stamp))
 
-        result = self._optimizer.optimize(
+        result = optimize(
+            self._task,
             request,
             on_iteration=publish,
             is_cancelled=lambda: self._cancelled.is_set() or self._ending.is_set(),
         )
         stamp = self.get_clock().now().to_msg()
-        response = result_to_msg(result, request, self._optimizer.task, stamp)
+        response = result_to_msg(result, request, self._task, stamp)
         self._health.clear()
         self._health.set_value("last status", response.status)
         if result.status in TROUBLE:
             self._health.warn(response.message, "solve")
         else:
             self._health.clear("solve")
-        self._health.set_value("MuJoCo warnings", in_words(simulator_warnings()))
+        self._health.set_value("MuJoCo warnings", in_words(self._task.dynamics.warnings()))
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)
         return response

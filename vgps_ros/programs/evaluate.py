@@ -15,6 +15,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.policy_file import load_policy
 from vgps_ros.tasks import TASKS, Task, make_task
@@ -60,7 +61,7 @@ def evaluate(
         mean = policy.mean(x)
         return mean + policy.noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
-    states, controls = task.dynamics.rollouts(starts, control_law, steps)
+    states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
     # Steps up to the first state in which a rollout does not stand; 1 at least, for the means.
     lasted = np.where(standing.all(axis=1), steps, np.maximum(standing.argmin(axis=1), 1))
@@ -114,6 +115,7 @@ def show(result: dict[str, Any]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    silence_mujoco()
     parser = argparse.ArgumentParser(
         prog="evaluate", description="Rolls out a learned policy from perturbed starts."
     )

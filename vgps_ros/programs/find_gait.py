@@ -19,6 +19,7 @@ import numpy as np
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
 from vgps_ros.tasks.simbicon import GAIT, Gait, walk
 from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics
@@ -69,6 +70,7 @@ def find_gait(start: Array, *, seconds: float, evaluations: int, seed: int) -> t
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    silence_mujoco()
     parser = argparse.ArgumentParser(
         prog="find_gait", description="Searches the gait of the walker's demonstration by CMA-ES."
     )

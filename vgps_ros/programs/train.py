@@ -14,6 +14,7 @@ from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import METHOD, METHODS
 from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.settings import SearchSettings, search_settings
+from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import TASKS, Task, make_task
 from vgps_ros.views.plots import learning_curve, save
@@ -54,6 +55,7 @@ def train_with_progress(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
+    silence_mujoco()
     which = argparse.ArgumentParser(prog="train", add_help=False)
     which.add_argument("--task", choices=sorted(TASKS), default="swimmer", help="control problem")
     which.add_argument("--method", choices=METHODS, default=METHOD.default, help=METHOD.description)

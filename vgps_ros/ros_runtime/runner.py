@@ -19,6 +19,7 @@ from vgps_ros.ros_runtime.exit_timer import exit_after
 from vgps_ros.ros_runtime.parameter_help import show_help
 from vgps_ros.ros_runtime.responses import keep_responses
 from vgps_ros.ros_runtime.service_guard import guard_services
+from vgps_ros.simulation.warnings import silence_mujoco
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -58,6 +59,7 @@ def run(
             file=sys.stderr,
         )
         return 1
+    silence_mujoco()
     ending = Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = make_executor()

@@ -5,8 +5,8 @@
 "This algorithm is identical to ours, except that instead of using DDP to optimize q(ζ), the
 variational distribution is formed by taking samples from the current policy and reweighting them
 by the exponential of their cost. [...] The policy is still initialized with supervised training to
-resemble the initial DDP solution." α falls as in Algorithm 1; a rollout that diverged weighs
-nothing, and where all did the policy stays.
+resemble the initial DDP solution." α falls as in Algorithm 1. A rollout that diverged has no
+weight; if all diverged the policy stays as it was.
 """
 
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ def cost_weighted(
 
     Args:
         work: problem and settings.
-        last: what iteration k − 1 ended with; None at k = 1.
+        last: result of iteration k − 1; None at k = 1.
         k: the iteration.
-        samples: rollouts per initial state and iteration; None for what the settings say.
+        samples: rollouts per initial state and iteration; None for the number in the settings.
     """
     if last is None:
         return Update(work.supervised_policy(), work.initial_solutions)
@@ -46,9 +46,9 @@ def cost_weights(costs: np.ndarray, alpha: float) -> np.ndarray:
 
 
 def weighted_targets(draws: Sequence[Rollouts], alpha: float) -> tuple[Targets, np.ndarray]:
-    """Returns the controls of the rollouts, and the weight of each step, with the sum 1.
+    """Returns the controls of the rollouts, and the weight of each step; weights sum to 1.
 
-    Each initial state counts alike.
+    All initial states have the same weight.
     """
     drawn = [rollouts for rollouts in draws if len(rollouts.costs)]
     states, controls = (

@@ -8,8 +8,8 @@ policy to take the oracle action at each dataset state." The oracle is the mean 
 solution's local policy; plain DAGGER has w = 1.
 
 Choices where the paper leaves something open: the dataset begins with states drawn from the DDP
-marginals; a fit draws as many of its states as ours draws from the marginals; what a rollout does
-after it has diverged is left out.
+marginals; a fit draws as many of its states as ours draws from the marginals; a rollout's steps
+after its divergence are left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,11 +32,11 @@ LogWeights = Callable[[TrajectoryDistribution, Array], Array]
 
 @dataclass(frozen=True)
 class Imitation(Update):
-    """What one iteration ends with.
+    """The result of one iteration.
 
     Attributes:
-        visited: the dataset's states of each initial state, shape (N, T, n_x), NaN where a rollout
-            had diverged.
+        visited: states of the dataset for each initial state, shape (N, T, n_x), NaN after a
+            rollout has diverged.
     """
 
     visited: tuple[Array, ...]
@@ -60,10 +60,10 @@ def imitate(
 
     Args:
         work: problem and settings.
-        last: what iteration k − 1 ended with; None at k = 1.
+        last: result of iteration k − 1; None at k = 1.
         k: the iteration.
-        log_weights: weighs the dataset's states; None if all count alike.
-        adapts: whether the DDP solutions are optimised anew against the policy (line 6).
+        log_weights: weighs the dataset's states; None if all have the same weight.
+        adapts: true if the DDP solutions are optimised anew against the policy (line 6).
     """
     settings = work.settings
     if last is None:
@@ -91,12 +91,12 @@ def oracle_targets(
     visited: Sequence[Array],
     log_weights: LogWeights | None,
 ) -> tuple[Targets, Array | None]:
-    """Returns the oracle's actions at the visited states, and the weights of these, with the sum 1.
+    """Returns the oracle's actions at the visited states, and weights, which sum to 1.
 
     Args:
         distributions: q of each initial state.
-        visited: states of each, shape (N, T, n_x), NaN where a rollout had diverged.
-        log_weights: weighs them.
+        visited: states for each, shape (N, T, n_x), NaN after a rollout has diverged.
+        log_weights: weighs the states; None if all have the same weight.
     """
     rows = []
     for q, states in zip(distributions, visited, strict=True):

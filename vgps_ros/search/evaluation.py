@@ -20,8 +20,8 @@ class Evaluation:
         deterministic_costs: cost without noise from each initial state, shape (I,); inf where the
             rollout diverged.
         stochastic_costs: cost of each stochastic rollout, shape (N,); inf where it diverged.
-        deterministic_survived: which deterministic rollouts neither diverged nor fell, shape (I,).
-        stochastic_survived: the same of the stochastic rollouts, shape (N,).
+        deterministic_survived: whether each deterministic rollout neither diverged nor fell, (I,).
+        stochastic_survived: the same for the stochastic rollouts, shape (N,).
     """
 
     deterministic_costs: Array
@@ -44,12 +44,12 @@ def evaluate(
         task: dynamics, cost and horizon.
         policy: π_θ.
         initial_states: means of x_1; stochastic rollouts start from draws around them.
-        rollouts: stochastic rollouts from each initial state.
+        rollouts: number of stochastic rollouts from each initial state.
         seed: seed of the run.
         iteration: k, the place of these draws in the run.
     """
     means = np.stack(initial_states)
-    deterministic = slice(0, len(means))  # side by side with the others, whose noise they lack
+    deterministic = slice(0, len(means))  # the first rollouts have no noise
     stochastic = slice(len(means), None)
     starts = np.concatenate([means, np.repeat(means, rollouts, axis=0)])
     noise = np.zeros((len(starts), task.horizon, len(policy.noise_std)))

@@ -7,9 +7,9 @@ algorithm first draws a fixed number of samples from the DDP solution, and then 
 samples at each iteration."
 
 Choices where the papers leave something open: guiding rollouts are drawn with less noise than π_G,
-whose broad noise at α = 1 no policy needs to reproduce; all of them and the rollouts of the latest
-policies are kept; Φ is maximised from the best policy so far, by the mean cost of each policy's own
-rollouts; where a policy becomes the best one w_r falls by a factor of ten, and rises where not.
+whose broad noise at α = 1 no policy needs to reproduce. All of them and the rollouts of the latest
+policies are kept. Φ is maximised from the best policy so far, judged by the mean cost of its own
+rollouts. If the new policy becomes the best one, w_r falls by a factor of ten; otherwise it rises.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ class Batch:
     """Rollouts of one distribution.
 
     Attributes:
-        rollouts: those that did not diverge.
-        source: what they were drawn from.
+        rollouts: the rollouts that did not diverge.
+        source: the distribution that they were drawn from.
     """
 
     rollouts: Rollouts
@@ -54,15 +54,15 @@ class Batch:
 
 
 Batches = tuple[tuple[Batch, ...], ...]
-"""Some batches from each initial state."""
+"""The batches from each initial state."""
 
 
 @dataclass(frozen=True)
 class GuidedUpdate(Update):
-    """What one iteration ends with; the policy is the best one so far.
+    """The result of one iteration; its policy is the best one so far.
 
     Attributes:
-        lowest: mean cost of its rollouts; inf if one diverged.
+        lowest: mean cost of this policy's rollouts; inf if one diverged.
         regularization: w_r.
         guiding: rollouts of the initial solutions, one batch from each initial state.
         recent: rollouts of the latest policies.
@@ -84,19 +84,29 @@ class GuidedUpdate(Update):
 
 def gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
     """Does iteration k of guided policy search, guided by rollouts of the initial solutions."""
-    return guided_search(work, last, k, adapts=False)
+    return _guided_search(work, last, k, adapts=False)
 
 
-def guided_search(
+def adaptive_gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
+    """Does iteration k of the adaptive variant, which adapts q(ζ) to the policy as vgps does.
+
+    It "runs DDP at every iteration and adapts to the current policy, in the same manner as our
+    method. However, samples from this adapted DDP solution are then included in the policy
+    optimization with importance sampling". They are kept as long as those of the policies.
+    """
+    return _guided_search(work, last, k, adapts=True)
+
+
+def _guided_search(
     work: Workspace, last: GuidedUpdate | None, k: int, *, adapts: bool
 ) -> GuidedUpdate:
     """Does iteration k of guided policy search or of its adaptive variant.
 
     Args:
         work: problem and settings.
-        last: what iteration k − 1 ended with; None at k = 1.
+        last: result of iteration k − 1; None at k = 1.
         k: the iteration.
-        adapts: whether the solutions are adapted at its end, and their rollouts guide too.
+        adapts: true if the solutions are adapted at its end, and their rollouts guide too.
 
     Raises:
         DivergenceError: all rollouts from an initial state diverged.
@@ -131,7 +141,7 @@ def guided_search(
 
 
 def _first(work: Workspace) -> GuidedUpdate:
-    """The state before the first iteration, whose policy is a copy of the guides."""
+    """Returns the state before the first iteration, whose policy is fitted to the guides."""
     settings, solutions = work.settings.gps, work.initial_solutions
     guides = guiding_distributions(work, solutions)
     none: Batches = tuple(() for _ in guides)
@@ -149,7 +159,7 @@ def _first(work: Workspace) -> GuidedUpdate:
 
 
 def _joined(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
-    """The latest `count` batches from each initial state."""
+    """Returns the latest `count` batches from each initial state."""
     return tuple((*old, batch)[-count:] for old, batch in zip(batches, new, strict=True))
 
 
@@ -157,7 +167,7 @@ def combined(batches: Sequence[Batch]) -> ImportanceSamples:
     """Returns the rollouts of several distributions as those of their mixture.
 
     Raises:
-        DivergenceError: there is none.
+        DivergenceError: no rollout is left.
     """
     counts = [len(batch.rollouts.states) for batch in batches]
     if not sum(counts):
@@ -184,7 +194,7 @@ def guiding_distributions(
 
 
 def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k: int) -> Batch:
-    """Rollouts of π_G around a solution."""
+    """Draws rollouts of π_G around a solution."""
     rng = generator(work.seed, Stream.GUIDING_ROLLOUTS, k, start)
     noise = sample_rollout_noise(q, count, rng)
 

@@ -12,18 +12,16 @@ from typing import Any
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.settings import Setting
-from vgps_ros.search.adapted_weighted_dagger import adapted_weighted_dagger
-from vgps_ros.search.adaptive_gps import adaptive_gps
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
-from vgps_ros.search.gps import GuidedUpdate, gps
+from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import measure
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.vgps import Candidates, vgps
-from vgps_ros.search.weighted_dagger import weighted_dagger
+from vgps_ros.search.weighted_dagger import adapted_weighted_dagger, weighted_dagger
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
 

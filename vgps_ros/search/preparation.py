@@ -1,4 +1,4 @@
-"""Compiles what a search needs, so that no request has to wait for it."""
+"""Compiles the loops that a search needs, so that no request waits for the compiler."""
 
 import threading
 from collections.abc import Iterator
@@ -10,18 +10,18 @@ from vgps_ros.core.ddp import backward_pass
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.tasks import Task
 
-_NOTICE_DELAY = 2.0  # after which somebody who waits is told why [s]
+_NOTICE_DELAY = 2.0  # time after which the notice is printed [s]
 
 
 def prepare(task: Task) -> None:
-    """Runs each compiled loop once, over one step: seconds on a new machine, later a moment."""
+    """Runs each compiled loop once, for one step; it takes seconds only on a new machine."""
     with _notice("Compiling for this machine, which takes some ten seconds and is kept ..."):
         _run_each_loop(task)
 
 
 @contextmanager
 def _notice(sentence: str) -> Iterator[None]:
-    """Prints a sentence where what follows is not done soon."""
+    """Prints a sentence if the block that follows is not done soon."""
     timer = threading.Timer(_NOTICE_DELAY, print, (sentence,), {"flush": True})
     timer.daemon = True
     timer.start()
@@ -34,9 +34,8 @@ def _notice(sentence: str) -> Iterator[None]:
 def _run_each_loop(task: Task) -> None:
     dynamics = task.dynamics
     motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
-    local = backward_pass(dynamics.linearize(motion), task.cost.expand(motion), 1.0)
+    local = backward_pass(dynamics.linearize(motion)[0], task.cost.expand(motion), 1.0)
     dynamics.follow(task.initial_state, motion, local.gains)
     shape = Architecture(task.observed, (1,), dynamics.control_dim)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
     dynamics.execute(policy, motion.states[:1], np.zeros((1, 1, dynamics.control_dim)))
-    dynamics.simulator_steps = 0

@@ -1,4 +1,4 @@
-"""How much longer a run takes."""
+"""An estimate of the time that a run still takes."""
 
 import time
 

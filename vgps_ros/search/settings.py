@@ -105,7 +105,7 @@ class SearchSettings:
     gps: GpsSettings = field(default_factory=GpsSettings)
 
     def __post_init__(self) -> None:
-        """Checks what no range says of alpha's schedule."""
+        """Checks alpha's schedule, for which ranges of single values are not enough."""
         count, reached = len(self.alphas), self.alpha_iterations
         if count != len(reached):
             raise InvalidInputError(

@@ -1,15 +1,16 @@
-"""Lines 1, 3 and 6 of Algorithm 1: optimise q(ζ) by DDP and compute its marginals.
+"""Lines 1, 3 and 6 of Algorithm 1: optimises q(ζ) by DDP and computes its marginals.
 
 An optimisation is a pure function of its request, so it gives the same numbers in this process, in
 another one, or on another machine of the same kind.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vgps_ros.core.checks import check_array, check_record, positive
+from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
@@ -18,24 +19,24 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.simulation.warnings import in_words, simulator_warnings
+from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
 
 
 @dataclass(frozen=True)
 class OptimizationRequest:
-    """One solve.
+    """The input of one solve.
 
     Attributes:
-        trajectory_index: which initial state of Algorithm 1.
+        trajectory_index: index of the initial state in Algorithm 1.
         iteration: k of Algorithm 1; 0 for the initial solve.
         seed: seed of the run.
         cost_scale: α.
-        max_iterations: DDP iterations at most.
+        max_iterations: largest number of DDP iterations.
         initial_state: x_1, shape (n_x,).
-        guess: controls (T, n_u) to start from, where there is no `previous`.
+        guess: controls (T, n_u) to start from if there is no `previous`.
         previous: q(ζ) of the iteration before.
-        policy: π_θ; without it the cost is α c alone.
+        policy: π_θ; if it is None the cost is α c alone.
     """
 
     trajectory_index: int
@@ -51,16 +52,16 @@ class OptimizationRequest:
 
 @dataclass(frozen=True)
 class OptimizationResult:
-    """What a solve returns.
+    """The result of one solve.
 
     Attributes:
         distribution: q(ζ).
         cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
-        modified_cost: what was minimised.
-        status: why the solve ended.
-        iterations: its log.
-        simulator_steps: that it took, finite differences included.
-        simulator_warnings: what MuJoCo warned of meanwhile, in words; empty if of nothing.
+        modified_cost: the cost that was minimised, Σ c̄ or Σ α c over the planned horizon.
+        status: the reason why the solve ended.
+        iterations: the solver's log.
+        simulator_steps: simulator steps that it took, finite differences included.
+        simulator_warnings: MuJoCo's warnings meanwhile, in words; empty if there were none.
     """
 
     distribution: TrajectoryDistribution
@@ -72,126 +73,121 @@ class OptimizationResult:
     simulator_warnings: str = ""
 
 
-class TrajectoryOptimizer:
-    """Optimises q(ζ) of one task, with the settings that it names."""
+def optimize(
+    task: Task,
+    request: OptimizationRequest,
+    on_iteration: Callable[[Iteration], None] = lambda _: None,
+    is_cancelled: Callable[[], bool] = lambda: False,
+) -> OptimizationResult:
+    """Optimises q(ζ) with the settings that the task names.
 
-    def __init__(self, task: Task):
-        self.task = task
+    Args:
+        task: the control problem.
+        request: the solve to do.
+        on_iteration: called with the log of each iteration.
+        is_cancelled: asked between the parts of an iteration; true ends the solve.
 
-    def optimize(
-        self,
-        request: OptimizationRequest,
-        on_iteration: Callable[[Iteration], None] = lambda _: None,
-        is_cancelled: Callable[[], bool] = lambda: False,
-    ) -> OptimizationResult:
-        """Solves one request.
-
-        Raises:
-            InvalidInputError: a value of the request does not fit the task.
-            DivergenceError: the first rollout diverges, or there is no q(ζ) of finite numbers
-                around what was found; its status names the cause.
-        """
-        self._check(request)
-        steps_before = self.task.dynamics.simulator_steps
-        warned_before = simulator_warnings()
-        initial, linear = self._start(request)
-        cost = ScaledCost(self.task.cost, request.cost_scale)
-        solution = solve(
-            self.task.dynamics,
-            cost if request.policy is None else self._policy_cost(cost, request),
-            initial,
-            _scaled(self.task.optimizer.ddp, request.cost_scale),
-            request.max_iterations,
-            linear_dynamics=linear,
-            on_iteration=on_iteration,
-            is_cancelled=is_cancelled,
-        )
-        return OptimizationResult(
-            distribution=self._distribution(solution, request.cost_scale),
-            cost=self.task.trajectory_cost(solution.trajectory.first(self.task.horizon)),
-            modified_cost=solution.cost,
-            status=solution.status,
-            iterations=solution.iterations,
-            simulator_steps=self.task.dynamics.simulator_steps - steps_before,
-            simulator_warnings=in_words(simulator_warnings() - warned_before),
-        )
-
-    def _check(self, request: OptimizationRequest) -> None:
-        dynamics = self.task.dynamics
-        n_x, n_u = dynamics.state_dim, dynamics.control_dim
-        positive("cost_scale", request.cost_scale)
-        positive("max_iterations", request.max_iterations)
-        check_array("initial_state", request.initial_state, (n_x,))
-        if request.guess is not None:
-            check_array("guess.controls", request.guess, (self.task.planned_horizon, n_u))
-        if request.previous is not None:
-            check_distribution("previous", request.previous, self.task, request.initial_state)
-        if request.policy is not None:
-            request.policy.check_fits(n_x, n_u)
-            if request.previous is None:
-                raise InvalidInputError(
-                    "The request has a policy but no previous distribution, from whose marginals "
-                    "the policy's derivatives are sampled; send both."
-                )
-
-    def _start(self, request: OptimizationRequest) -> tuple[Trajectory, LinearDynamics | None]:
-        """The trajectory to start from, and its derivatives where they are known."""
-        if request.previous is not None:
-            return request.previous.mean, request.previous.linear_dynamics
-        if request.guess is None:
-            if self.task.demonstration is None:
-                raise InvalidInputError(
-                    "The request has neither guess nor previous; send one of them."
-                )
-            return self._follow_demonstration(self.task.demonstration, request.initial_state), None
-        controls = request.guess
-        initial = self.task.dynamics.rollout(
-            request.initial_state, lambda t, _: controls[t], self.task.planned_horizon
-        )
-        return initial, None
-
-    def _follow_demonstration(self, demonstration: Trajectory, start: Array) -> Trajectory:
-        """The demonstration as this model executes it from x_1."""
-        moved = not np.array_equal(start, demonstration.states[0])
-        if moved and self.task.demonstrate is not None:
-            return self.task.demonstrate(start, self.task.planned_horizon)
-        return track(
-            self.task.dynamics,
-            demonstration,
-            start,
-            self.task.joint_names,
-            self.task.optimizer.demonstration_tolerance,
-        )
-
-    def _policy_cost(self, scaled: ScaledCost, request: OptimizationRequest) -> PolicyCost:
-        assert request.previous is not None
-        assert request.policy is not None
+    Raises:
+        InvalidInputError: a value of the request does not fit the task.
+        DivergenceError: the first rollout diverges, or there is no q(ζ) of finite numbers around
+            what was found; its status names the cause.
+    """
+    _check(task, request)
+    warned_before = task.dynamics.warnings()
+    initial, linear, first_steps = _start(task, request)
+    scaled = ScaledCost(task.cost, request.cost_scale)
+    cost: TrajectoryCost = scaled
+    if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
-        deviations = sample_deviations(request.previous, self.task.optimizer.policy_samples, rng)
-        return PolicyCost(scaled, request.policy, deviations, request.previous.gains)
+        deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
+        cost = PolicyCost(scaled, request.policy, deviations, request.previous.gains)
+    solution = solve(
+        task.dynamics,
+        cost,
+        initial,
+        _scaled(task.optimizer.ddp, request.cost_scale),
+        request.max_iterations,
+        linear_dynamics=linear,
+        on_iteration=on_iteration,
+        is_cancelled=is_cancelled,
+    )
+    return OptimizationResult(
+        distribution=_distribution(task, solution, request.cost_scale),
+        cost=task.trajectory_cost(solution.trajectory.first(task.horizon)),
+        modified_cost=solution.cost,
+        status=solution.status,
+        iterations=solution.iterations,
+        simulator_steps=first_steps + solution.simulator_steps,
+        simulator_warnings=in_words(task.dynamics.warnings() - warned_before),
+    )
 
-    def _distribution(self, solution: Solution, alpha: float) -> TrajectoryDistribution:
-        """q(ζ) around the trajectory that was executed, with its marginals."""
-        covariances = solution.policy.control_covariances()
-        gains, linear = solution.policy.gains, solution.linear_dynamics
-        settings, task = self.task.optimizer.marginals, self.task
-        spread = settings.spread(task.initial_std, task.std_limit, alpha)
-        marginals = state_covariances(linear, gains, covariances, spread)
-        return TrajectoryDistribution(
-            mean=solution.trajectory,
-            gains=gains,
-            control_covariances=covariances,
-            linear_dynamics=linear,
-            state_covariances=marginals,
-        )
+
+def optimize_all(
+    task: Task, requests: Sequence[OptimizationRequest]
+) -> tuple[OptimizationResult, ...]:
+    """Solves several requests in this process, one after another."""
+    return tuple(optimize(task, request) for request in requests)
+
+
+def _check(task: Task, request: OptimizationRequest) -> None:
+    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
+    positive("cost_scale", request.cost_scale)
+    positive("max_iterations", request.max_iterations)
+    check_array("initial_state", request.initial_state, (n_x,))
+    if request.guess is not None:
+        check_array("guess.controls", request.guess, (task.planned_horizon, n_u))
+    if request.previous is not None:
+        check_distribution("previous", request.previous, task, request.initial_state)
+    if request.policy is not None:
+        request.policy.check_fits(n_x, n_u)
+        if request.previous is None:
+            raise InvalidInputError(
+                "The request has a policy but no previous distribution, from whose marginals "
+                "the policy's derivatives are sampled; send both."
+            )
+
+
+def _start(
+    task: Task, request: OptimizationRequest
+) -> tuple[Trajectory, LinearDynamics | None, int]:
+    """Returns the first trajectory, its derivatives if known, and the simulator steps it took."""
+    start, dynamics = request.initial_state, task.dynamics
+    if request.previous is not None:
+        return request.previous.mean, request.previous.linear_dynamics, 0
+    if request.guess is not None:
+        guess, horizon = request.guess, task.planned_horizon
+        rollout = dynamics.rollout(start, lambda t, _: guess[t], horizon)
+        return rollout, None, horizon * dynamics.substeps
+    shown = task.demonstration
+    if shown is None:
+        raise InvalidInputError("The request has neither guess nor previous; send one of them.")
+    if task.demonstrate is not None and not np.array_equal(start, shown.states[0]):
+        return task.demonstrate(start, task.planned_horizon), None, 0  # not counted as learning
+    tolerance = task.optimizer.demonstration_tolerance
+    followed, steps = track(dynamics, shown, start, task.joint_names, tolerance)
+    return followed, None, steps
+
+
+def _distribution(task: Task, solution: Solution, alpha: float) -> TrajectoryDistribution:
+    """Returns q(ζ) around the trajectory that was executed, with its marginals."""
+    covariances = solution.policy.control_covariances()
+    gains, linear = solution.policy.gains, solution.linear_dynamics
+    spread = task.optimizer.marginals.spread(task.initial_std, task.std_limit, alpha)
+    return TrajectoryDistribution(
+        mean=solution.trajectory,
+        gains=gains,
+        control_covariances=covariances,
+        linear_dynamics=linear,
+        state_covariances=state_covariances(linear, gains, covariances, spread),
+    )
 
 
 def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: Array) -> None:
     """Checks that q(ζ) has finite values, is one of the task, and begins at x_1.
 
     Raises:
-        InvalidInputError: it is not.
+        InvalidInputError: q(ζ) differs from that.
     """
     n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
     check_record(name, q, T=task.planned_horizon, n_x=n_x, n_u=n_u)

@@ -10,9 +10,9 @@ samples are drawn from good parts of the state space" (section 6); the policy is
 
 Several initial states may be given; each has its own q, and all train one policy (section 5).
 
-Both steps only descend, and a small network may end in a poor optimum to which its trajectory then
-bends. So several candidates may begin, each a policy with trajectories of its own; after some
-iterations the one whose fit is best goes on.
+Both steps only descend, and a small network may end in a poor optimum, to which its trajectory then
+adapts. So the search may begin with several candidates, each a policy with trajectories of its own;
+after some iterations it keeps the candidate with the best fit.
 """
 
 from collections.abc import Sequence
@@ -25,28 +25,28 @@ from vgps_ros.search.workspace import Update, Workspace
 
 @dataclass(frozen=True)
 class Candidates(Update):
-    """What one iteration ends with; until one is chosen the first candidate is shown.
+    """The result of one iteration: the first candidate, until the best one is chosen.
 
     Attributes:
-        others: the other candidates; none once one is chosen.
+        others: the other candidates; empty after one has been chosen.
     """
 
     others: tuple[Update, ...]
 
     @property
     def pairs(self) -> tuple[Update, ...]:
-        """The candidates."""
+        """All candidates, the first one first."""
         return (self, *self.others)
 
 
 def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     """Does iteration k of Algorithm 1."""
     pairs: Sequence[Update] = last.pairs if last else _first(work)
-    # Line 3 is part of lines 1 and 6: a solution comes with its marginals.
+    # Lines 1 and 6 include line 3, since a solution comes with its marginals.
     pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k)) for p in pairs]  # line 4
     if k >= min(work.settings.candidate_iterations, work.settings.iterations):
         pairs = [max(pairs, key=_likelihood)]
-    # Lines 5 and 6; the first candidate's come last, so that the latest q(ζ) are the policy's.
+    # Lines 5 and 6; the first candidate is solved last, so that the latest q(ζ) are the policy's.
     *others, first = (
         Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in reversed(pairs)
     )
@@ -59,5 +59,5 @@ def _first(work: Workspace) -> Sequence[Update]:  # line 1
 
 
 def _likelihood(pair: Update) -> float:
-    """L(q, θ) up to a constant: with the best noise nothing else is left of it."""
+    """Returns L(q, θ) up to a constant: with the best noise its other terms are constant."""
     return -float(np.log(pair.policy.noise_std).sum())

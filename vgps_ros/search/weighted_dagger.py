@@ -28,15 +28,26 @@ def weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitatio
     return imitate(work, last, k, weigh, adapts=False)
 
 
+def adapted_weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
+    """Does iteration k of the variant whose oracle adapts to the policy as q(ζ) does in vgps.
+
+    "We also implemented an adapted variant, where the DDP solution is re-optimized at each
+    iteration to match the policy (in addition to weighting)." The current solution gives the
+    actions and weights of the whole dataset.
+    """
+    weigh = partial(marginal_log_weights, observed=work.task.observed)
+    return imitate(work, last, k, weigh, adapts=True)
+
+
 def marginal_log_weights(
     q: TrajectoryDistribution, states: Array, observed: tuple[int, ...]
 ) -> Array:
     """Returns (log q(x_t) − log q(x̄_t)) / n, shape (N, T), of states (N, T, n_x).
 
     Args:
-        q: whose marginals count.
+        q: distribution whose marginals weigh the states.
         states: x_1 … x_T of each rollout.
-        observed: the n coordinates that count.
+        observed: indices of the n coordinates that are compared.
     """
     deviations = (states - q.mean.states[:-1])[..., observed]
     return -0.5 * squared_distance(deviations, observed_covariances(q, observed)) / len(observed)

@@ -1,4 +1,4 @@
-"""What every policy search method works with: its problem, and the steps that methods share."""
+"""The workspace of a policy search method: its problem, and the steps that methods share."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -31,10 +31,10 @@ OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationRes
 
 @dataclass(frozen=True)
 class Update:
-    """What one iteration of a method ends with, and all that the next one needs of it.
+    """The result of one iteration of a method, with all that the next iteration needs of it.
 
-    A method that remembers more adds fields. Every random draw has a generator of its own, named by
-    seed, purpose and place, so that no generator's state is part of it.
+    A method that remembers more adds fields. It remembers no generator's state, since every random
+    draw has a generator of its own, named by seed, purpose and place.
 
     Attributes:
         policy: π_θ.
@@ -46,11 +46,11 @@ class Update:
 
     @property
     def pairs(self) -> tuple["Update", ...]:
-        """All that are learned side by side, each with solutions of its own; this one first."""
+        """All policies learned side by side, each with its own solutions; this one comes first."""
         return (self,)
 
     def check(self, task: Task) -> None:
-        """Checks what a method remembers beside these, after it was read from a file.
+        """Checks the fields that a method adds, after they were read from a file.
 
         Raises:
             InvalidInputError: an array does not fit the task, or is not finite.
@@ -75,7 +75,7 @@ class Rollouts:
         """Checks that sound rollouts fit the task.
 
         Raises:
-            InvalidInputError: they do not, or are not finite.
+            InvalidInputError: an array does not fit the task, or is not finite.
         """
         count, n_x, n_u = len(self.states), task.dynamics.state_dim, task.dynamics.control_dim
         check_array("states", self.states, (count, task.horizon, n_x))
@@ -83,7 +83,7 @@ class Rollouts:
         check_array("costs", self.costs, (count, task.horizon))
 
     def sound(self) -> "Rollouts":
-        """Returns those that did not diverge."""
+        """Returns the rollouts that did not diverge."""
         kept = np.isfinite(self.costs).all(axis=1)
         return Rollouts(self.states[kept], self.controls[kept], self.costs[kept])
 
@@ -93,16 +93,16 @@ class Workspace:
 
     Args:
         task: the control problem.
-        settings: of the search.
-        seed: of all random draws, at least 0.
+        settings: settings of the search.
+        seed: seed of all random draws, at least 0.
         optimize_all: solves the trajectory optimisations.
-        initial_solutions: those of this run where they are known already.
+        initial_solutions: initial solutions of this run, if they are known already.
 
     Attributes:
         starts: x_1 of each trajectory.
-        initial_solutions: of the cost alone, one for each start.
-        optimization_seconds: wall time in trajectory optimisation so far.
-        simulator_steps: that learning has taken so far; evaluations do not count.
+        initial_solutions: solutions for the cost alone, one for each start.
+        optimization_seconds: wall time of trajectory optimisation so far [s].
+        simulator_steps: simulator steps of learning so far; evaluations do not count.
 
     Raises:
         InvalidInputError: a setting is out of range.
@@ -132,26 +132,26 @@ class Workspace:
         self.initial_solutions = initial_solutions or self._solve_cost_alone()
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
-        guess = self.task.guess
-        return self._optimize(
-            [
-                OptimizationRequest(
-                    trajectory_index=i,
-                    iteration=0,
-                    seed=self.seed,
-                    cost_scale=self.settings.alpha(0),
-                    max_iterations=self.settings.initial_ddp_iterations,
-                    initial_state=start,
-                    guess=guess(generator(self.seed, Stream.INITIAL_CONTROLS, i))
-                    if guess
-                    else None,
-                )
-                for i, start in enumerate(self.starts)
-            ]
+        requests = [self._request(i, k=0) for i in range(len(self.starts))]
+        if self.task.guess:
+            rngs = (generator(self.seed, Stream.INITIAL_CONTROLS, i) for i in range(len(requests)))
+            guesses = map(self.task.guess, rngs)
+            requests = [replace(r, guess=g) for r, g in zip(requests, guesses, strict=True)]
+        return self._optimize(requests)
+
+    def _request(self, i: int, k: int) -> OptimizationRequest:
+        settings = self.settings
+        return OptimizationRequest(
+            trajectory_index=i,
+            iteration=k,
+            seed=self.seed,
+            cost_scale=settings.alpha(k),
+            max_iterations=settings.ddp_iterations if k else settings.initial_ddp_iterations,
+            initial_state=self.starts[i],
         )
 
     def random_policies(self, count: int) -> list[GaussianPolicy]:
-        """Draws networks that a first fit starts from; fewer are the first ones of more."""
+        """Draws networks for the first fit; a smaller count gives the first ones of a larger."""
         shape = architecture(self.task, self.settings)
         distributions = self.scored(self.initial_solutions)
         rng = generator(self.seed, Stream.POLICY_PARAMETERS)
@@ -160,7 +160,7 @@ class Workspace:
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
     ) -> GaussianPolicy:
-        """Returns a copy of the initial DDP solutions, or of the distributions that are given."""
+        """Returns a policy fitted to the initial DDP solutions, or to the given distributions."""
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
             self.random_policies(1)[0],
@@ -172,7 +172,7 @@ class Workspace:
     def fit(
         self, policy: GaussianPolicy, solutions: Sequence[OptimizationResult], k: int
     ) -> GaussianPolicy:
-        """Maximises L(q, θ) from `policy` on (line 4)."""
+        """Returns the policy that maximises L(q, θ), started from `policy` (line 4)."""
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         fitted = fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
         if np.array_equal(fitted.parameters, policy.parameters):
@@ -185,7 +185,7 @@ class Workspace:
     def fit_samples(
         self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
     ) -> GaussianPolicy:
-        """Does the same with draws from a set of samples, as many as there are from marginals."""
+        """Fits the policy to as many draws of a sample set as `fit` takes from the marginals."""
         settings = self.settings.fit
         count = settings.samples_per_step * self.task.horizon * len(self.starts)
         rng = generator(self.seed, Stream.POLICY_FIT, k)
@@ -195,34 +195,22 @@ class Workspace:
     def reoptimize(
         self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
     ) -> tuple[OptimizationResult, ...]:
-        """Adapts q(ζ) to the policy (lines 5 and 6); where that diverges, all q(ζ) stay."""
+        """Adapts q(ζ) to the policy (lines 5 and 6); if a solve diverges, all q(ζ) stay."""
         try:
-            return self._optimize(self._adaptations(solutions, policy, k))
+            return self._optimize(
+                [
+                    replace(self._request(i, k), previous=solution.distribution, policy=policy)
+                    for i, solution in enumerate(solutions)
+                ]
+            )
         except DivergenceError as error:
             self._warnings.append(f"The solutions of iteration {k} stay as they were: {error}")
             return tuple(solutions)
 
     def take_warnings(self) -> tuple[str, ...]:
-        """Returns what went wrong since the last call and was got over, in sentences."""
+        """Returns a sentence for each failure since the last call that the search has survived."""
         taken, self._warnings = tuple(self._warnings), []
         return taken
-
-    def _adaptations(
-        self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
-    ) -> list[OptimizationRequest]:
-        return [
-            OptimizationRequest(
-                trajectory_index=i,
-                iteration=k,
-                seed=self.seed,
-                cost_scale=self.settings.alpha(k),
-                max_iterations=self.settings.ddp_iterations,
-                initial_state=self.starts[i],
-                previous=solution.distribution,
-                policy=policy,
-            )
-            for i, solution in enumerate(solutions)
-        ]
 
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
         """Draws rollouts of the policy, with its noise, from each start."""
@@ -239,21 +227,20 @@ class Workspace:
     ) -> Rollouts:
         """Executes a control law from draws around a start, over the scored horizon.
 
-        What a robot does after it has fallen tells nothing: each step costs what lying still does.
+        A robot's motion after its fall is not scored: each step then costs as much as lying still.
         """
         task, dynamics = self.task, self.task.dynamics
         spread = task.initial_std * rng.standard_normal((count, dynamics.state_dim))
-        before = dynamics.simulator_steps
-        states, controls = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
-        self.simulator_steps += dynamics.simulator_steps - before
+        states, controls, steps = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
+        self.simulator_steps += steps
         lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
         costs = np.where(lies, task.cost.rest, task.cost(states[:, :-1], controls))
-        # The end of the last step counts too: a rollout that diverges in it has no cost.
+        # A rollout that diverges in its last step has no cost either.
         costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
         return Rollouts(states[:, :-1], controls, costs)
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
-        """Returns each q(ζ) over the horizon that is trained on."""
+        """Returns each q(ζ) over the horizon that the policy is trained on."""
         return [s.distribution.first(self.task.horizon) for s in solutions]
 
     def standardization(self) -> Standardization:
@@ -275,7 +262,7 @@ def _noisy(policy: GaussianPolicy, noise: Array) -> ControlLaw:
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
-    """Returns x_1 of each trajectory: the task's own, or draws around it if there are several."""
+    """Returns x_1 of each trajectory: the task's, or draws around it if there are several."""
     if settings.num_initial_states == 1:
         return [task.initial_state]
     rng = generator(seed, Stream.INITIAL_STATES)

@@ -1,126 +1,65 @@
-"""MuJoCo's C functions in compiled loops: rollouts and derivatives without Python in between."""
+"""Rollouts and derivatives in compiled loops, which call MuJoCo's C functions without Python."""
 
-import ctypes
-from pathlib import Path
-
-import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import types
-from numba.core.typing import signature
 
 from vgps_ros.core.compilation import compiled
-from vgps_ros.core.compiled_network import CompiledNetwork, network_output
-from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.compiled_network import network_output
+from vgps_ros.core.records import Array
+from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
 
-# By address: loaded as LLVM does it, all symbols of the library, and of those that it holds, would
-# come before those of the same name in libraries that are loaded later.
-_LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
-for _name in ("mj_step", "mj_stepSkip"):
-    _address = ctypes.cast(getattr(_LIBRARY, _name), ctypes.c_void_p).value
-    llvmlite.binding.add_symbol(_name, _address)
-_mj_step = types.ExternalFunction("mj_step", signature(types.void, types.intp, types.intp))
-_mj_step_skip = types.ExternalFunction(
-    "mj_stepSkip", signature(types.void, types.intp, types.intp, types.int32, types.int32)
-)
-# What a step may leave out, because it is still valid from the step before.
+# Stages that a step may skip, because their results are still valid from the step before.
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-# Where a velocity is zero drag has a kink: differences are centred within so many perturbations.
+# Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 _KINK = 10.0
+Memory = tuple[int, int, Array, Array, Array, Array, int]
+"""Addresses of model and data; qpos, qvel, ctrl and qacc_warmstart of the data; substeps."""
 
 
-class Simulator:
-    """One simulation of a model, for one thread at a time.
-
-    Args:
-        model: with as many positions as velocities.
-        substeps: simulator steps for which one control is held.
-        cyclic: positions that change nothing but themselves.
-    """
-
-    def __init__(self, model: mujoco.MjModel, substeps: int, cyclic: Array):
-        data = mujoco.MjData(model)
-        self._keep = model, data  # as long as their memory is used
-        self._memory = (
-            model._address, data._address, data.qpos, data.qvel, data.ctrl, data.qacc_warmstart,
-            substeps,
-        )  # fmt: skip
-        n_v, n_u = model.nv, model.nu
-        # Controls, velocities, positions: each leaves valid what those before it need.
-        self._columns = np.concatenate(
-            [
-                np.arange(2 * n_v, 2 * n_v + n_u),
-                np.arange(n_v, 2 * n_v),
-                np.setdiff1d(np.arange(n_v), cyclic),
-            ]
-        )
-
-    def follow(
-        self, start: Array, nominal: Trajectory, gains: Array, bounds: tuple[float, float]
-    ) -> tuple[Array, Array]:
-        """Executes u = ū + K (x − x̄).
-
-        Args:
-            start: x_1, shape (n_x,).
-            nominal: x̄, ū.
-            gains: K, shape (T, n_u, n_x).
-            bounds: of the magnitudes of states and controls.
-
-        Returns:
-            States, shape (T+1, n_x), and controls, shape (T, n_u); NaN from where one of them
-            leaves its bound.
-        """
-        states = np.full((nominal.horizon + 1, len(start)), np.nan)
-        controls = np.full(nominal.controls.shape, np.nan)
-        states[0] = start
-        _follow(*self._memory, nominal.states, nominal.controls, gains, *bounds, states, controls)
-        return states, controls
-
-    def execute(
-        self,
-        network: CompiledNetwork,
-        noise: Array,
-        bounds: tuple[float, float],
-        states: Array,
-        controls: Array,
-    ) -> None:
-        """Executes u = μ_θ(x) + noise in several rollouts, one after another.
-
-        Args:
-            network: μ_θ.
-            noise: shape (N, T, n_u), [N·m].
-            bounds: of the magnitudes of states and controls.
-            states: result, shape (N, T+1, n_x), from x_1 on; what stays as it was from where a
-                state or a control leaves its bound.
-            controls: result, shape (N, T, n_u), likewise.
-        """
-        _execute(*self._memory, network, noise, *bounds, states, controls)
-
-    def differentiate(
-        self, states: Array, controls: Array, eps: float, f_x: Array, f_u: Array
-    ) -> int:
-        """Writes f_x, f_u at points, by finite differences; returns the simulator steps it took.
-
-        Args:
-            states: shape (N, n_x).
-            controls: shape (N, n_u).
-            eps: perturbation.
-            f_x: result, shape (N, n_x, n_x).
-            f_u: result, shape (N, n_x, n_u).
-        """
-        return int(_differentiate(*self._memory, self._columns, states, controls, eps, f_x, f_u))
+def memory_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Memory:
+    """Returns what the loops need of a simulation; valid only while model and data live."""
+    arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
+    return (address(model), address(data), *arrays, substeps)
 
 
 @compiled
-def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps,
-    nominal_states, nominal_controls, gains, state_bound, control_bound, states, controls,
-):  # fmt: skip
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def advance(memory, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Does one control step of N rollouts; `bounds` are those of states and controls.
+
+    Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is out of bounds, and NaN to controls
+    where x is. Returns how many controls were executed, and how many rollouts are within bounds.
+    """
+    ctrl = memory[4]
+    executed = inside = 0
+    for i in range(len(states)):
+        x = after[i]
+        x[:] = states[i]
+        is_inside = _is_within(x, bounds[0])
+        if not is_inside:
+            controls[i] = np.nan
+        elif _is_within(controls[i], bounds[1]):
+            ctrl[:] = controls[i]
+            executed += 1
+            is_inside = _advance(memory, x, bounds[0])
+        else:
+            is_inside = False
+        if is_inside:
+            inside += 1
+        else:
+            x[:] = np.nan
+    return executed, inside
+
+
+@compiled
+def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
+    memory, bounds, nominal_states, nominal_controls, gains, states, controls
+):
+    """Writes the rollout of u = ū + K (x − x̄) from states[0], up to where it leaves its bounds."""
+    ctrl = memory[4]
     x = states[0].copy()
-    if not _is_within(x, state_bound):
+    if not _is_within(x, bounds[0]):
         return
     for t in range(len(controls)):
         for i in range(len(ctrl)):
@@ -128,42 +67,40 @@ def _follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             for j in range(len(x)):
                 ctrl[i] += gains[t, i, j] * (x[j] - nominal_states[t, j])
         controls[t] = ctrl
-        if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
+        if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
             return
         states[t + 1] = x
 
 
 @compiled
-def _execute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps,
-    network, noise, state_bound, control_bound, states, controls,
-):  # fmt: skip
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def execute(memory, bounds, network, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes rollouts of u = μ_θ(x) + noise from states[:, 0], up to where they leave bounds."""
+    ctrl = memory[4]
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
-        if not _is_within(x, state_bound):
+        if not _is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
             network_output(network, x, a, z)
             for i in range(len(ctrl)):
                 ctrl[i] = a[i] + noise[rollout, t, i]
             controls[rollout, t] = ctrl
-            if not (_is_within(ctrl, control_bound) and _advance(memory, substeps, x, state_bound)):
+            if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
                 break
             states[rollout, t + 1] = x
 
 
 @compiled
-def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Lets the control act on x; false if x then is outside the bound."""
-    model, data, qpos, qvel, _, warmstart = memory
+def _advance(memory, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Lets the control act on x; returns false if x then is outside the bound."""
+    model, data, qpos, qvel, _, warmstart, substeps = memory
     n_v = len(qvel)
     qpos[:] = x[:n_v]
     qvel[:] = x[n_v:]
-    warmstart[:] = 0.0  # nothing carries over from one step to another
+    warmstart[:] = 0.0  # nothing carries over from one control to the next
     for _ in range(substeps):
-        _mj_step(model, data)
+        mj_step(model, data)
     x[:n_v] = qpos
     x[n_v:] = qvel
     return _is_within(x, bound)
@@ -171,16 +108,18 @@ def _advance(memory, substeps, x, bound):  # type: ignore[no-untyped-def]  # pra
 
 @compiled
 def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Whether all values are inside the bound; NaN is not."""
+    """Returns whether all values are inside the bound; NaN is not."""
     return np.all(np.abs(values) < bound)
 
 
 @compiled
-def _differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
-    model, data, qpos, qvel, ctrl, warmstart, substeps, columns, states, controls, eps, f_x, f_u
-):  # fmt: skip
-    """The chain rule over the simulator steps of one control."""
-    memory = (model, data, qpos, qvel, ctrl, warmstart)
+def differentiate(memory, columns, eps, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes f_x, f_u at N points, by the chain rule over the simulator steps of one control.
+
+    Takes differences of width eps along the `columns` of z = (x, u): controls first, positions
+    last, so that the stages which a step skips stay valid. Returns the number of simulator steps.
+    """
+    _, _, _, qvel, ctrl, warmstart, substeps = memory
     n_v, n_u = len(qvel), len(ctrl)
     n_x = 2 * n_v
     z, warm = np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
@@ -216,13 +155,13 @@ def _differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @compiled
 def _step(memory, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Steps from z = (x, u); what is skipped must be valid for it."""
-    model, data, qpos, qvel, ctrl, warmstart = memory
+    """Steps from z = (x, u); the results of skipped stages must be valid for z."""
+    model, data, qpos, qvel, ctrl, warmstart, _ = memory
     n_v = len(qvel)
     qpos[:] = z[:n_v]
     qvel[:] = z[n_v : 2 * n_v]
     ctrl[:] = z[2 * n_v :]
     warmstart[:] = warm
-    _mj_step_skip(model, data, skip, 1)  # type: ignore[call-overload]
+    mj_step_skip(model, data, skip, 1)
     after[:n_v] = qpos
     after[n_v:] = qvel

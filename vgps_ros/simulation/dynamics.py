@@ -9,28 +9,31 @@ and slides only), so that states can be subtracted.
 """
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from functools import partial
 from itertools import chain
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from mujoco.rollout import Rollout
-from numpy.typing import NDArray
 
 from vgps_ros.core.compiled_network import compiled_network
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.simulation.compiled_loops import Simulator
-from vgps_ros.simulation.warnings import count_warnings
+from vgps_ros.simulation import compiled_loops
+from vgps_ros.simulation.compiled_loops import Memory, memory_of
+from vgps_ros.simulation.warnings import warnings_of
 
-# Into which work is divided for each thread: one on a core that others use too must do fewer.
+# Parts of the work for each thread: a thread whose core others use too then does fewer of them.
 _PARTS = 4
-_FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+# A rollout whose states or controls leave these bounds has diverged.
+_BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
 
 T = TypeVar("T")
 
@@ -39,14 +42,14 @@ class Dynamics:
     """x' = f(x, u) for a MuJoCo model, with rollouts and derivatives.
 
     Attributes:
-        simulator_steps: simulator steps done so far, those of finite differences included.
-        threads: threads that share finite differences and rollouts.
+        model: a copy of the model in which MuJoCo does not reset a state that it finds bad; here
+            such a state counts as diverged.
 
     Args:
         model: the robot; positions and velocities must have the same dimension.
         substeps: simulator steps for which one control is held.
         eps: perturbation of the finite differences.
-        threads: threads that share the differences; their number does not change the result.
+        threads: threads that share finite differences and rollouts; their number changes no result.
         cyclic_joints: names of joints on whose position nothing depends but that position itself,
             such as a slide along a level floor; no difference is taken along it.
 
@@ -67,69 +70,71 @@ class Dynamics:
                 f"The model has nq={model.nq}, nv={model.nv}, na={model.na}, but nq must equal nv "
                 "and na must be 0: use hinge and slide joints and motors only."
             )
-        # MuJoCo would silently reset a state that it finds bad; here it counts as diverged.
+        self.model = model = copy(model)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        count_warnings()
-        self.model = model
         self.substeps = substeps
         self.eps = eps
         self.state_dim = 2 * model.nv
         self.control_dim = model.nu
         self.time_step = model.opt.timestep * substeps
         self.threads = threads or len(os.sched_getaffinity(0))
-        self.simulator_steps = 0
         self.cyclic_joints = tuple(cyclic_joints)
         cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
-        self._simulators = SimpleQueue[Simulator]()  # those that no thread is using
-        for _ in range(self.threads):
-            self._simulators.put(Simulator(model, substeps, cyclic))
-        self._pool = ThreadPoolExecutor(self.threads)  # it starts none before the first work
-        self._data = mujoco.MjData(model)
-        self._full_state_size = mujoco.mj_stateSize(model, _FULL_STATE)
-        self._stepper = Rollout(nthread=0)
+        n_x, n_v, n_u = self.state_dim, model.nv, model.nu
+        positions = np.setdiff1d(np.arange(n_v), cyclic)
+        self._columns = np.r_[n_x : n_x + n_u, n_v:n_x, positions]
+        self._simulations = [mujoco.MjData(model) for _ in range(self.threads)]
+        self._idle = SimpleQueue[Memory]()  # the simulations that no thread is using
+        for data in self._simulations:
+            self._idle.put(memory_of(model, data, substeps))
+        self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
+
+    def warnings(self) -> Counter[str]:
+        """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
+        return warnings_of(self._simulations)
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""
-        return self._steps(state[None], control[None])[0]
+        after = np.empty((1, self.state_dim))
+        pair = np.array(state[None], float), np.array(control[None], float)
+        self._simulate(compiled_loops.advance, (np.inf, np.inf), *pair, after)
+        return after[0]
 
     def rollouts(
         self, initial_states: Array, control_law: ControlLaw, horizon: int
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array, int]:
         """Runs several rollouts in closed loop, side by side.
 
         A rollout that diverges is NaN from the step after which it did.
 
         Args:
             initial_states: shape (N, n_x).
-            control_law: maps t and the states (N, n_x) to controls (N, n_u).
+            control_law: maps t and the states (N, n_x) to controls (N, n_u), or to one for all.
             horizon: T.
 
         Returns:
-            States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
+            States, shape (N, T+1, n_x), controls, shape (N, T, n_u), and how many simulator steps
+            they took.
         """
-        n = len(initial_states)
-        states = np.full((n, horizon + 1, self.state_dim), np.nan)
-        controls = np.full((n, horizon, self.control_dim), np.nan)
-        states[:, 0] = initial_states
-        x = np.nan_to_num(states[:, 0])  # the law sees zeros where a rollout has diverged
-        alive = _sound(states[:, 0], DIVERGENCE_BOUND, slice(None))
+        n, executed = len(initial_states), 0
+        states = np.full((horizon + 1, n, self.state_dim), np.nan)
+        controls = np.full((horizon, n, self.control_dim), np.nan)
+        states[0] = initial_states
+        x = np.nan_to_num(states[0])  # the law sees zeros where a rollout has diverged
         for t in range(horizon):
-            control = control_law(t, x)  # one may serve all
-            controls[alive, t] = control if control.ndim == 1 else control[alive]
-            alive = _sound(controls[:, t], CONTROL_BOUND, alive)
-            if not len(x[alive]):
+            controls[t] = control_law(t, x)
+            step = states[t], controls[t], states[t + 1]
+            count, sound = self._simulate(compiled_loops.advance, _BOUNDS, *step)
+            executed += count
+            if not sound:
                 break
-            states[alive, t + 1] = self._steps(states[alive, t], controls[alive, t])
-            x = states[:, t + 1]
-            alive = _sound(x, DIVERGENCE_BOUND, alive)
-            if not isinstance(alive, slice):
-                states[np.setdiff1d(np.arange(n), alive), t + 1] = np.nan
-                x = np.nan_to_num(x)
-        return states, controls
+            x = states[t + 1] if sound == n else np.nan_to_num(states[t + 1])
+        states, controls = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (states, controls))
+        return states, controls, executed * self.substeps
 
     def rollout(self, initial_state: Array, control_law: ControlLaw, horizon: int) -> Trajectory:
         """Runs one rollout; `control_law` still sees states of shape (1, n_x)."""
-        states, controls = self.rollouts(initial_state[None], control_law, horizon)
+        states, controls, _ = self.rollouts(initial_state[None], control_law, horizon)
         return Trajectory(states[0], controls[0])
 
     def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
@@ -145,26 +150,23 @@ class Dynamics:
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Does the same for several nominal trajectories, as many at once as there are threads.
-
-        Those that nobody takes do not count as simulator steps, so that the count does not depend
-        on the number of threads.
-        """
-        bounds = (DIVERGENCE_BOUND, CONTROL_BOUND)
+        """Does the same for several nominal trajectories, as many at once as there are threads."""
         for first in range(0, len(nominals), self.threads):
             batch = nominals[first : first + self.threads]
 
             def work(
-                simulator: Simulator, part: slice, batch: Sequence[Trajectory] = batch
+                memory: Memory, part: slice, batch: Sequence[Trajectory] = batch
             ) -> list[Trajectory]:
-                return [
-                    Trajectory(*simulator.follow(start, nominal, gains, bounds))
-                    for nominal in batch[part]
-                ]
+                found = []
+                for nominal in batch[part]:
+                    x, u = (np.full_like(a, np.nan) for a in (nominal.states, nominal.controls))
+                    x[0] = start
+                    given = nominal.states, nominal.controls, gains
+                    compiled_loops.follow(memory, _BOUNDS, *given, x, u)
+                    found.append(Trajectory(x, u))
+                return found
 
-            for trajectory in chain.from_iterable(self._in_threads(len(batch), work)):
-                self.simulator_steps += self.substeps * trajectory.horizon
-                yield trajectory
+            yield from chain.from_iterable(self._in_threads(len(batch), work))
 
     def execute(
         self, policy: GaussianPolicy, initial_states: Array, noise: Array
@@ -189,69 +191,39 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        network, bounds = compiled_network(policy), (DIVERGENCE_BOUND, CONTROL_BOUND)
+        network = compiled_network(policy)
         self._in_threads(
             n,
-            lambda simulator, part: simulator.execute(
-                network, noise[part], bounds, states[part], controls[part]
+            lambda memory, part: compiled_loops.execute(
+                memory, _BOUNDS, network, noise[part], states[part], controls[part]
             ),
         )
-        self.simulator_steps += n * horizon * self.substeps
         return states, controls
 
-    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        """Returns f_x, f_u along a trajectory, by finite differences over several threads."""
+    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps."""
         horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
         steps = self._in_threads(
             horizon,
-            lambda simulator, part: simulator.differentiate(
-                states[part], controls[part], self.eps, f_x[part], f_u[part]
+            lambda memory, part: compiled_loops.differentiate(
+                memory, self._columns, self.eps, states[part], controls[part], f_x[part], f_u[part]
             ),
         )
-        self.simulator_steps += sum(steps)
-        return LinearDynamics(f_x, f_u)
+        return LinearDynamics(f_x, f_u), sum(steps)
 
-    def _in_threads(self, count: int, work: Callable[[Simulator, slice], T]) -> list[T]:
-        """Divides `count` pieces of work into parts, and each thread takes the next one."""
-
-        def do(part: slice) -> T:
-            simulator = self._simulators.get()
-            try:
-                return work(simulator, part)
-            finally:
-                self._simulators.put(simulator)
-
+    def _in_threads(self, count: int, work: Callable[[Memory, slice], T]) -> list[T]:
+        """Divides `count` pieces of work into parts; each thread takes the next part."""
         if min(self.threads, count) == 1:
-            return [do(slice(0, count))]
+            return [self._simulate(work, slice(0, count))]
         ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
-        return list(self._pool.map(do, map(slice, ends[:-1], ends[1:])))
+        parts = map(slice, ends[:-1], ends[1:])
+        return list(self._pool.map(partial(self._simulate, work), parts))
 
-    def _steps(self, states: Array, controls: Array) -> Array:
-        """Returns f(x, u) of each pair, shape (N, n_x); nothing carries over from one to another.
-
-        MuJoCo's loop over them is faster than Python's, for a single one too.
-        """
-        n, end = len(states), 1 + self.state_dim
-        before = np.zeros((n, self._full_state_size))
-        before[:, 1:end] = states  # the simulator's time comes first
-        held = np.empty((n, self.substeps, self.control_dim))
-        held[:] = controls[:, None]
-        after = np.empty((n, self.substeps, before.shape[1]))
-        self._stepper.rollout(
-            [self.model] * n, [self._data], before, held,
-            state=after, nstep=self.substeps, skip_checks=True,
-        )  # fmt: skip
-        self.simulator_steps += n * self.substeps
-        return after[:, -1, 1:end]
-
-
-def _sound(
-    rows: Array, bound: float, alive: "slice | NDArray[np.intp]"
-) -> "slice | NDArray[np.intp]":
-    """Returns those that are alive, and inside the bound in all their values; NaN is not."""
-    if np.abs(rows[alive]).max(initial=0.0) < bound:
-        return alive
-    inside = np.logical_and.reduce(np.abs(rows) < bound, axis=1)
-    return np.arange(len(rows))[alive][inside[alive]]
+    def _simulate(self, work: Callable[..., T], *arguments: Any) -> T:
+        memory = self._idle.get()
+        try:
+            return work(memory, *arguments)
+        finally:
+            self._idle.put(memory)

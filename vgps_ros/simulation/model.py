@@ -1,4 +1,4 @@
-"""A robot's MJCF as a model: names of joints, in the order of the state, and torque limits."""
+"""Compiles a robot's MJCF, and tells its joints, in the order of the state, and torque limits."""
 
 from contextlib import suppress
 from xml.etree import ElementTree
@@ -16,8 +16,8 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
     """Returns the model of an MJCF text.
 
     Raises:
-        InvalidInputError: it does not compile, refers to files, lacks a joint's name, or has joints
-            other than hinges and slides.
+        InvalidInputError: the text does not compile, refers to files, lacks a joint's name, or has
+            joints other than hinges and slides.
     """
     _check_self_contained(mjcf)
     try:
@@ -38,8 +38,8 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
 
 
 def _check_self_contained(mjcf: str) -> None:
-    """A text may come from anywhere, and must not make this process read files."""
-    with suppress(ElementTree.ParseError):  # MuJoCo says better what is wrong
+    """Refuses references to files: the text may come from anywhere, and files are private."""
+    with suppress(ElementTree.ParseError):  # MuJoCo has the better message for it
         for element in ElementTree.fromstring(mjcf).iter():
             files = [value for name, value in element.items() if name.startswith("file")]
             if files:

@@ -1,46 +1,41 @@
-"""What MuJoCo warned of in this process, by kind.
+"""MuJoCo's warnings: counted by kind for each simulation, and kept out of files where asked.
 
-MuJoCo hands its warnings to one function of the whole process; by itself it would write a file into
-whatever folder the process was started in.
+MuJoCo counts a simulation's warnings in its MjData. The first one of each kind it also hands to one
+function of the whole process, which by itself writes MUJOCO_LOG.TXT into the current folder.
 """
 
 from collections import Counter
+from collections.abc import Iterable
 
 import mujoco
 
-# Words of MuJoCo's sentence, and what is said of it here.
 _KINDS = {
-    "QACC": "bad acceleration",
-    "QVEL": "bad velocity",
-    "QPOS": "bad position",
-    "CTRL": "bad control",
-    "contacts": "contact buffer full",
-    "constraints": "constraint buffer full",
-    "nertia": "singular inertia",
+    mujoco.mjtWarning.mjWARN_INERTIA: "singular inertia",
+    mujoco.mjtWarning.mjWARN_CONTACTFULL: "contact buffer full",
+    mujoco.mjtWarning.mjWARN_CNSTRFULL: "constraint buffer full",
+    mujoco.mjtWarning.mjWARN_BADQPOS: "bad position",
+    mujoco.mjtWarning.mjWARN_BADQVEL: "bad velocity",
+    mujoco.mjtWarning.mjWARN_BADQACC: "bad acceleration",
+    mujoco.mjtWarning.mjWARN_BADCTRL: "bad control",
 }
 
-_counts: Counter[str] = Counter()
 
-
-def kind_of(sentence: str) -> str:
-    """Returns the kind of a warning, or `other`."""
-    return next((kind for word, kind in _KINDS.items() if word in sentence), "other")
-
-
-def _count(sentence: str) -> None:
-    _counts[kind_of(sentence)] += 1
-
-
-def count_warnings() -> None:
-    """Lets MuJoCo's warnings be counted from now on."""
-    mujoco.set_mju_user_warning(_count)
-
-
-def simulator_warnings() -> Counter[str]:
-    """Returns how often MuJoCo warned since the process began, by kind."""
-    return _counts.copy()
+def warnings_of(simulations: Iterable[mujoco.MjData]) -> Counter[str]:
+    """Returns how often MuJoCo has warned in these simulations since they were made, by kind."""
+    counts: Counter[str] = Counter()
+    for data in simulations:
+        counts.update({kind: int(data.warning.number[at]) for at, kind in _KINDS.items()})
+    return +counts  # without zeros
 
 
 def in_words(warnings: Counter[str]) -> str:
     """Returns the counts as they stand in a sentence, such as `bad acceleration (3)`."""
     return ", ".join(f"{kind} ({count})" for kind, count in sorted(warnings.items()))
+
+
+def silence_mujoco() -> None:
+    """Keeps MuJoCo from writing its warnings to a file or to the terminal, in all of this process.
+
+    Programs and nodes call it, since the process is theirs; a library must not.
+    """
+    mujoco.set_mju_user_warning(lambda _: None)

@@ -4,8 +4,8 @@ The file is a table of comma-separated values with a header, one row a step of t
 
     time, JOINT/position and JOINT/velocity of each joint, JOINT/effort of each actuated joint
 
-in s, m and rad, their rates, and N·m; columns may come in any order. A row's efforts act until the
-next row; those of the last row are not used.
+in seconds, metres and radians, their rates, and N·m; columns may come in any order. A row's efforts
+act until the next row; those of the last row are not used.
 """
 
 import csv
@@ -19,7 +19,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks.task import Task
 
-RATE_TOLERANCE = 0.01  # of a time step
+RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
 
 
 def with_demonstration(task: Task, path: Path) -> Task:

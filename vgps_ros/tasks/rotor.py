@@ -1,9 +1,9 @@
-"""A rotor that is turned to its rest: linear dynamics, quadratic cost, two states, one torque.
+"""A rotor that is turned to rest: linear dynamics, quadratic cost, two states, one torque.
 
     c(x, u) = w_u u² + φ² + w_ω ω²,   w_u = 1,  w_ω = 0.1 s²
 
-Small enough that every method learns it in seconds, and that its optimum is known: DDP finds it in
-one iteration. State: angle φ [rad] and its rate ω [rad/s].
+It is so small that every method learns it in seconds, and that DDP finds its optimum in one
+iteration. State: angle φ [rad] and its rate ω [rad/s].
 """
 
 from pathlib import Path

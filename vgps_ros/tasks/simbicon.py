@@ -19,14 +19,14 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 
 # Coordinates of the walker's positions; velocities are in the same order.
-PITCH, LEFT, RIGHT = 2, slice(3, 6), slice(6, 9)  # a leg: hip, knee, ankle
+PITCH, LEFT, RIGHT = 2, slice(3, 6), slice(6, 9)  # each leg has hip, knee and ankle
 SEGMENT = 0.45  # length of thigh and shin [m]
 STIFFNESS = np.array([300.0, 300.0, 100.0])  # hip, knee, ankle [N·m/rad]
 DAMPING = np.array([30.0, 30.0, 4.0])  # [N·m·s/rad]
 TORQUE_LIMIT = 250.0  # [N·m]
 TOUCHDOWN_LOAD = 50.0  # on the swing foot [N]
-SHORTEST_SWING = 0.05  # of state 1, before a load ends it [s]
-LONGEST_SWING = 0.6  # of state 1 [s]
+SHORTEST_SWING = 0.05  # time in state 1 before a load may end it [s]
+LONGEST_SWING = 0.6  # time after which state 1 ends without a load [s]
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class Pose:
     """Targets of one state [rad].
 
     Attributes:
-        swing_thigh: forwards from the vertical, θ_0.
-        swing_knee: negative is bent.
-        swing_ankle: positive is toes up.
-        stance_knee: as above.
-        stance_ankle: as above.
+        swing_thigh: θ_0, forwards from the vertical.
+        swing_knee: negative where the knee is bent.
+        swing_ankle: positive where the toes point up.
+        stance_knee: like swing_knee.
+        stance_ankle: like swing_ankle.
         distance_gain: c_d [rad/m].
         velocity_gain: c_v [rad·s/m].
     """
@@ -54,13 +54,13 @@ class Pose:
 
 @dataclass(frozen=True)
 class Gait:
-    """What `find_gait` searches for.
+    """The parameters that `find_gait` searches for.
 
     Attributes:
-        duration: of state 0 [s].
+        duration: duration of state 0 [s].
         torso: target of the torso's pitch [rad].
-        torso_stiffness: [N·m/rad]; its damping is a tenth of it.
-        poses: of the two states.
+        torso_stiffness: stiffness of the torso [N·m/rad]; its damping is a tenth of it.
+        poses: poses of the two states.
     """
 
     duration: float
@@ -92,10 +92,10 @@ GAIT = Gait(
 
 
 class Simbicon:
-    """The controller: a state machine that turns states of the walker into torques.
+    """A state machine that turns states of the walker into torques.
 
     Args:
-        gait: its parameters.
+        gait: parameters of the controller.
         time_step: time between two calls [s].
     """
 
@@ -106,11 +106,11 @@ class Simbicon:
         self._swing, self._stance = LEFT, RIGHT
 
     def torques(self, state: Array, loads: Array) -> Array:
-        """Returns the torques for one step, and goes on by one step.
+        """Returns the torques for one step, and advances the state machine by it.
 
         Args:
             state: x, shape (18,).
-            loads: forces that bear up the left and the right foot, shape (2,), [N].
+            loads: forces on the left and the right foot, shape (2,), [N].
 
         Returns:
             Shape (6,), left leg first, [N·m].
@@ -121,7 +121,7 @@ class Simbicon:
         stance_hip, stance_knee, _ = q[self._stance]
         pitch, pitch_rate = q[PITCH], v[PITCH]
 
-        # Hips in front of the stance ankle: thigh and shin lean forwards by −angle.
+        # d is positive if the hips are in front of the ankle; a forward lean has a negative angle.
         thigh = stance_hip - pitch
         d = -SEGMENT * (np.sin(thigh) + np.sin(thigh + stance_knee))
         thigh_target = pose.swing_thigh + pose.distance_gain * d + pose.velocity_gain * v[0]
@@ -130,16 +130,16 @@ class Simbicon:
         torque = np.empty(9)
         for leg, target in ((self._swing, swing), (self._stance, stance)):
             torque[leg] = STIFFNESS * (target - q[leg]) - DAMPING * v[leg]
-        # The swing thigh's rate in the world's frame.
+        # The swing thigh is damped by its rate in the world's frame.
         torque[self._swing][0] += DAMPING[0] * pitch_rate
         torso = gait.torso_stiffness * (gait.torso - pitch - 0.1 * pitch_rate)
-        # Flexing a hip turns the torso forwards: τ_torso = τ_stance + τ_swing.
+        # A torque that flexes a hip turns the torso forwards: τ_torso = τ_stance + τ_swing.
         torque[self._stance][0] = torso - torque[self._swing][0]
         self._elapsed += self._time_step
         return np.clip(torque[3:], -TORQUE_LIMIT, TORQUE_LIMIT)
 
     def _transition(self, load: float) -> None:
-        """Changes state when the swing foot bears a load, or time is up."""
+        """Changes the state when the swing foot bears a load, or its time is over."""
         if self._state == 0:
             if self._elapsed >= self.gait.duration:
                 self._state, self._elapsed = 1, 0.0
@@ -151,14 +151,14 @@ class Simbicon:
 
 
 class FootLoads:
-    """The forces that bear up each foot in the model, were its motors at rest."""
+    """Computes the forces that the floor exerts on each foot while no motor acts."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model, self._data = model, mujoco.MjData(model)
         self._feet = [model.geom(name).id for name in ("left_foot", "right_foot")]
 
     def __call__(self, state: Array) -> Array:
-        """Returns the loads of the left and the right foot in a state, shape (2,), [N]."""
+        """Returns the forces on the left and the right foot in a state, shape (2,), [N]."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = np.split(state, 2)
         data.qacc_warmstart[:] = 0.0
@@ -171,10 +171,10 @@ class FootLoads:
 
 
 def walk(dynamics: Dynamics, gait: Gait, steps: int) -> Trajectory:
-    """Walks from a stand and returns the trajectory, NaN from where it diverges.
+    """Walks from a stand; returns the trajectory, with NaN from where it diverges on.
 
     Args:
-        dynamics: the walker's.
+        dynamics: dynamics of the walker.
         gait: parameters of the controller.
         steps: T.
     """
@@ -182,7 +182,7 @@ def walk(dynamics: Dynamics, gait: Gait, steps: int) -> Trajectory:
 
 
 def go_on(dynamics: Dynamics, controller: Simbicon, start: Array, steps: int) -> Trajectory:
-    """Walks from a state, with a controller in whatever phase of the gait it is in."""
+    """Returns walking from a state, in the phase of the gait that the controller is in."""
     loads = FootLoads(dynamics.model)
 
     def control_law(_: int, x: Array) -> Array:
@@ -192,7 +192,7 @@ def go_on(dynamics: Dynamics, controller: Simbicon, start: Array, steps: int) ->
 
 
 def standing() -> Array:
-    """Returns a stand with the feet on the floor and the knees a little bent, shape (18,)."""
+    """Returns the state of a stand with slightly bent knees, shape (18,)."""
     state = np.zeros(18)
     state[1] = 0.925
     state[LEFT] = state[RIGHT] = 0.1, -0.2, 0.1

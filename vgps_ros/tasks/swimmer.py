@@ -36,14 +36,14 @@ def swimmer() -> Task:
         horizon=HORIZON,
         initial_state=np.zeros(n_x),
         varied_state_std=np.array([0.0, 0.0, 0.3, 0.3, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        observed=tuple(range(1, n_x)),  # all but root x: swimming is the same everywhere
+        observed=tuple(range(1, n_x)),  # all but root x, since swimming is the same everywhere
         guess=lambda rng: smoothed_noise(
             rng, (HORIZON, n_u), amplitude=30.0, time_constant=0.5 / dynamics.time_step
         ),
         initial_std=np.full(n_x, 0.01),
-        # Without it the trajectory drifts, as α falls, towards what five units can represent far
-        # from it: in trials 1.05 to 1.10 of the initial DDP's cost at k = 50 (four seeds); with it
-        # and three DDP iterations 0.97 to 1.05 (seeds 0 to 4).
+        # Without these limits the trajectory drifts, as α falls, towards what five units represent
+        # over a wide region: at k = 50 its cost was 1.05 to 1.10 of the initial DDP's (four seeds),
+        # but with the limits and three DDP iterations 0.97 to 1.05 of it (seeds 0 to 4).
         std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
         optimizer=OptimizerSettings(marginals=MarginalSettings(std_limit_annealing=0.5)),
     )

@@ -1,4 +1,4 @@
-"""What a control problem is made of."""
+"""The record of a control problem, and functions to build one."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,28 +25,28 @@ def never(states: Array) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Task:
-    """A control problem: dynamics, cost, where it starts, and settings measured to suit it.
+    """A control problem: dynamics, cost, start, and settings that were measured to suit it.
 
     Attributes:
         name: its name in the registry.
-        model_path: its MJCF.
+        model_path: file of its MJCF.
         dynamics: x' = f(x, u).
         cost: c(x, u).
-        horizon: T, steps that are trained on and scored.
+        horizon: T, the number of steps that are trained on and scored.
         initial_state: mean of x_1, shape (n_x,).
-        varied_state_std: standard deviation of the starts where one policy learns from several
-            initial states, shape (n_x,).
-        observed: coordinates of the state that a policy reads.
+        varied_state_std: standard deviation of the initial states if one policy learns from
+            several, shape (n_x,).
+        observed: indices of the state's coordinates that a policy reads.
         initial_std: standard deviation of x_1, shape (n_x,).
         std_limit: largest standard deviation of each coordinate in the marginals, shape (n_x,); inf
             for none.
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
-        demonstration: what the first solve starts from where there is no guess.
-        demonstrate: does the demonstration anew from another x_1 for a number of steps; None if the
-            recorded one is all there is, which a rollout from there then has to follow.
-        lookahead: steps that are optimised beyond T, so that the end of the optimised horizon,
-            after which nothing costs, is not what the policy learns.
-        fallen: tells of states (..., n_x) whether the robot has fallen, shape (...,).
+        demonstration: the trajectory from which the first solve starts if there is no guess.
+        demonstrate: returns a demonstration from another x_1 for a number of steps; if it is None,
+            a rollout from there follows the recorded demonstration.
+        lookahead: number of steps that are optimised beyond T, so that the policy does not learn
+            from the end of the optimised horizon, after which nothing has a cost.
+        fallen: returns whether the robot has fallen in states (..., n_x), shape (...,).
         optimizer: settings of the trajectory optimisation that suit the task.
         search: settings of a policy search that suit the task, by dotted name.
     """
@@ -74,14 +74,14 @@ class Task:
         """Number of steps that are optimised."""
         return self.horizon + self.lookahead
 
-    @cached_property  # asked for at every step
+    @cached_property  # since every step needs it
     def joint_names(self) -> list[str]:
         """Names of all joints, in the order of positions and velocities in the state."""
         return joint_names(self.dynamics.model)
 
     @cached_property
     def hinges(self) -> NDArray[np.bool_]:
-        """Which positions are angles, shape (n_x / 2,)."""
+        """Whether each position is an angle, shape (n_x / 2,)."""
         types = self.dynamics.model.jnt_type
         return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
 
@@ -104,12 +104,12 @@ class Task:
     def distance(self, before: Array, after: Array) -> Array:
         """Returns how far states (..., n_x) lie ahead of others, shape (...,), [m].
 
-        Ahead is the direction of the root's first slide; a robot without one stays where it is.
+        The root's first slide points ahead; a robot whose first joint is a hinge goes nowhere.
         """
         return np.where(self.hinges[0], 0.0, after[..., 0] - before[..., 0])
 
     def survived(self, states: Array) -> NDArray[np.bool_]:
-        """Returns which rollouts (N, T+1, n_x) neither diverged nor fell, shape (N,)."""
+        """Returns whether each rollout (N, T+1, n_x) neither diverged nor fell, shape (N,)."""
         sound = np.isfinite(states).all(axis=2) & ~self.fallen(states)
         return np.logical_and.reduce(sound, axis=1)
 
@@ -123,7 +123,7 @@ def load_model(path: Path, joints: Sequence[str]) -> mujoco.MjModel:
 
     Args:
         path: the file.
-        joints: that the task expects, in the order of the state.
+        joints: names that the task expects, in the order of the state.
 
     Raises:
         InvalidInputError: the file cannot be compiled, or has other joints.

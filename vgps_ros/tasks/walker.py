@@ -53,17 +53,17 @@ def walker() -> Task:
         lookahead=LOOKAHEAD,
         initial_state=first.states[0],
         varied_state_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-        observed=tuple(range(1, n_x)),  # all but root x: walking is the same everywhere
+        observed=tuple(range(1, n_x)),  # all but root x, since walking is the same everywhere
         demonstration=first,
         demonstrate=demonstrate,
         fallen=fallen,
         initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-        # Linearised covariances explode through contact.
+        # Without these limits linearised covariances explode at contacts.
         std_limit=np.concatenate(
             [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
         ),
         optimizer=OptimizerSettings(
-            # A floor under μ keeps steps small where contact is hard; q's gains keep away from it.
+            # A lower bound of μ keeps steps small where contact is hard, and q's gains moderate.
             ddp=DdpSettings(
                 initial_regularization=0.1,
                 regularization_floor=0.1,
@@ -92,7 +92,7 @@ def demonstration() -> Trajectory:
 
 @cache
 def _steady_controller() -> Simbicon:
-    """The controller in the phase of the gait in which the demonstration begins."""
+    """Returns the controller in the phase of the gait in which the demonstration begins."""
     dynamics = walker_dynamics()
     controller = Simbicon(GAIT, dynamics.time_step)
     go_on(dynamics, controller, standing(), WARM_UP)

@@ -13,8 +13,11 @@ from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajecto
 class LqProblem:
     """x' = A_t x + B_t u with cost ½ zᵀ H_t z + g_tᵀ z, z = (x, u).
 
-    It plays both the dynamics and the cost of a solve.
+    It plays both the dynamics and the cost of a solve, and claims 7 simulator steps for the
+    derivatives at a point and 3 for a control.
     """
+
+    substeps = 3
 
     linear: LinearDynamics
     hessians: Array
@@ -43,8 +46,8 @@ class LqProblem:
 
             yield self.rollout(start, law, nominal.horizon)
 
-    def linearize(self, trajectory: Trajectory) -> LinearDynamics:
-        return self.linear
+    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+        return self.linear, 7 * self.horizon
 
     def values(self, trajectory: Trajectory) -> Array:
         return self.expand(trajectory).c

@@ -1,4 +1,6 @@
 import dataclasses
+import textwrap
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -34,24 +36,15 @@ def follow(problem, policy, start, step_size=1.0):
     )
 
 
-def plain_backward_pass(problem, mu):
-    """The recursion in block form: value of the policy that is followed, gains regularised."""
-    n_x, n = problem.state_dim, problem.gradients.shape[1]
-    v, v_x = np.zeros((n_x, n_x)), np.zeros(n_x)
-    feedforward, gains, q_uu = [], [], []
-    for t in reversed(range(problem.horizon)):
-        f = np.hstack([problem.linear.f_x[t], problem.linear.f_u[t]])
-        q = problem.hessians[t] + f.T @ v @ f
-        q_z = problem.gradients[t] + f.T @ v_x
-        regularized = q + mu * f.T @ f
-        u = slice(n_x, n)
-        k = -np.linalg.solve(regularized[u, u], q_z[u])
-        gain = -np.linalg.solve(regularized[u, u], regularized[u, :n_x])
-        follows = np.vstack([np.eye(n_x), gain])  # z = follows δx + (0, k)
-        v = follows.T @ q @ follows
-        v_x = follows.T @ (q_z + q[:, u] @ k)
-        feedforward.append(k), gains.append(gain), q_uu.append(q[u, u])
-    return np.array(feedforward[::-1]), np.array(gains[::-1]), np.array(q_uu[::-1])
+def readable_backward_pass(linear, cost, mu):
+    """Executes the form that the module's docstring shows; returns its variables."""
+    docstring = import_module("vgps_ros.core.ddp.backward_pass").__doc__
+    code = textwrap.dedent(docstring.partition("reads:\n\n")[2])
+    (horizon, n_x, n_u) = linear.f_u.shape
+    variables = vars(linear) | vars(cost)
+    variables |= {"np": np, "horizon": horizon, "n_x": n_x, "n_u": n_u, "mu": mu}
+    exec(code, variables)
+    return variables
 
 
 @pytest.mark.parametrize("start_scale", [0.0, 1.0])
@@ -67,13 +60,16 @@ def test_following_the_policy_solves_the_dense_kkt_system(lq_problem, rng, start
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.1, 10.0])
-def test_regularised_pass_equals_plain_numpy(lq_problem, mu):
-    problem = lq_problem()
-    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()), mu)
-    feedforward, gains, q_uu = plain_backward_pass(problem, mu)
-    assert_allclose(policy.feedforward, feedforward, rtol=1e-10, atol=1e-10)
-    assert_allclose(policy.gains, gains, rtol=1e-10, atol=1e-10)
-    assert_allclose(policy.q_uu, q_uu, rtol=1e-10, atol=1e-10)
+@pytest.mark.parametrize("size", [{}, {"n_x": 7, "n_u": 1}, {"n_x": 3, "n_u": 3, "horizon": 1}])
+def test_compiled_pass_is_the_readable_one_of_the_docstring(lq_problem, mu, size):
+    problem = lq_problem(**size)
+    expansion = problem.expand(problem.at_rest())
+    policy = backward_pass(problem.linear, expansion, mu)
+    found = readable_backward_pass(problem.linear, expansion, mu)
+    for name, value in vars(policy).items():
+        if name != "complete":
+            expected = found["k" if name == "feedforward" else name]
+            assert_allclose(value, expected, rtol=1e-10, atol=1e-10, err_msg=name)
 
 
 def test_regularisation_shortens_the_deviation_of_the_next_state(lq_problem):

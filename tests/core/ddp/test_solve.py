@@ -34,6 +34,7 @@ def test_linear_quadratic_problem_converges_in_one_iteration(lq_problem, rng):
     assert solution.status is Status.CONVERGED
     assert solution.status == "converged"
     assert [i.step_size for i in solution.iterations] == [1.0]
+    assert solution.simulator_steps == (7 + 3 + 7) * problem.horizon
     gradient_step = backward_pass(problem.linear, problem.expand(solution.trajectory))
     assert_allclose(gradient_step.feedforward, 0.0, atol=1e-9)
 
@@ -72,7 +73,7 @@ def test_solution_is_around_its_own_trajectory(swim, short_swimmer):
     solution = swim(max_iterations=2)
     states, controls = solution.trajectory.states, solution.trajectory.controls
     replay = task.dynamics.rollout(states[0], lambda t, _: controls[t], task.horizon)
-    linear = task.dynamics.linearize(solution.trajectory)
+    linear, _ = task.dynamics.linearize(solution.trajectory)
     expected = backward_pass(linear, task.cost.expand(solution.trajectory))
     assert_array_equal(replay.states, states)
     assert_array_equal(solution.linear_dynamics.f_x, linear.f_x)
@@ -92,7 +93,7 @@ def test_known_derivatives_change_nothing(swim, short_swimmer, rng):
     task = short_swimmer
     controls = task.guess(np.random.default_rng(20131205))
     initial = task.dynamics.rollout(task.initial_state, lambda t, _: controls[t], task.horizon)
-    given = swim(max_iterations=2, linear_dynamics=task.dynamics.linearize(initial))
+    given = swim(max_iterations=2, linear_dynamics=task.dynamics.linearize(initial)[0])
     assert_array_equal(given.trajectory.states, swim(max_iterations=2).trajectory.states)
 
 

@@ -1,13 +1,32 @@
-"""The backward pass of iterative LQR.
+"""The backward pass of iterative LQR (section 4).
 
-Given f_x, f_u and a quadratic expansion of the cost along a trajectory, it computes backwards in
-time the local policy
+In deviations from a trajectory, it solves the linear-quadratic problem
 
-    g(x) = ū + k + K (x − x̄)
+    minimise  Σ_t  c_xᵀ δx + c_uᵀ δu + ½ δxᵀ c_xx δx + ½ δuᵀ c_uu δu + δuᵀ c_ux δx
+    subject to  δx_{t+1} = f_x δx + f_u δu,
 
-that minimises the quadratic model, and Quu, whose inverse is the covariance of the maximum-entropy
-policy π_G(u|x) = N(g(x), Quu⁻¹) (section 4). The state regularisation μ penalises deviations of the
-next state, B'(V + μI)B, when gains are computed; the value function stays that of the true model.
+by the local policy δu = k + K δx. Quu, the Hessian of the cost to go in u, is the precision of the
+maximum-entropy policy π_G(u|x) = N(ū + k + K δx, Quu⁻¹). The state regularisation μ penalises the
+next state's deviation when k and K are computed; the cost to go, V, is that of the policy which is
+really followed. In NumPy, what is compiled below reads:
+
+    k, gains = np.zeros((horizon, n_u)), np.zeros((horizon, n_u, n_x))
+    q_uu, slope, curvature = np.zeros((horizon, n_u, n_u)), 0.0, 0.0
+    v_x, v_xx = np.zeros(n_x), np.zeros((n_x, n_x))
+    for t in reversed(range(horizon)):
+        a, b = f_x[t], f_u[t]
+        q_x = c_x[t] + a.T @ v_x
+        q_u = c_u[t] + b.T @ v_x
+        q_xx = c_xx[t] + a.T @ v_xx @ a
+        q_ux = c_ux[t] + b.T @ v_xx @ a
+        q_uu[t] = c_uu[t] + b.T @ v_xx @ b
+        regularized = q_uu[t] + mu * b.T @ b
+        k[t] = -np.linalg.solve(regularized, q_u)
+        gains[t] = -np.linalg.solve(regularized, q_ux + mu * b.T @ a)
+        v_x = q_x + gains[t].T @ (q_u + q_uu[t] @ k[t]) + q_ux.T @ k[t]
+        v_xx = q_xx + gains[t].T @ (q_ux + q_uu[t] @ gains[t]) + q_ux.T @ gains[t]
+        slope += k[t] @ q_u
+        curvature += k[t] @ q_uu[t] @ k[t]
 """
 
 from dataclasses import dataclass
@@ -28,10 +47,10 @@ class LocalPolicy:
         feedforward: k_t, shape (T, n_u), [N·m].
         gains: K_t, shape (T, n_u, n_x).
         q_uu: unregularised Quu_t, shape (T, n_u, n_u).
-        slope: Σ kᵀQ_u; at μ = 0 the model's cost changes so per unit of a small step, at μ > 0 only
-            the full step's expected reduction is exact.
+        slope: Σ kᵀQ_u, by which the model's cost changes per unit of a small step at μ = 0; at
+            μ > 0 only the expected reduction of a full step is exact.
         curvature: Σ kᵀ Quu k.
-        complete: false if a regularised Quu was not positive definite; the rest is then void.
+        complete: false if a regularised Quu was not positive definite; no other value counts then.
     """
 
     feedforward: Array
@@ -49,7 +68,7 @@ class LocalPolicy:
         """Returns Quu⁻¹, shape (T, n_u, n_u), the covariance of π_G.
 
         Raises:
-            DivergenceError: a Quu without regularisation is no precision.
+            DivergenceError: an unregularised Quu has no inverse that is a covariance.
         """
         try:
             np.linalg.cholesky(self.q_uu)
@@ -72,7 +91,7 @@ def backward_pass(
 
     Args:
         dynamics: f_x, f_u of each step.
-        cost: expansion of each step's cost; the state after the last step costs nothing.
+        cost: expansion of each step's cost; the state after the last step has no cost.
         regularization: μ, at least 0.
     """
     k, gains, q_uu, slope, curvature, complete = _recursion(
@@ -96,8 +115,8 @@ def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-unt
     quu = np.zeros((horizon, n_u, n_u))
     v_x, v_xx = np.zeros(n_x), np.zeros((n_x, n_x))
     slope, curvature = 0.0, 0.0
-    # Matrices this small are multiplied fastest in plain loops, into memory that is there already.
-    # Indices run over z = (x, u): f_z = [f_x f_u], and Q_zz has its lower half only.
+    # Matrices this small are multiplied fastest in plain loops, into memory allocated once.
+    # Indices run over z = (x, u): f_z = [f_x f_u]; only the lower half of Q_zz is computed.
     n_z = n_x + n_u
     f_z, vf = np.empty((n_x, n_z)), np.empty((n_x, n_z))
     q_z, q_zz, ff = np.empty(n_z), np.empty((n_z, n_z)), np.zeros((n_z, n_z))
@@ -147,9 +166,6 @@ def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-unt
                 gains[t, i, j] = upper[i, j] = lower[n_u + i, j] = right[i, 1 + j]
                 lower[i, j] = upper[n_u + i, j] = q_zz[n_x + i, j]
 
-        # These equal V_x = Q_x − Q_uxᵀ Quu⁻¹ Q_u and V_xx = Q_xx − Q_uxᵀ Quu⁻¹ Q_ux at μ = 0,
-        # and stay the value of the policy that is really followed at μ > 0:
-        # V_xx = Q_xx + Kᵀ (Q_ux + Quu K) + Q_uxᵀ K.
         for j in range(n_x):
             v_x[j] = q_z[j]
         for i in range(n_u):
@@ -171,7 +187,7 @@ def _recursion(f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu):  # type: ignore[no-unt
 
 @compiled
 def _add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Adds aᵀb to out, from a row on: `width` columns, or where that is 0 the lower half."""
+    """Adds aᵀb to out from row `first` on: `width` columns, or the lower half if that is 0."""
     n = len(b)
     for i in range(first, a.shape[1]):
         columns = width if width > 0 else i + 1
@@ -191,7 +207,7 @@ def _add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped
 
 @compiled
 def _solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Overwrites b with a⁻¹b; false if a is not positive definite (or not a number)."""
+    """Overwrites b with a⁻¹b; returns false if a is not positive definite or not finite."""
     n, m = b.shape
     for j in range(n):
         for i in range(j):

@@ -1,4 +1,4 @@
-"""Settings of the DDP solver, in one record."""
+"""The settings of the DDP solver."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from vgps_ros.core.settings import setting
 
 @dataclass(frozen=True)
 class DdpSettings:
-    """How a solve regularises, searches along a line, and stops.
+    """Settings of the regularisation, the line search and the end of a solve.
 
     The state regularisation μ of B'(V + μI)B follows Tassa, Erez and Todorov (IROS 2012): it grows
     and shrinks by a factor that itself grows while the direction stays the same.

@@ -15,15 +15,15 @@ import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
-from vgps_ros.core.ddp.forward_pass import ForwardStep, forward_pass
+from vgps_ros.core.ddp.forward_pass import ForwardStep, Iterate, Problem, forward_pass
 from vgps_ros.core.ddp.settings import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.records import LinearDynamics, Trajectory
 
 
 class Status(str, Enum):
-    """Why a solve ended."""
+    """The reasons for which a solve ends."""
 
     CONVERGED = "converged"
     ITERATION_LIMIT = "iteration_limit"
@@ -53,8 +53,9 @@ class Solution:
         cost: its cost.
         policy: the local policy around it, from a backward pass of its own.
         linear_dynamics: f_x, f_u around it.
-        status: why the solve ended.
-        iterations: log, one entry an iteration.
+        status: the reason why the solve ended.
+        iterations: the log, with one entry for each iteration.
+        simulator_steps: simulator steps of all its rollouts and derivatives.
     """
 
     trajectory: Trajectory
@@ -63,23 +64,52 @@ class Solution:
     linear_dynamics: LinearDynamics
     status: Status
     iterations: tuple[Iteration, ...]
+    simulator_steps: int
 
 
-class _Regularization:
-    """μ and the factor by which it changes, after Tassa, Erez and Todorov (IROS 2012)."""
+class _Search:
+    """Finds a better trajectory for each iteration.
 
-    def __init__(self, settings: DdpSettings):
+    The regularisation μ changes by a factor that itself changes, after Tassa, Erez and Todorov
+    (IROS 2012).
+
+    Attributes:
+        mu: μ of the latest backward pass.
+        simulator_steps: simulator steps of the rollouts so far.
+    """
+
+    def __init__(self, problem: Problem, settings: DdpSettings, is_cancelled: Callable[[], bool]):
+        self._problem = problem
         self._settings = settings
-        self.mu = max(settings.initial_regularization, settings.regularization_floor)
+        self._is_cancelled = is_cancelled
         self._factor = 1.0
+        self.mu = max(settings.initial_regularization, settings.regularization_floor)
+        self.simulator_steps = 0
 
-    def grow(self) -> bool:
-        """Raises μ; false if it passes the limit."""
+    def next_step(self, around: Iterate) -> ForwardStep | Status:
+        """Raises μ until a step lowers the cost; returns the status that ends the solve if none."""
+        first_mu, horizon = self.mu, around.trajectory.horizon
+        while not self._is_cancelled():
+            policy = backward_pass(around.linear, around.expansion, self.mu)
+            if policy.complete:
+                negligible = self._settings.cost_tolerance * abs(around.cost)
+                if self.mu == first_mu and policy.expected_reduction(1.0) <= negligible:
+                    return Status.CONVERGED
+                tried = forward_pass(self._problem, around, policy, self._settings)
+                self.simulator_steps += len(tried) * horizon * self._problem.dynamics.substeps
+                if tried[-1].is_accepted:
+                    return tried[-1]
+            if not self._raise_mu():
+                return Status.NO_DESCENT if policy.complete else Status.INDEFINITE_QUU
+        return Status.CANCELLED
+
+    def _raise_mu(self) -> bool:
+        """Returns false if μ passes its limit."""
         self._factor = max(self._factor, 1.0) * self._settings.regularization_factor
         self.mu = max(self.mu * self._factor, 1e-6)
         return self.mu <= self._settings.regularization_limit
 
-    def shrink(self) -> None:
+    def lower_mu(self) -> None:
         """Lowers μ, down to its floor."""
         self._factor = min(self._factor, 1.0) / self._settings.regularization_factor
         self.mu = max(self.mu * self._factor, self._settings.regularization_floor)
@@ -100,13 +130,13 @@ def solve(
 
     Args:
         dynamics: x' = f(x, u).
-        cost: what to minimise.
-        initial: where to start from; it must satisfy the dynamics.
+        cost: c(x, u).
+        initial: trajectory to start from, which must satisfy the dynamics.
         settings: regularisation, line search and tolerance.
-        max_iterations: iterations at most, at least 1.
+        max_iterations: largest number of iterations, at least 1.
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
         on_iteration: called with each iteration's log.
-        is_cancelled: asked between the parts of an iteration; true ends the solve.
+        is_cancelled: called between the parts of an iteration; true ends the solve.
 
     Raises:
         DivergenceError: the initial trajectory, its cost or a derivative is not finite, or Quu is
@@ -116,19 +146,14 @@ def solve(
         raise DivergenceError(
             "The initial trajectory diverges; start from smaller controls or another state."
         )
-    trajectory = initial
-    linear = linear_dynamics or dynamics.linearize(trajectory)
-    expansion = cost.expand(trajectory)
-    _check_finite(linear, expansion)
-    value = float(np.sum(expansion.c))
-    regularization = _Regularization(settings)
+    problem = Problem(dynamics, cost)
+    search = _Search(problem, settings, is_cancelled)
+    iterate = problem.around(initial, linear_dynamics)
+    derivative_steps = iterate.simulator_steps
     log: list[Iteration] = []
     status = Status.ITERATION_LIMIT
     while len(log) < max_iterations:
-        step = _search(
-            dynamics, cost, trajectory, value, linear, expansion, regularization, settings,
-            is_cancelled,
-        )  # fmt: skip
+        step = search.next_step(iterate)
         if isinstance(step, Status):
             status = step
             break
@@ -136,74 +161,32 @@ def solve(
             Iteration(
                 index=len(log) + 1,
                 cost=step.cost,
-                cost_reduction=value - step.cost,
+                cost_reduction=iterate.cost - step.cost,
                 expected_reduction=step.expected_reduction,
                 step_size=step.step_size,
-                regularization=regularization.mu,
+                regularization=search.mu,
             )
         )
         on_iteration(log[-1])
-        regularization.shrink()
-        trajectory, value = step.trajectory, step.cost
-        linear = dynamics.linearize(trajectory)
-        expansion = cost.expand(trajectory)
-        _check_finite(linear, expansion)
-        if log[-1].cost_reduction < settings.cost_tolerance * abs(value):
+        search.lower_mu()
+        iterate = problem.around(step.trajectory)
+        derivative_steps += iterate.simulator_steps
+        if log[-1].cost_reduction < settings.cost_tolerance * abs(iterate.cost):
             status = Status.CONVERGED
             break
-    policy = _distribution_policy(linear, expansion, settings)
-    return Solution(trajectory, value, policy, linear, status, tuple(log))
-
-
-def _search(
-    dynamics: Dynamics,
-    cost: TrajectoryCost,
-    trajectory: Trajectory,
-    value: float,
-    linear: LinearDynamics,
-    expansion: CostExpansion,
-    regularization: _Regularization,
-    settings: DdpSettings,
-    is_cancelled: Callable[[], bool],
-) -> ForwardStep | Status:
-    """Raises μ until a step lowers the cost; says why if none does."""
-    first_mu = regularization.mu
-    while not is_cancelled():
-        policy = backward_pass(linear, expansion, regularization.mu)
-        if policy.complete:
-            negligible = settings.cost_tolerance * abs(value)
-            if regularization.mu == first_mu and policy.expected_reduction(1.0) <= negligible:
-                return Status.CONVERGED
-            step = forward_pass(dynamics, cost, trajectory, value, policy, settings)
-            if step is not None:
-                return step
-        if not regularization.grow():
-            return Status.NO_DESCENT if policy.complete else Status.INDEFINITE_QUU
-    return Status.CANCELLED
-
-
-def _check_finite(linear: LinearDynamics, expansion: CostExpansion) -> None:
-    for record, what in ((expansion, "cost"), (linear, "dynamics")):
-        for name, values in vars(record).items():
-            bad = np.argwhere(~np.isfinite(values))
-            if bad.size:
-                raise DivergenceError(
-                    f"The {what} has a {name} that is not finite, at step {bad[0][0]}: start from "
-                    "smaller controls or another state, or lower alpha (cost_scale) or the "
-                    "policy's parameters.",
-                    "infinite_cost" if record is expansion else "diverged",
-                )
-
-
-def _distribution_policy(
-    linear: LinearDynamics, expansion: CostExpansion, settings: DdpSettings
-) -> LocalPolicy:
-    """The backward pass whose gains and covariances make q(ζ)."""
-    policy = backward_pass(linear, expansion, settings.distribution_regularization)
+    mu = settings.distribution_regularization
+    policy = backward_pass(iterate.linear, iterate.expansion, mu)  # its covariances make q(ζ)
     if not policy.complete:
         raise DivergenceError(
-            "Quu is not positive definite at distribution_regularization="
-            f"{settings.distribution_regularization}; raise it.",
+            f"Quu is not positive definite at distribution_regularization={mu}; raise it.",
             "indefinite_quu",
         )
-    return policy
+    return Solution(
+        trajectory=iterate.trajectory,
+        cost=iterate.cost,
+        policy=policy,
+        linear_dynamics=iterate.linear,
+        status=status,
+        iterations=tuple(log),
+        simulator_steps=derivative_steps + search.simulator_steps,
+    )

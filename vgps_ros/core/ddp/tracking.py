@@ -1,7 +1,7 @@
-"""Following a demonstration.
+"""Follows a demonstration.
 
-Replayed open-loop, torques of a gait diverge: rounding errors grow with every step. The gains of a
-linear-quadratic regulator around the demonstration hold the rollout to it,
+A gait whose torques are replayed without feedback diverges, since rounding errors grow with every
+step. A linear-quadratic regulator around the demonstration keeps the rollout close to it,
 
     minimise  Σ ‖δx‖² + ρ ‖δu‖²,    u = ū + K (x − x̄).
 """
@@ -14,20 +14,20 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
 CONTROL_WEIGHT = 1e-4  # ρ [1/(N²·m²)]
-# As in a solve, it keeps gains moderate where contact is hard.
+# As in a solve, μ keeps gains moderate where contact is hard.
 REGULARIZATION = 0.1
 
 
 def track(
     dynamics: Dynamics, demonstration: Trajectory, start: Array, names: list[str], tolerance: float
-) -> Trajectory:
-    """Returns the rollout from a state near the demonstration's first that follows it.
+) -> tuple[Trajectory, int]:
+    """Returns a rollout that follows a demonstration, and how many simulator steps it took.
 
     Args:
         dynamics: x' = f(x, u).
         demonstration: x̄, ū.
-        start: x_1, shape (n_x,).
-        names: of the joints, for the report of a failure.
+        start: x_1 near the demonstration's first state, shape (n_x,).
+        names: names of the joints, for the report of a failure.
         tolerance: largest deviation of a position that counts as followed [m, rad].
 
     Raises:
@@ -43,10 +43,11 @@ def track(
         c_uu=np.tile(2 * CONTROL_WEIGHT * np.eye(n_u), (horizon, 1, 1)),
         c_ux=np.zeros((horizon, n_u, n_x)),
     )
-    gains = backward_pass(dynamics.linearize(demonstration), expansion, REGULARIZATION).gains
+    linear, steps = dynamics.linearize(demonstration)
+    gains = backward_pass(linear, expansion, REGULARIZATION).gains
     rollout = dynamics.follow(start, demonstration, gains)
     error = np.abs(rollout.states - demonstration.states)[:, : n_x // 2]
-    away = np.argwhere(~(error <= tolerance))  # written so that NaN counts
+    away = np.argwhere(~(error <= tolerance))  # written so that NaN counts as away
     if away.size:
         t, joint = away[0]
         raise DivergenceError(
@@ -54,4 +55,4 @@ def track(
             f"{names[joint]} is {error[t, joint]:.3g} away from it, but at most {tolerance:g} is "
             "allowed; check that it was recorded on this model, with these torques."
         )
-    return rollout
+    return rollout, steps + dynamics.substeps * horizon

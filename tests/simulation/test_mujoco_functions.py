@@ -1,0 +1,40 @@
+"""What the compiled loops rely on in MuJoCo, numba and llvmlite; a new version may change it."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from vgps_ros.core.compilation import compiled
+from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
+
+
+@compiled
+def _steps(model, data, count):
+    for _ in range(count):
+        mj_step(model, data)
+    mj_step_skip(model, data, 0, 1)
+
+
+@pytest.fixture
+def model(swimmer):
+    return swimmer.dynamics.model
+
+
+def test_mujoco_still_has_the_private_name_of_an_address(model):
+    for record in (model, mujoco.MjData(model)):
+        assert isinstance(getattr(record, "_address", None), int), (
+            f"{type(record).__name__} of mujoco {mujoco.__version__} has no number `_address`: "
+            "find the pointer's new name, and change vgps_ros/simulation/mujoco_functions.py."
+        )
+
+
+def test_compiled_calls_do_what_mujoco_s_python_functions_do(model):
+    ours, theirs = mujoco.MjData(model), mujoco.MjData(model)
+    ours.ctrl[:] = theirs.ctrl[:] = (20.0, -10.0)
+    _steps(address(model), address(ours), 5)
+    mujoco.mj_step(model, theirs, 6)
+    np.testing.assert_array_equal(np.r_[ours.qpos, ours.qvel], np.r_[theirs.qpos, theirs.qvel])
+    assert ours.time == pytest.approx(6 * model.opt.timestep), (
+        "numba's or llvmlite's way to call a C function has changed: see "
+        "vgps_ros/simulation/mujoco_functions.py."
+    )

@@ -1,0 +1,57 @@
+"""MuJoCo's C functions for compiled loops, and the addresses of what they work on.
+
+MuJoCo's Python functions cannot be called from a compiled loop, so the loop calls those of the C
+library. Two ways of numba were tried for that: machine code that calls a ctypes function cannot be
+cached, and a WrapperAddressProtocol takes 10 µs at each call of a loop. So an intrinsic names the C
+function, and LLVM is given its address, both by documented interfaces. LLVM does not load the
+library itself, since its symbols would then come before those of libraries that are loaded later.
+
+One private name is left, `_address` of MjModel and MjData: the C functions take no Python objects,
+and MuJoCo offers no other way to their pointers (github.com/google-deepmind/mujoco/issues/2564).
+"""
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from llvmlite import binding, ir
+from numba import types
+from numba.extending import intrinsic
+
+_intrinsic: Callable[..., Callable[..., Any]] = intrinsic
+_LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
+
+
+def address(record: mujoco.MjModel | mujoco.MjData) -> int:
+    """Returns where MuJoCo keeps a record; valid only while the Python object lives."""
+    return int(record._address)
+
+
+def _call_of(name: str) -> Callable[..., Any]:
+    """Returns what writes a call of a C function without a result into machine code."""
+    binding.add_symbol(name, ctypes.cast(getattr(_LIBRARY, name), ctypes.c_void_p).value)
+
+    def write(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [argument.type for argument in arguments])
+        known = builder.module.globals.get(name)
+        builder.call(known or ir.Function(builder.module, kind, name), arguments)
+        return context.get_dummy_value()
+
+    return write
+
+
+_CALL_STEP, _CALL_STEP_SKIP = _call_of("mj_step"), _call_of("mj_stepSkip")
+
+
+@_intrinsic
+def mj_step(_, model, data):  # type: ignore[no-untyped-def]
+    """Advances the simulation at two addresses by one simulator step."""
+    return types.void(types.intp, types.intp), _CALL_STEP
+
+
+@_intrinsic
+def mj_step_skip(_, model, data, skipped_stage, skips_sensors):  # type: ignore[no-untyped-def]
+    """Does the same, but leaves out the stages that are valid already, and sensors."""
+    return types.void(types.intp, types.intp, types.int32, types.int32), _CALL_STEP_SKIP
