@@ -148,7 +148,6 @@ class BagWriter:
         self._file.flush()
         if wait:
             self._disk.drain()
-        self._file.keep(self._file.on_disk.written)
         while self._files[0].on_disk.is_closed:
             self._finished.append(self._files.pop(0).summary)
 
@@ -250,7 +249,7 @@ class _BagFile(StorageWriter):
         Args:
             cut: whether to cut the file there; a disk that hangs cannot.
         """
-        if self.on_disk.written < self._marks[0].position:
+        if self.on_disk.written < self.begin:
             if cut:
                 with suppress(OSError):
                     self.on_disk.path.unlink(missing_ok=True)
