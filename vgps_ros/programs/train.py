@@ -34,7 +34,7 @@ def train_with_progress(
             training with other settings that has not ended.
     """
     remaining = RemainingTime(settings.iterations)
-    with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
+    with TrainingProgress(settings.initial_ddp_iterations) as progress:
         checkpoints = Checkpoints(output / "checkpoints", progress.say)
         content = train(
             method,
@@ -43,7 +43,7 @@ def train_with_progress(
             seed,
             output,
             on_iteration=lambda i: progress.iteration(
-                iteration_entry(i), i.initial_ddp_cost, remaining.after(i)
+                iteration_entry(i), settings.iterations, i.initial_ddp_cost, remaining.after(i)
             ),
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,

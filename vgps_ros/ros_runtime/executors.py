@@ -1,16 +1,6 @@
 """What runs a node's callbacks, where rclpy's executor of one thread is not enough."""
 
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
-
-
-class ThreadedExecutor(MultiThreadedExecutor):
-    """Waits for its callbacks, and ends its threads, which rclpy leaves to the end of Python."""
-
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Ends the executor; returns whether its callbacks have ended."""
-        ended = super().shutdown(timeout_sec)
-        self._executor.shutdown()
-        return ended
+from rclpy.executors import Executor, SingleThreadedExecutor
 
 
 def streaming_executor() -> Executor:

@@ -51,6 +51,7 @@ class Health:
         self._timeout = declare(node, WAIT_TIMEOUT)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, float] = {}
+        self._signs: dict[str, str] = {}
         self._late: set[str] = set()
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()
@@ -64,10 +65,17 @@ class Health:
         """Sets what is called once it is clear that no other node owns the same topic."""
         self._when_alone = callback
 
-    def wait_for(self, what: str) -> None:
-        """Notes that the node waits, and says so once. `what` completes 'Waiting for …'."""
+    def wait_for(self, what: str, *, meanwhile: str = "") -> None:
+        """Notes that the node waits, and says so once.
+
+        Args:
+            what: completes the sentence 'Waiting for …'.
+            meanwhile: key of a value that another node shows on /diagnostics while it works on
+                what is waited for; as long as one does, the wait does not become an error.
+        """
         if what not in self._waiting:
             self._waiting[what] = time.monotonic()
+            self._signs[what] = meanwhile
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
@@ -139,7 +147,10 @@ class Health:
             self._timer.timer_period_ns = round(_PERIOD * 1e9)
             self._when_alone()
         for what, since in list(self._waiting.items()):
-            if time.monotonic() - since > self._timeout and what not in self._late:
+            if self.peers.show(self._signs[what]):
+                self._waiting[what] = time.monotonic()
+                self._late.discard(what)
+            elif time.monotonic() - since > self._timeout and what not in self._late:
                 self._late.add(what)
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {self._timeout:g} s; is it running?"

@@ -20,7 +20,8 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.ros_runtime.peers import TRAINING
+from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety import TrainingMarginals
 from vgps_ros.storage.distribution_file import load_distributions
 from vgps_ros.storage.policy_file import load_policy
@@ -88,9 +89,9 @@ class TrainingResults:
     def wait(self) -> None:
         """Says what is still missing."""
         if self.policy is None:
-            self._health.wait_for(POLICY)
+            self._health.wait_for(POLICY, meanwhile=TRAINING)
         if self._waits_for_distribution:
-            self._health.wait_for(DISTRIBUTION)
+            self._health.wait_for(DISTRIBUTION, meanwhile=TRAINING)
 
     def stop_waiting(self) -> None:
         """Says that nothing is needed for now."""
@@ -122,7 +123,7 @@ class TrainingResults:
     def _publish_policy(self, path: Path) -> None:
         policy, task = load_policy(path)
         self._checked(policy, task)
-        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
         publisher.publish(policy_to_msg(policy, task, 0, self._node.get_clock().now().to_msg()))
 
     def _publish_distributions(self, path: Path) -> None:

@@ -23,6 +23,7 @@ INSTANCE = "instance"  # key of the value that tells one run of a node from the 
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 _GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
 OWNS = "owns"  # key of the value that names what only one node may publish
+TRAINING = "training"  # key of the value that tells how far a training is; empty: there is none
 
 PEER_TIMEOUT = Setting(
     "peer_timeout",
@@ -41,6 +42,7 @@ class TwinError(VgpsError):
 class _Peer:
     instance: str
     heard: float  # [s], by the steady clock
+    values: dict[str, str]
     silent: bool = False
 
 
@@ -78,6 +80,11 @@ class Peers:
         peer = self._peers.get(name)
         return peer is not None and peer.silent
 
+    def show(self, key: str, name: str = "") -> bool:
+        """Returns whether a node that is heard, this one or any, has a value under this key."""
+        peers = [peer for own, peer in self._peers.items() if name in ("", own)]
+        return any(peer.values.get(key) and not peer.silent for peer in peers)
+
     def look(self) -> Sequence[str]:
         """Returns the names of those that are silent; to be called at least once a second."""
         now = time.monotonic()
@@ -104,10 +111,10 @@ class Peers:
             values = {value.key: value.value for value in status.values}
             instance = values.get(INSTANCE, "")
             if status.hardware_id == HARDWARE_ID and instance not in ("", self.instance):
-                self._hear(status, instance, values.get(OWNS, ""))
+                self._hear(status, instance, values)
 
-    def _hear(self, status: DiagnosticStatus, instance: str, owns: str) -> None:
-        if self.owns and owns == self.owns and instance < self.instance:
+    def _hear(self, status: DiagnosticStatus, instance: str, values: dict[str, str]) -> None:
+        if self.owns and values.get(OWNS) == self.owns and instance < self.instance:
             self._refuse(status.name, instance)
         if status.name == self._name:
             return
@@ -117,7 +124,7 @@ class Peers:
         # Neither may the last words of a run stand for the next one, nor a second node, which is
         # about to be refused, for the first.
         if not peer or instance == peer.instance or now - peer.heard > _LAST_WORDS:
-            self._peers[status.name] = _Peer(instance, now)
+            self._peers[status.name] = _Peer(instance, now, values)
 
     def _refuse(self, name: str, instance: str) -> None:
         """Ends this node, unless the other one is but a recording, or an empty claim."""

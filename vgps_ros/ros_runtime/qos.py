@@ -19,10 +19,18 @@ SIGNS_OF_LIFE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 
-# The last values matter, also to nodes that start later: policies, distributions, the robot.
+# The last values matter, also to nodes that start later: the distributions of several trajectories.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+# The publisher's end of a latched topic of which only the newest value matters: policy, robot.
+LATEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )

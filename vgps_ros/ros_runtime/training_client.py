@@ -15,7 +15,7 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.progress import entry_from_msg
-from vgps_ros.ros_runtime.peers import Peers
+from vgps_ros.ros_runtime.peers import TRAINING, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.views.training_progress import TrainingProgress
 
@@ -73,7 +73,8 @@ class TrainingClient(Node):
 
         def show_iteration(feedback: Any) -> None:
             p = feedback.feedback.progress
-            progress.iteration(entry_from_msg(p), p.initial_ddp_cost, p.remaining_seconds)
+            entry, cost, left = entry_from_msg(p), p.initial_ddp_cost, p.remaining_seconds
+            progress.iteration(entry, p.iterations, cost, left)
 
         shown: set[str] = set()
 
@@ -160,7 +161,7 @@ class TrainingClient(Node):
 
         Raises:
             LostError: the learner died.
-            VgpsError: it is busy with the training of somebody else.
+            VgpsError: it is busy with another training, or refuses the goal's values.
         """
         while True:
             sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
@@ -168,9 +169,11 @@ class TrainingClient(Node):
             if handle and handle.accepted:
                 return handle
             if handle and not self._sent_before:
-                raise VgpsError(
-                    "The policy_learner is busy with another training; wait for its end."
-                )
+                if self._peers.show(TRAINING, self._learner):
+                    reason = "is busy with another training; wait for its end."
+                else:
+                    reason = "refused the goal; the learner's log says why."
+                raise VgpsError(f"The policy_learner {reason}")
             # It went to the one that died; or this one is at it already, but its answer was lost.
             self._sent_before = True
             self._wait(Future(), instance, _RETRY_PERIOD)
