@@ -23,11 +23,11 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     state_from_msg,
 )
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.learned_policy import TrainingResults
+from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import SEED, TASK, declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety import Command, SafetySettings, Supervisor
@@ -57,6 +57,8 @@ class PolicyExecutor(LifecycleNode):
         self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
         declare(self, SEED)
         declare(self, STOCHASTIC)
+        for setting in (POLICY_FILE, DISTRIBUTION_FILE):
+            declare(self, setting, read_only=True)
         autostart = declare(self, AUTOSTART, read_only=True)
         self._settings = self._declare_safety(self._task)
         self._health = Health(self, owns="commands" if self._plain else "joint_command")

@@ -19,7 +19,12 @@ from vgps_ros.core.settings import Setting, with_values
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.optimizer_pool import CancelledError, OptimizerPool
+from vgps_ros.ros_runtime.optimizer_pool import (
+    OPTIMIZER_TIMEOUT,
+    OPTIMIZERS,
+    CancelledError,
+    OptimizerPool,
+)
 from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATEST, STREAM
@@ -72,6 +77,8 @@ class PolicyLearner(Node):
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
         self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER, read_only=True)
+        declare(self, OPTIMIZERS, read_only=True)
+        declare(self, OPTIMIZER_TIMEOUT)
         prepare(self._task)  # before the node is there: no peer waits for the compiler
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)

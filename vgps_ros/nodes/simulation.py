@@ -21,10 +21,10 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TASK, declare, value
 from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
 from vgps_ros.ros_runtime.runner import run

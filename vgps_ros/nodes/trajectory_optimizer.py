@@ -19,10 +19,10 @@ from vgps_ros.messages.optimization import (
     request_from_msg,
     result_to_msg,
 )
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.preparation import prepare

@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.parameters import declare, refuse_unknown
 from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -37,7 +37,7 @@ class Health:
     `wait_timeout`, it says so once more as an error, and as the status ERROR until it is there.
 
     Args:
-        node: the node.
+        node: the node, which has declared all its other parameters.
         owns: topic that only one node of the graph may publish. Of two that say so the one that
             was started later ends with a sentence.
 
@@ -49,6 +49,7 @@ class Health:
         self._node = node
         self.peers = Peers(node, owns)
         self._timeout = declare(node, WAIT_TIMEOUT)
+        refuse_unknown(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, float] = {}
         self._signs: dict[str, str] = {}

@@ -19,7 +19,7 @@ from vgps_ros.messages.conversions import (
     policy_to_msg,
 )
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety import TrainingMarginals
@@ -47,7 +47,7 @@ class TrainingResults:
     What a file holds is published too, for whoever else follows the topic.
 
     Args:
-        node: the node.
+        node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
         task: that they must be for.
         health: of the node.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
@@ -81,9 +81,9 @@ class TrainingResults:
                 LATCHED,
             )
         self._waits_for_distribution = take_marginals is not None
-        if policy_file := declare(node, POLICY_FILE, read_only=True):
+        if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
-        if distribution_file := declare(node, DISTRIBUTION_FILE, read_only=True):
+        if distribution_file := value(node, DISTRIBUTION_FILE):
             self._publish_distributions(Path(distribution_file))
 
     def wait(self) -> None:

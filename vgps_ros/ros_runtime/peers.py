@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime.ending import end_with
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import SIGNS_OF_LIFE
 
@@ -32,10 +33,6 @@ PEER_TIMEOUT = Setting(
     minimum=2.5,
     maximum=3600.0,
 )
-
-
-class TwinError(VgpsError):
-    """Another node does what this one was started for."""
 
 
 @dataclass
@@ -132,10 +129,11 @@ class Peers:
         names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
         if names.count(name) > (name == self._name):
             process = instance.rpartition("-")[2]
-            raise TwinError(
+            sentence = (
                 f"{name} (process {process}) publishes {self.owns} already, which only one node "
                 "of a graph may do: end that one first, or use another ROS_DOMAIN_ID."
             )
+            end_with(VgpsError(sentence))
 
     def _is_there(self, name: str) -> bool:
         found = self._node.get_node_names_and_namespaces()

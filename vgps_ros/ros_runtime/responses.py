@@ -18,6 +18,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.task import Future
 
+from vgps_ros.ros_runtime.rclpy_internals import wrap_sender
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
 _DELAYS = (0.25, 0.5, 1.0, 2.0, 4.0)  # before each further try [s]
@@ -28,8 +29,11 @@ _lock = threading.Lock()  # what Python does with warnings is a state of the pro
 def keep_responses(node: Node) -> None:
     """Lets all services that a node has now answer later, and again where no client was found."""
     for service in node.services:
-        send = partial(_send, node, service.service_name, service.send_response)
-        service.send_response = partial(send, _DELAYS)  # type: ignore[method-assign]
+        wrap_sender(service, partial(_sender, node, service.service_name))
+
+
+def _sender(node: Node, name: str, send: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    return partial(_send, node, name, send, _DELAYS)
 
 
 def _send(

@@ -47,7 +47,13 @@ def run(
     Returns:
         The process's exit code.
     """
-    name, *arguments = [Path(sys.argv[0]).name, *remove_ros_args(sys.argv)[1:]]
+    name = Path(sys.argv[0]).name
+    try:
+        arguments = remove_ros_args(sys.argv)[1:]
+    except RuntimeError as error:  # it ends with the places in rcl's source
+        words = str(error).partition(", at /")[0].removeprefix("Failed to parse ROS arguments: ")
+        print(f"{name} cannot start: {' '.join(words.split())}.", file=sys.stderr)
+        return 1
     if {"-h", "--help"} & set(arguments):
         show_help(make_node, name)
         return 0

@@ -1,12 +1,15 @@
 """Services that rclpy brings along raise on some bad requests, which would end the node."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
+
+from vgps_ros.ros_runtime.rclpy_internals import wrap_callback
 
 
 def guard_services(node: Node) -> None:
@@ -18,7 +21,7 @@ def guard_services(node: Node) -> None:
     }
     for service in node.services:
         if service.srv_type in guards:
-            service.callback = guards[service.srv_type](node, service.callback)
+            wrap_callback(service, partial(guards[service.srv_type], node))
 
 
 def _set_each(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
