@@ -1,5 +1,6 @@
 """Settings of the core as ROS parameters: one declaration serves both."""
 
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
@@ -141,22 +142,19 @@ def _given(node: str) -> Iterator[str]:
             target, _, name = argument.partition(":=")[0].rpartition(":")
             yield from [name] if target in ("", node) else []
         elif flag == "--params-file":
-            yield from _in_block(yaml.safe_load(Path(argument).read_text()), node)
+            for path in _paths(yaml.safe_load(Path(argument).read_text())):
+                block, _, name = "\n".join(path).partition("\nros__parameters\n")
+                if re.split("[/\n]", block)[-1] == node:
+                    yield name.replace("\n", ".")
 
 
-def _in_block(content: Any, node: str, path: str = "") -> Iterator[str]:
-    """Yields the names in the blocks of a parameter file that are the node's own."""
-    for key, inner in content.items() if isinstance(content, Mapping) else ():
-        if key != "ros__parameters":
-            yield from _in_block(inner, node, str(key))
-        elif path.rpartition("/")[2] == node:
-            yield from _dotted(inner)
-
-
-def _dotted(block: Any, prefix: str = "") -> Iterator[str]:
-    for key, inner in block.items() if isinstance(block, Mapping) else ():
-        nested = isinstance(inner, Mapping)
-        yield from _dotted(inner, f"{prefix}{key}.") if nested else [f"{prefix}{key}"]
+def _paths(content: Any, *above: str) -> Iterator[tuple[str, ...]]:
+    """Yields the keys that lead to each value of a parameter file."""
+    if isinstance(content, Mapping):
+        for key, inner in content.items():
+            yield from _paths(inner, *above, str(key))
+    else:
+        yield above
 
 
 def _range(setting: Setting, message: type, kind: type, limit: float) -> list[Any]:
