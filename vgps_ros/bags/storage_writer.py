@@ -34,11 +34,14 @@ _MESSAGE = struct.Struct("<BQHIQQ")
 _LENGTH_BEFORE_DATA = _MESSAGE.size - struct.calcsize("<BQ")
 
 
+_Entry = records.ChunkIndex | records.AttachmentIndex
+
+
 class _Block(NamedTuple):
     """A part of the file that is handed over in one call, so that the file may be cut after it."""
 
     end: int  # of the block in the file [bytes]
-    entry: records.ChunkIndex | records.AttachmentIndex  # in the file's index
+    entry: _Entry  # in the file's index
     counts: Counter[int]  # messages by the numbers of their channels
 
 
@@ -206,15 +209,10 @@ class StorageWriter:
         self._chunk.append(data)
         self._chunk_size += len(data)
 
-    def _put(
-        self,
-        data: bytes,
-        index: records.ChunkIndex | records.AttachmentIndex,
-        counts: Counter[int],
-    ) -> None:
+    def _put(self, data: bytes, entry: _Entry, counts: Counter[int]) -> None:
         """Hands a block over to the file, and notes it for the index."""
         self._file.write(data)
-        self._blocks.append(_Block(self._file.tell(), index, counts))
+        self._blocks.append(_Block(self._file.tell(), entry, counts))
 
 
 def _bytes_of(*parts: records.McapRecord) -> bytes:

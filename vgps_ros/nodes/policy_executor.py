@@ -108,19 +108,11 @@ class PolicyExecutor(LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques."""
+        """Stops the torques, also at the lifecycle's end and where a transition failed."""
         self.stop()
         return super().on_deactivate(state)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques for good."""
-        self.stop()
-        return super().on_shutdown(state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques where a transition failed."""
-        self.stop()
-        return super().on_error(state)
+    on_shutdown = on_error = on_deactivate
 
     def stop(self) -> None:
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
@@ -180,23 +172,16 @@ class PolicyExecutor(LifecycleNode):
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
         supervisor, settings = self._supervisor, self._settings
+        sentence = ""
         if supervisor.fault:
-            ends = (
-                " It stays until the node is deactivated and activated."
-                if settings.recovery == "manual"
-                else ""
-            )
             sentence = (
                 f"Not the policy drives, but the safe action ({settings.safe_action}): "
-                f"{supervisor.fault}{ends}"
+                f"{supervisor.fault}"
             )
-            self._health.error(sentence, "state")
-        else:
-            self._health.clear("state")
-        if supervisor.warning:
-            self._health.warn(supervisor.warning, "distance")
-        else:
-            self._health.clear("distance")
+            if settings.recovery == "manual":
+                sentence += " It stays until the node is deactivated and activated."
+        self._health.report("state", error=sentence)
+        self._health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self._health.set_value("distance from training", f"{supervisor.distance:.2f}")
 

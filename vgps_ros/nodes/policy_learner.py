@@ -203,10 +203,7 @@ class PolicyLearner(Node):
         self._progress.publish(news[-1])
         goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
         self._health.set_value(TRAINING, f"iteration {iteration.k} of {iterations}")
-        if iteration.warnings:
-            self._health.warn(" ".join(iteration.warnings), "iteration")
-        else:
-            self._health.clear("iteration")
+        self._health.report("iteration", warning=" ".join(iteration.warnings))
 
 
 def main() -> int:

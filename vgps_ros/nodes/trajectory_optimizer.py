@@ -101,10 +101,8 @@ class TrajectoryOptimizerNode(Node):
         response = result_to_msg(result, request, self._optimizer.task, stamp)
         self._health.clear()
         self._health.set_value("last status", response.status)
-        if result.status in TROUBLE:
-            self._health.warn(response.message, "solve")
-        else:
-            self._health.clear("solve")
+        trouble = response.message if result.status in TROUBLE else ""
+        self._health.report("solve", warning=trouble)
         self._health.set_value("MuJoCo warnings", in_words(simulator_warnings()))
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)

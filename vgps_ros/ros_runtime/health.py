@@ -110,6 +110,15 @@ class Health:
         """Reports in the same way what is not a fault yet."""
         self._report(DiagnosticStatus.WARN, sentence, about)
 
+    def report(self, about: str, *, error: str = "", warning: str = "") -> None:
+        """Reports how something stands: its fault, else its warning, else that it is well."""
+        if error:
+            self.error(error, about)
+        elif warning:
+            self.warn(warning, about)
+        else:
+            self.clear(about)
+
     def _report(self, level: bytes, sentence: str, about: str) -> None:
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
         self._faults[about] = (level, sentence)
