@@ -49,26 +49,26 @@ MAX_FILE_DURATION = Setting(
 CACHE_SIZE = Setting(
     "cache_size",
     100.0,
-    "what may wait in memory for a slow or full disk; messages beyond it are lost [MB]",
+    "messages that may wait in memory for a slow or full disk; more than these are lost [MB]",
     minimum=1.0,
     maximum=1e5,
 )
 MIN_SPACE = Setting(
     "min_space",
     16.0,
-    "what is left free on the disk, so that the bag can be completed there [MB]",
+    "space that is left free on the disk, so that the bag can be completed there [MB]",
     minimum=0.0,
     maximum=1e7,
 )
 START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume before recording")
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
-_FLUSH_PERIOD = 0.5  # what a killed recorder loses at most, beside what is on its way [s]
+_FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
 
 
 class Recorder(Node):
-    """Subscribes to the serialized messages of what is published, and writes them as they are."""
+    """Subscribes to every topic and writes the serialized messages as they arrive."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
@@ -182,7 +182,7 @@ class Recorder(Node):
         )
 
     def _watch(self, topic: str) -> SubscriptionEventCallbacks:
-        """What to do where the middleware brings less than is published."""
+        """Returns callbacks for when the middleware delivers less than is published."""
 
         def count(lost: QoSMessageLostInfo) -> None:
             if not self._paused:

@@ -82,7 +82,7 @@ class Simulation(Node):
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
         self._warned = simulator_warnings()
-        self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
+        self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
 

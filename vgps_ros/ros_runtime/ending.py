@@ -1,7 +1,7 @@
-"""How INT and TERM end a node: first its spin, and a moment later its context.
+"""INT and TERM end a node in two steps: its executor stops, and a moment later its context ends.
 
-In between it closes, while it can still publish. A thread takes note of a signal, since Python runs
-handlers only between two steps of the main thread, which may wait in the middleware for long.
+In between the node closes while it can still publish. A thread of its own reads the signal, since
+Python's handlers run only between two steps of the main thread, which may wait in the middleware.
 """
 
 import os
@@ -19,8 +19,8 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 
-_MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
-_LONGEST_TURN = 1.0  # of the events executor, while nothing comes [s]
+_MOMENT = 0.5  # for a callback to return and the node to close, before the context ends [s]
+_LONGEST_TURN = 1.0  # of the events executor, while there is nothing to do [s]
 
 
 class Ending:
@@ -47,7 +47,7 @@ class Ending:
         threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
 
     def is_hurried(self) -> bool:
-        """Returns whether it was asked for more than once: a clean-up must then not wait."""
+        """Returns whether the user has sent a second signal, so that closing must not wait."""
         return self._signals > 1
 
     def spin(self, node: Node, executor: Executor) -> None:
@@ -68,7 +68,7 @@ class Ending:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Lets the first signal raise KeyboardInterrupt in what may take long."""
+        """Makes the first signal raise KeyboardInterrupt in a block that may take long."""
         self._may_interrupt = True
         try:
             if self.is_wanted:

@@ -1,4 +1,4 @@
-"""What a node says of itself: diagnostics, and what it is waiting for."""
+"""A node's diagnostics: its faults, its warnings, and what it is waiting for."""
 
 import time
 import traceback

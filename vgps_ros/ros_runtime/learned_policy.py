@@ -1,4 +1,4 @@
-"""What a training gives to the node that executes its policy, from topics or from files."""
+"""The results of a training for the node that executes its policy, from topics or from files."""
 
 from collections.abc import Callable
 from pathlib import Path

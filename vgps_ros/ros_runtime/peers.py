@@ -73,12 +73,12 @@ class Peers:
         return peer.instance if peer else ""
 
     def is_silent(self, name: str) -> bool:
-        """Whether a node was heard before, but not for the parameter `peer_timeout`."""
+        """Returns whether a node was heard before, but not during the last `peer_timeout`."""
         peer = self._peers.get(name)
         return peer is not None and peer.silent
 
     def show(self, key: str, name: str = "") -> bool:
-        """Returns whether a node that is heard, this one or any, has a value under this key."""
+        """Returns whether a node has a value for this key; any node where no name is given."""
         peers = [peer for own, peer in self._peers.items() if name in ("", own)]
         return any(peer.values.get(key) and not peer.silent for peer in peers)
 
@@ -87,8 +87,8 @@ class Peers:
         now = time.monotonic()
         asleep, self._looked = now - self._looked, now
         for name, peer in list(self._peers.items()):
-            # This process was stopped itself, and heard nobody; or held up for a second or two by
-            # the middleware, since a node was stopped that held a lock: that one is not excused.
+            # If this process itself was stopped, it heard nobody. If only the middleware held it up
+            # for a second or two, since a stopped node holds a lock, that node is not excused.
             if asleep > 0.5 * self._timeout:
                 peer.heard = max(peer.heard, now - self._timeout + _GRACE)
             if now - peer.heard <= self._timeout:
@@ -118,13 +118,13 @@ class Peers:
         peer, now = self._peers.get(status.name), time.monotonic()
         if peer and peer.silent:
             self._node.get_logger().info(f"{status.name} is heard again.")
-        # Neither may the last words of a run stand for the next one, nor a second node, which is
-        # about to be refused, for the first.
+        # The last messages of a run must not be taken for the next run's, nor those of a second
+        # node, which is about to be refused, for the first node's.
         if not peer or instance == peer.instance or now - peer.heard > _LAST_WORDS:
             self._peers[status.name] = _Peer(instance, now, values)
 
     def _refuse(self, name: str, instance: str) -> None:
-        """Ends this node, unless the other one is but a recording, or an empty claim."""
+        """Ends this node if the other one does publish the topic that this one owns."""
         publishers = self._node.get_publishers_info_by_topic(self.owns)
         names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
         if names.count(name) > (name == self._name):

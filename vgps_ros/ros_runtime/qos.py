@@ -13,8 +13,8 @@ NEWEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# Signs of life. Without repair: after a loss the middleware holds back what follows for seconds, so
-# that a node at work would seem silent, and the late words of one that hangs be taken for life.
+# Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
+# follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
 SIGNS_OF_LIFE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
 )
