@@ -167,7 +167,7 @@ class Recorder(Node):
             self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
         except InvalidInputError as error:
             self._passed_over[topic] = time.monotonic() + _TYPE_PERIOD
-            self._health.warn(f"Does not record {topic}: {error}", topic)
+            self._health.report(topic, warning=f"Does not record {topic}: {error}")
             return
         self._health.clear(topic)
         # rclpy's types do not know that a callback may take the message's times too.
@@ -189,11 +189,11 @@ class Recorder(Node):
                 self._missed[topic] += lost.total_count_change
 
         def warn(_: QoSRequestedIncompatibleQoSInfo) -> None:
-            self._health.warn(
+            sentence = (
                 f"Does not record all of {topic}: a publisher came later that offers a weaker "
-                "quality of service; start it before the recorder.",
-                topic,
+                "quality of service; start it before the recorder."
             )
+            self._health.report(topic, warning=sentence)
 
         # Each event costs processor time while nothing comes, so the other defaults are left out.
         return SubscriptionEventCallbacks(

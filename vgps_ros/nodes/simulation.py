@@ -129,11 +129,11 @@ class Simulation(Node):
         if new:
             self._warned += new
             self._health.set_value("MuJoCo warnings", in_words(self._warned))
-            self._health.warn(
+            sentence = (
                 f"MuJoCo warns of {in_words(new)} at {self._robot.stamp * 1e-9:g} s: the motion "
-                "may be wrong from here; check the torques, and reset the simulation.",
-                "simulator",
+                "may be wrong from here; check the torques, and reset the simulation."
             )
+            self._health.report("simulator", warning=sentence)
 
     # Commands
 

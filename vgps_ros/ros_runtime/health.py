@@ -106,16 +106,11 @@ class Health:
         self._node.get_logger().error("".join(traceback.format_exception(error)))
         return f"{type(error).__name__}: {error}"
 
-    def warn(self, sentence: str, about: str) -> None:
-        """Reports in the same way what is not a fault yet."""
-        self._report(DiagnosticStatus.WARN, sentence, about)
-
     def report(self, about: str, *, error: str = "", warning: str = "") -> None:
         """Reports how something stands: its fault, else its warning, else that it is well."""
-        if error:
-            self.error(error, about)
-        elif warning:
-            self.warn(warning, about)
+        if error or warning:
+            level = DiagnosticStatus.ERROR if error else DiagnosticStatus.WARN
+            self._report(level, error or warning, about)
         else:
             self.clear(about)
 

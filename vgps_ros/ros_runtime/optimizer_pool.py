@@ -35,9 +35,7 @@ OPTIMIZER_TIMEOUT = Setting(
 )
 
 _POLL = 0.1  # between two looks at what is there and what was cancelled [s]
-_ASLEEP = (
-    3.0  # after so long between two looks, this process was stopped: an answer may be lost [s]
-)
+_ASLEEP = 3.0  # between two looks means that this process was stopped, and may lack an answer [s]
 
 
 class CancelledError(VgpsError):

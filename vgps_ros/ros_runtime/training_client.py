@@ -88,7 +88,13 @@ class TrainingClient(Node):
         self.create_timer(_WAKE_PERIOD, find_solvers)
         result = None
         while result is None:
-            result = self._attempt(goal, show_iteration, progress)
+            instance = self._peers.instance_of(self._learner)
+            try:
+                result = self._result(self._send(goal, show_iteration, instance), instance)
+            except LostError as error:
+                progress.say(str(error))
+                self._wait_for_learner(self._lost_timeout, self._nobody())
+                self._sent_before = True
         if not result.success:
             raise VgpsError(f"The training ended early: {result.message}")
         return result
@@ -113,23 +119,6 @@ class TrainingClient(Node):
             if time.monotonic() > end:
                 raise VgpsError(sentence)
             self._spin()
-
-    def _attempt(
-        self,
-        goal: TrainPolicy.Goal,
-        show_iteration: Callable[[Any], None],
-        progress: TrainingProgress,
-    ) -> TrainPolicy.Result | None:
-        """Runs the goal on the learner that is there now; returns None if that one is lost."""
-        instance = self._peers.instance_of(self._learner)
-        try:
-            handle = self._send(goal, show_iteration, instance)
-            return self._result(handle, instance)
-        except LostError as error:
-            progress.say(str(error))
-            self._wait_for_learner(self._lost_timeout, self._nobody())
-            self._sent_before = True
-            return None
 
     def _result(self, handle: ClientGoalHandle, instance: str) -> TrainPolicy.Result:
         """Asks for the result until the learner that has the goal gives it.
