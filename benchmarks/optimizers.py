@@ -83,7 +83,7 @@ def _train(graph: Bench) -> list[float]:
     graph.node.create_subscription(LearningProgress, "learning_progress", take, STREAM)
     client: Any = ActionClient(graph.node, TrainPolicy, "policy_learner/train")
     graph.spin_until(client.server_is_ready, "the learner")
-    client.send_goal_async(TrainPolicy.Goal(seed=SEED, iterations=_ITERATIONS, hidden_units=[5]))
+    client.send_goal_async(TrainPolicy.Goal(seed=SEED, iterations=[_ITERATIONS], hidden_units=[5]))
     graph.spin_until(lambda: len(durations) >= _ITERATIONS, "the training", patience=300.0)
     client.destroy()
     return durations

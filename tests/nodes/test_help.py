@@ -19,7 +19,7 @@ OWN = {  # nodes that begin in different ways, with a parameter of each
 
 def _ask(name: str, argument: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(EXECUTABLES / name), argument],
+        [str(EXECUTABLES / name), *argument.split()],
         cwd=folder,
         env={**os.environ, "COLUMNS": "200", "ROS_LOG_DIR": str(folder / "log")},
         capture_output=True,
@@ -46,3 +46,48 @@ def test_an_argument_that_no_node_takes_is_refused(tmp_path):
     assert "recorder does not know the argument '--output'" in answer.stderr
     assert "--ros-args -p" in answer.stderr
     assert not [file for file in tmp_path.iterdir() if file.name != "log"]
+
+
+FILES = {
+    "misspelt.yaml": "/ns/policy_learner: {ros__parameters: {fit: {fomr: closed}}}",
+    "nested.yaml": "ns: {policy_learner: {ros__parameters: {alfas: [1.0]}}}",
+    "malformed.yaml": "policy_learner: [",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "sentence"),
+    [
+        (
+            "simulation",
+            "-p tsak:=walker",
+            "simulation has no parameter 'tsak'. Did you mean 'task'?",
+        ),
+        (
+            "recorder",
+            "-r __node:=r -p r:otput:=x",
+            "r has no parameter 'otput'. Did you mean 'output'?",
+        ),
+        ("policy_learner", "--params-file misspelt.yaml", "'fit.fomr'. Did you mean 'fit.form'?"),
+        ("policy_learner", "--params-file nested.yaml", "'alfas'. Did you mean 'alphas'?"),
+        ("policy_learner", "--params-file malformed.yaml", "Couldn't parse params file"),
+        ("policy_executor", "--params-file none.yaml", "Error opening YAML file"),
+        ("policy_learner", "-p method:=vpgs", "method is 'vpgs', but it must be one of"),
+        ("policy_executor", "-p safe_action:=zeros", "Did you mean 'zero'?"),
+    ],
+)
+def test_what_no_node_takes_is_refused_in_one_sentence(name, arguments, sentence, tmp_path):
+    for file, text in FILES.items():
+        (tmp_path / file).write_text(text)
+    answer = _ask(name, f"--ros-args {arguments}", tmp_path)
+    assert answer.returncode == 1
+    assert sentence in answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert {file.name for file in tmp_path.iterdir()} <= {*FILES, "log"}
+
+
+def test_a_block_for_all_nodes_may_have_parameters_of_other_nodes(graph, tmp_path):
+    file = tmp_path / "all.yaml"
+    file.write_text("/**: {ros__parameters: {alphas: [1.0], use_sim_time: false, task: rotor}}")
+    node = graph.start("simulation", "--ros-args", "--params-file", str(file))
+    graph.spin_until_output(node, "Waiting for joint_command")

@@ -441,18 +441,17 @@ def test_questions_for_types(world):
     world.flood(broken(valid), 0.01, send)
 
 
-GOAL = TrainPolicy.Goal(seed=1, iterations=1, hidden_units=[2])
 BAD_GOALS = st.one_of(
     st.builds(
         TrainPolicy.Goal,
         seed=st.integers(0, 2**64 - 1),
-        iterations=st.sampled_from((0, 100_001, 2**32 - 1)),
+        iterations=st.sampled_from([[0], [100_001], [2**32 - 1]]),
         hidden_units=st.lists(st.integers(1, 10), max_size=3),
     ),
     st.builds(
         TrainPolicy.Goal,
         seed=st.integers(0, 2**64 - 1),
-        iterations=st.integers(1, 100_000),
+        iterations=st.lists(st.integers(1, 100_000), max_size=1),
         hidden_units=st.sampled_from(
             [[0], [10**9], [10_001], [10_000, 10_000], [1] * 101, [5] * 100_000, [2**32 - 1] * 3]
         ),
@@ -461,13 +460,14 @@ BAD_GOALS = st.one_of(
 
 
 def train(world, goal):
-    """Sends a goal and returns its status and result."""
+    """Sends a goal and returns its status and result; None if it is rejected."""
     name = "policy_learner/train/_action"
     send = TrainPolicy.Impl.SendGoalService
     identity = UUID(uuid=list(uuid.uuid4().bytes))
     request = send.Request(goal_id=identity, goal=goal)
-    (accepted,) = world.calls([(send, f"{name}/send_goal", request)])
-    assert accepted.accepted
+    (answer,) = world.calls([(send, f"{name}/send_goal", request)])
+    if not answer.accepted:
+        return None
     result = TrainPolicy.Impl.GetResultService
     (answer,) = world.calls(
         [(result, f"{name}/get_result", result.Request(goal_id=identity))], 10.0
@@ -478,14 +478,12 @@ def train(world, goal):
 def test_goals_for_the_learner(world):
     def send(batch):
         for goal in batch:
-            status, result = train(world, goal)
-            assert status == GoalStatus.STATUS_ABORTED
-            assert is_sentence(result.message), result.message
+            assert train(world, goal) is None
         world.is_alive("policy_learner")
 
     world.flood(BAD_GOALS, 0.01, send)
     for seed_of_a_run in (1, 2**64 - 1):
-        goal = TrainPolicy.Goal(seed=seed_of_a_run, iterations=1, hidden_units=[2])
+        goal = TrainPolicy.Goal(seed=seed_of_a_run, iterations=[1], hidden_units=[2])
         status, result = train(world, goal)
         assert status == GoalStatus.STATUS_SUCCEEDED, result.message
         assert np.isfinite(result.policy.parameters).all()

@@ -24,8 +24,8 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
+from vgps_ros.programs import bag as bag_program
 from vgps_ros.ros_runtime.qos import LATCHED, SIGNS_OF_LIFE, STREAM
-from vgps_ros.tools import bag as bag_program
 
 
 def joint_state(i: int) -> JointState:

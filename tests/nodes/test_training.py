@@ -15,12 +15,14 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import ActionServer
 from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
+from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
@@ -85,9 +87,15 @@ def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
 def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     rotor = make_task("rotor")
     graph.start("trajectory_optimizer", task="rotor")
-    graph.start("policy_learner", task="rotor", method="adaptive_gps", **parameters(SHORT))
-    program = start_training(graph, SHORT, 2, tmp_path / "out")
+    own = {"iterations": SHORT.iterations, "hidden_units": list(SHORT.hidden_units)}
+    method = {"task": "rotor", "method": "adaptive_gps"}
+    graph.start("policy_learner", **method, **own, **parameters(SHORT))
+    # What the goal does not say is the learner's parameter.
+    program = graph.start("train_through_graph", "--seed=2", f"--output={tmp_path / 'out'}")
     assert program.wait() == 0, program.output
+    policies = graph.messages(GaussianPolicyMsg, "policy", LATCHED)
+    graph.spin_until(lambda: policies, what="the policy, for one who comes late")
+    assert policies[0].iteration == SHORT.iterations  # the newest comes first
 
     iterations = train_in_process(rotor, SHORT, 2, method="adaptive_gps")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -139,14 +147,20 @@ def test_learner_alone_says_once_what_it_waits_for_and_goes_on_when_it_comes(gra
 def test_interrupted_program_cancels_the_training_and_the_learner_takes_the_next(graph, tmp_path):
     graph.start("trajectory_optimizer")
     graph.start("policy_learner", initial_ddp_iterations=100_000)
+    graph.start("policy_executor", wait_timeout=1.0)
     iterations = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
+    graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, "Still waiting for policy")
     first = start_training(graph, SHORT, 0, tmp_path / "first")
     graph.spin_until(lambda: iterations, what="the first iteration of DDP")
     second = start_training(graph, SHORT, 0, tmp_path / "second")
     assert second.wait() == 1
     assert "busy" in second.output
+    graph.spin_for(2.0)  # for what was said before
+    waiting = graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, "joint_states")
+    assert "policy" not in waiting.message  # which will come from the training
     assert first.end(signal.SIGINT) == 1
     assert "The training was cancelled." in first.output
+    graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, "Still waiting for policy")
     count = len(iterations)
     third = start_training(graph, SHORT, 0, tmp_path / "third")
     graph.spin_until(lambda: len(iterations) > count + 2, what="iterations of the next training")
@@ -265,13 +279,18 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
     assert "Traceback" not in learner.output
 
 
-def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
-    graph.start("trajectory_optimizer")
+def test_goals_out_of_range_are_rejected_with_a_sentence_and_leave_no_error(graph, tmp_path):
     learner = graph.start("policy_learner")
-    program = start_training(graph, replace(SHORT, hidden_units=(0,)), 0, tmp_path / "out")
-    assert program.wait() == 1
-    assert "hidden_units is 0, but it must be from 1 to 10000" in program.output
-    assert learner.running
+    for change, sentence in (
+        ({"hidden_units": (0,)}, "hidden_units is 0, but it must be from 1 to 10000"),
+        ({"iterations": 0}, "iterations is 0, but it must be from 1 to 100000"),
+        ({"hidden_units": (10_000, 10_000)}, "it must have at most"),
+    ):
+        program = start_training(graph, replace(SHORT, **change), 0, tmp_path / "out")
+        assert program.wait() == 1
+        assert "refused the goal; the learner's log says why" in program.output
+        assert learner.output.count(sentence) == 1
+    assert graph.diagnosis("policy_learner", DiagnosticStatus.OK).message != ""
     assert not (tmp_path / "out").exists()
 
 

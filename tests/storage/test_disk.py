@@ -143,21 +143,21 @@ def test_the_end_waits_for_a_slow_disk_unless_it_is_hurried(tmp_path, monkeypatc
     write = os.pwrite
 
     def slow(*arguments) -> int:
-        time.sleep(0.2)
+        time.sleep(0.6)
         return write(*arguments)
 
     monkeypatch.setattr(os, "pwrite", slow)
     patient, hurried = Bag(tmp_path / "patient"), Bag(tmp_path / "hurried")
     for bag in (patient, hurried):
-        bag.fill(2000)
+        bag.fill(1000)
     start = time.monotonic()
     with pytest.raises(UnfinishedBagError, match="hangs"):
         hurried.close(lambda: True)
     assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert 0 < hurried.lost < 2000
+    assert 0 < hurried.lost < 1000
     patient.close()
     assert patient.lost == 0
-    assert numbers(patient.path) == list(range(1, 2001))
+    assert numbers(patient.path) == list(range(1, 1001))
 
 
 def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):

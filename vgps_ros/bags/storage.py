@@ -45,7 +45,7 @@ def is_being_written(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class StorageContent:
-    """What can be read of a file.
+    """The readable content of a file.
 
     Attributes:
         topics: by their names.

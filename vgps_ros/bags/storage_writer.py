@@ -1,65 +1,48 @@
-"""One `.mcap` file of a rosbag2 bag, written with its index."""
+"""One `.mcap` file of a rosbag2 bag, written with its index.
+
+The file is made of mcap's public records. mcap's own `Writer` is not used: it has no public way to
+count, or to go back to an earlier state, as a bag on a full disk must.
+"""
 
 import struct
-from collections import deque
+import zlib
+from collections import Counter
+from collections.abc import Callable
 from typing import IO, NamedTuple
 
+import lz4.frame
 import yaml
-from mcap._chunk_builder import ChunkBuilder
+import zstandard
+from mcap import records
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Message, MessageIndex
-from mcap.writer import CompressionType, Writer
 
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
 from vgps_ros.storage.disk import DiskFile
 
-COMPRESSIONS = {
-    "none": CompressionType.NONE,
-    "lz4": CompressionType.LZ4,
-    "zstd": CompressionType.ZSTD,
+COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
+    "none": bytes,
+    "lz4": lz4.frame.compress,
+    "zstd": zstandard.compress,
 }
 
+_MAGIC = b"\x89MCAP0\r\n"
 _CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
-
-# Of a message's record: kind, length, channel, sequence number, when received, when published.
-_MESSAGE_HEADER = struct.Struct("<BQHIQQ")
-_LENGTH_BEFORE_DATA = _MESSAGE_HEADER.size - struct.calcsize("<BQ")
-
-
-class _Mark(NamedTuple):
-    """What a file holds up to a position where it may be cut."""
-
-    position: int
-    num_chunks: int
-    num_attachments: int
-    message_counts: dict[int, int]
-    start: int
-    end: int
+# The start of a message's record: kind, length, channel, sequence number, receipt, publication.
+_MESSAGE = struct.Struct("<BQHIQQ")
+_LENGTH_BEFORE_DATA = _MESSAGE.size - struct.calcsize("<BQ")
 
 
-class _MessageChunk(ChunkBuilder):
-    """The library's chunk, but a message's header is written at once, not field by field."""
+_Entry = records.ChunkIndex | records.AttachmentIndex
 
-    def add_message(self, message: Message) -> None:
-        """Adds a message and its place in the index."""
-        stamp, offset = message.log_time, self.record_writer.count
-        if not self.num_messages or stamp < self.message_start_time:
-            self.message_start_time = stamp
-        self.message_end_time = max(self.message_end_time, stamp)
-        index = self.message_indices.get(message.channel_id)
-        if index is None:
-            index = self.message_indices[message.channel_id] = MessageIndex(message.channel_id, [])
-        index.records.append((stamp, offset))
-        self.num_messages += 1
-        length = _LENGTH_BEFORE_DATA + len(message.data)
-        self.record_writer.write(
-            _MESSAGE_HEADER.pack(
-                Opcode.MESSAGE, length, message.channel_id, message.sequence, stamp,
-                message.publish_time,
-            )
-        )  # fmt: skip
-        self.record_writer.write(message.data)
+
+class _Block(NamedTuple):
+    """A part of the file that is handed over in one call, so that the file may be cut after it."""
+
+    end: int  # of the block in the file [bytes]
+    entry: _Entry  # in the file's index
+    counts: Counter[int]  # messages by the numbers of their channels
 
 
 class StorageWriter:
@@ -68,44 +51,30 @@ class StorageWriter:
     Args:
         file: empty; each block that is handed over to it ends with a whole record.
         compression: of the chunks: none, lz4 or zstd.
+
+    Attributes:
+        begin: where the header ends, before which the file cannot be cut [bytes].
+        start: when the first message was received [ns]; 0 if there is none.
+        end: when the last message was received [ns]; 0 if there is none.
     """
 
     def __init__(self, file: DiskFile | IO[bytes], compression: str):
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
+        self.start = self.end = 0
+        self._compress = COMPRESSIONS[one_of("compression", compression, COMPRESSIONS)]
+        self._compression = "" if compression == "none" else compression
+        self._schemas: dict[str, records.Schema] = {}
+        self._channels: dict[str, records.Channel] = {}
+        self._blocks: list[_Block] = []
+        self._counts: Counter[int] = Counter()
         self._file = file
-        self._mcap = Writer(
-            file,  # type: ignore[arg-type]
-            chunk_size=_CHUNK_SIZE,
-            compression=COMPRESSIONS[one_of("compression", compression, COMPRESSIONS)],
-        )
-        self._mcap.start(profile="ros2", library="vgps_ros")
-        # The library counts, and closes a chunk once it is full, but has no public call for either;
-        # to count again here would take time for every message. Nor can its chunk be named.
-        self._mcap._Writer__chunk_builder = _MessageChunk()  # type: ignore[attr-defined]
-        self._statistics = self._mcap._Writer__statistics  # type: ignore[attr-defined]
-        self._write_chunk = self._mcap._Writer__finalize_chunk  # type: ignore[attr-defined]
-        self._mcap._Writer__finalize_chunk = self._finish_chunk  # type: ignore[attr-defined]
-        self._marks: deque[_Mark] = deque()
-        self._mark()
+        self._file.write(_MAGIC + _bytes_of(records.Header("ros2", "vgps_ros")))
+        self.begin = self._file.tell()
+        self._begin_chunk()
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages of each topic so far."""
-        counts = self._statistics.channel_message_counts
-        return {topic: counts.get(channel, 0) for topic, channel in self._channels.items()}
-
-    @property
-    def start(self) -> int:
-        """When the first message was received [ns]; 0 if there is none."""
-        start: int = self._statistics.message_start_time
-        return start
-
-    @property
-    def end(self) -> int:
-        """When the last message was received [ns]; 0 if there is none."""
-        end: int = self._statistics.message_end_time
-        return end
+        return {topic: self._counts[channel.id] for topic, channel in self._channels.items()}
 
     @property
     def size(self) -> int:
@@ -115,45 +84,102 @@ class StorageWriter:
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""
         if topic.kind not in self._schemas:
-            self._schemas[topic.kind] = self._mcap.register_schema(
-                topic.kind, "ros2msg", topic.definition.encode()
+            schema = records.Schema(
+                len(self._schemas) + 1, topic.definition.encode(), "ros2msg", topic.kind
             )
-        self._channels[topic.name] = self._mcap.register_channel(
-            topic.name,
-            "cdr",
-            self._schemas[topic.kind],
-            {
-                "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
-                "topic_type_hash": topic.type_hash,
-            },
+            self._schemas[topic.kind] = schema
+            self._add(_bytes_of(schema))
+        metadata = {
+            "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
+            "topic_type_hash": topic.type_hash,
+        }
+        self._channels[topic.name] = channel = records.Channel(
+            len(self._channels) + 1, topic.name, "cdr", metadata, self._schemas[topic.kind].id
         )
+        self._add(_bytes_of(channel))
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes a message that was received at a time [ns]."""
-        self._mcap.add_message(self._channels[topic], stamp, data, stamp)
+        channel, length = self._channels[topic].id, _LENGTH_BEFORE_DATA + len(data)
+        self._counts[channel] += 1
+        self._index.setdefault(channel, []).extend((stamp, self._chunk_size))
+        self._add(_MESSAGE.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp))
+        self._add(data)
+        self.end = max(self.end, stamp)
+        self.start = min(self.start or stamp, stamp)
+        if self._chunk_size > _CHUNK_SIZE:
+            self.flush()
 
     def attach(self, name: str, data: bytes, stamp: int) -> None:
         """Adds a named text; of several with one name the last one counts."""
-        self._finish_chunk()  # so that the file can be cut after it
-        self._mcap.add_attachment(stamp, stamp, name, "text/plain", data)
-        self._mark()
+        self.flush()
+        attachment = records.Attachment(stamp, stamp, name, "text/plain", data)
+        block, at = _bytes_of(attachment), self._file.tell()
+        index = records.AttachmentIndex(
+            at, len(block), stamp, stamp, len(data), name, attachment.media_type
+        )
+        self._put(block, index, Counter())
 
     def flush(self) -> None:
         """Hands all messages so far to the file: a killed process loses none that it wrote."""
-        self._finish_chunk()
+        if not self._index:
+            return
+        data, at = b"".join(self._chunk), self._file.tell()
+        compressed = self._compress(data)
+        stamps = [stamp for entries in self._index.values() for stamp in entries[::2]]
+        start, end = min(stamps), max(stamps)
+        chunk = _bytes_of(
+            records.Chunk(self._compression, compressed, end, start, zlib.crc32(data), len(data))
+        )
+        block, places = bytearray(chunk), {}
+        for channel, entries in self._index.items():
+            places[channel], size = at + len(block), 8 * len(entries)
+            block += struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, channel, size)
+            block += struct.pack(f"<{len(entries)}Q", *entries)
+        index = records.ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=at,
+            compression=self._compression,
+            compressed_size=len(compressed),
+            message_end_time=end,
+            message_index_length=len(block) - len(chunk),
+            message_index_offsets=places,
+            message_start_time=start,
+            uncompressed_size=len(data),
+        )
+        counts = {channel: len(entries) // 2 for channel, entries in self._index.items()}
+        self._put(bytes(block), index, Counter(counts))
         self._file.flush()
+        self._begin_chunk()
 
     def close(self, metadata: str) -> None:
         """Completes the file: metadata as rosbag2 puts it there, and the index."""
-        self._finish_chunk()
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata})
-        self._mcap.finish()
+        self.flush()
+        at, entries = self._file.tell(), [block.entry for block in self._blocks]
+        described = _bytes_of(records.Metadata("rosbag2", {"serialized_metadata": metadata}))
+        data = described + _bytes_of(records.DataEnd(0))
+        chunks = sum(isinstance(entry, records.ChunkIndex) for entry in entries)
+        summary = _bytes_of(
+            *self._schemas.values(),
+            *self._channels.values(),
+            records.Statistics(
+                attachment_count=len(entries) - chunks,
+                channel_count=len(self._channels),
+                channel_message_counts=dict(self._counts),
+                chunk_count=chunks,
+                message_count=self._counts.total(),
+                message_end_time=self.end,
+                message_start_time=self.start,
+                metadata_count=1,
+                schema_count=len(self._schemas),
+            ),
+            *sorted(entries, key=lambda entry: type(entry).__name__),  # each kind in one group
+            records.MetadataIndex(at, len(described), "rosbag2"),
+        )
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, at + len(data), 0)
+        checksum = struct.pack("<I", zlib.crc32(summary + footer))
+        self._file.write(data + summary + footer + checksum + _MAGIC)
         self._file.close()
-
-    def keep(self, position: int) -> None:
-        """Notes that all up to a position is safe, so that it will not go back before it."""
-        while len(self._marks) > 1 and self._marks[1].position <= position:
-            self._marks.popleft()
 
     def go_back(self, position: int) -> int:
         """Forgets what came after a position, also an index; the file can then be closed again.
@@ -164,39 +190,34 @@ class StorageWriter:
         Returns:
             Where the file must be cut: after the last chunk with its index, or attachment.
         """
-        self.keep(position)
-        mark = self._marks[0]
-        self._marks = deque([mark])
-        mcap, statistics = self._mcap, self._statistics
-        del mcap._Writer__chunk_indices[mark.num_chunks :]  # type: ignore[attr-defined]
-        del mcap._Writer__attachment_indexes[mark.num_attachments :]  # type: ignore[attr-defined]
-        mcap._Writer__metadata_indexes.clear()  # type: ignore[attr-defined]
-        mcap._Writer__summary_offsets.clear()  # type: ignore[attr-defined]
-        mcap._Writer__chunk_builder = _MessageChunk()  # type: ignore[attr-defined]
-        statistics.channel_message_counts.clear()
-        statistics.channel_message_counts.update(mark.message_counts)
-        statistics.message_count = sum(mark.message_counts.values())
-        statistics.message_start_time, statistics.message_end_time = mark.start, mark.end
-        statistics.chunk_count = mark.num_chunks
-        statistics.attachment_count = mark.num_attachments
-        statistics.metadata_count = 0
-        return mark.position
+        self._blocks = [block for block in self._blocks if block.end <= position]
+        self._counts = sum((block.counts for block in self._blocks), Counter())
+        entries = [block.entry for block in self._blocks]
+        chunks = [entry for entry in entries if isinstance(entry, records.ChunkIndex)]
+        self.start = min((chunk.message_start_time for chunk in chunks), default=0)
+        self.end = max((chunk.message_end_time for chunk in chunks), default=0)
+        self._begin_chunk()
+        return self._blocks[-1].end if self._blocks else self.begin
 
-    def _finish_chunk(self) -> None:
-        self._write_chunk()
-        self._mark()
+    def _begin_chunk(self) -> None:
+        self._chunk: list[bytes] = []
+        self._chunk_size = 0
+        self._index: dict[int, list[int]] = {}  # by channel: time and place of each message
 
-    def _mark(self) -> None:
-        position, statistics = self._file.tell(), self._statistics
-        if self._marks and self._marks[-1].position == position:
-            return
-        self._marks.append(
-            _Mark(
-                position,
-                statistics.chunk_count,
-                statistics.attachment_count,
-                dict(statistics.channel_message_counts),
-                statistics.message_start_time,
-                statistics.message_end_time,
-            )
-        )
+    def _add(self, data: bytes) -> None:
+        """Adds a record, or a part of one, to the chunk."""
+        self._chunk.append(data)
+        self._chunk_size += len(data)
+
+    def _put(self, data: bytes, entry: _Entry, counts: Counter[int]) -> None:
+        """Hands a block over to the file, and notes it for the index."""
+        self._file.write(data)
+        self._blocks.append(_Block(self._file.tell(), entry, counts))
+
+
+def _bytes_of(*parts: records.McapRecord) -> bytes:
+    """Returns records as they stand in a file."""
+    builder = RecordBuilder()
+    for part in parts:
+        part.write(builder)
+    return builder.end()

@@ -102,7 +102,7 @@ class BagWriter:
 
     @property
     def backlog(self) -> int:
-        """What waits for the disk [bytes]."""
+        """Bytes that wait for the disk."""
         return self._disk.backlog
 
     def add_topic(
@@ -148,7 +148,6 @@ class BagWriter:
         self._file.flush()
         if wait:
             self._disk.drain()
-        self._file.keep(self._file.on_disk.written)
         while self._files[0].on_disk.is_closed:
             self._finished.append(self._files.pop(0).summary)
 
@@ -158,7 +157,7 @@ class BagWriter:
         What a full disk, or one that hangs, does not take is lost; a slow one is waited for.
 
         Args:
-            hurried: whether not to wait for more than a moment, even if the disk is but slow.
+            hurried: whether to wait no more than a moment, even for a disk that is only slow.
 
         Raises:
             UnfinishedBagError: what is on the disk can be read, but has no index.
@@ -241,7 +240,7 @@ class _BagFile(StorageWriter):
 
     @property
     def summary(self) -> FileSummary:
-        """What was written to it, on the disk or not."""
+        """Summary of all that was written to the file, whether it is on the disk or not."""
         return FileSummary(self.on_disk.path.name, self.start, self.end, self.counts)
 
     def go_back_to_disk(self, *, cut: bool) -> bool:
@@ -250,7 +249,7 @@ class _BagFile(StorageWriter):
         Args:
             cut: whether to cut the file there; a disk that hangs cannot.
         """
-        if self.on_disk.written < self._marks[0].position:
+        if self.on_disk.written < self.begin:
             if cut:
                 with suppress(OSError):
                     self.on_disk.path.unlink(missing_ok=True)

@@ -17,6 +17,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
+from vgps_ros.ros_runtime.responses import answered
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
@@ -167,32 +168,26 @@ class Player(Node):
         self._health.set_value("paused", self._playback.paused)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = not self._playback.paused
+        was_paused = self._playback.paused
         self._playback.pause()
         self._show()
         at = f"at {self._playback.position:.2f} s"
-        response.message = f"Paused {at}." if response.success else f"It was paused already, {at}."
-        return response
+        return answered(response, not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._playback.paused
-        at = f"at {self._playback.position:.2f} s"
-        response.message = f"Goes on {at}." if response.success else "It was not paused."
+        was_paused, at = self._playback.paused, f"at {self._playback.position:.2f} s"
         self._playback.resume()
         self._show()
-        return response
+        return answered(response, was_paused, f"Goes on {at}.", "It was not paused.")
 
     def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._playback.paused:
             response.message = "It is not paused; call ~/pause first."
-            return response
-        message = self._playback.step()
-        response.success = message is not None
-        response.message = (
-            f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
-            if message
-            else "No message is left."
-        )
+        elif (message := self._playback.step()) is None:
+            response.message = "No message is left."
+        else:
+            response.success, at = True, f"at {self._playback.position:.2f} s"
+            response.message = f"Played a message of {message.topic}, {at}."
         return response
 
 

@@ -23,11 +23,11 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     state_from_msg,
 )
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.learned_policy import TrainingResults
+from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import SEED, TASK, declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety import Command, SafetySettings, Supervisor
@@ -57,6 +57,8 @@ class PolicyExecutor(LifecycleNode):
         self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
         declare(self, SEED)
         declare(self, STOCHASTIC)
+        for setting in (POLICY_FILE, DISTRIBUTION_FILE):
+            declare(self, setting, read_only=True)
         autostart = declare(self, AUTOSTART, read_only=True)
         self._settings = self._declare_safety(self._task)
         self._health = Health(self, owns="commands" if self._plain else "joint_command")
@@ -106,19 +108,11 @@ class PolicyExecutor(LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques."""
+        """Stops the torques, also at the lifecycle's end and where a transition failed."""
         self.stop()
         return super().on_deactivate(state)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques for good."""
-        self.stop()
-        return super().on_shutdown(state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques where a transition failed."""
-        self.stop()
-        return super().on_error(state)
+    on_shutdown = on_error = on_deactivate
 
     def stop(self) -> None:
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
@@ -178,23 +172,16 @@ class PolicyExecutor(LifecycleNode):
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
         supervisor, settings = self._supervisor, self._settings
+        sentence = ""
         if supervisor.fault:
-            ends = (
-                " It stays until the node is deactivated and activated."
-                if settings.recovery == "manual"
-                else ""
-            )
             sentence = (
                 f"Not the policy drives, but the safe action ({settings.safe_action}): "
-                f"{supervisor.fault}{ends}"
+                f"{supervisor.fault}"
             )
-            self._health.error(sentence, "state")
-        else:
-            self._health.clear("state")
-        if supervisor.warning:
-            self._health.warn(supervisor.warning, "distance")
-        else:
-            self._health.clear("distance")
+            if settings.recovery == "manual":
+                sentence += " It stays until the node is deactivated and activated."
+        self._health.report("state", error=sentence)
+        self._health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self._health.set_value("distance from training", f"{supervisor.distance:.2f}")
 

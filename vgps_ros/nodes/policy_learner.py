@@ -2,33 +2,39 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import Setting, with_values
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
-from vgps_ros.ros_runtime.executors import ThreadedExecutor
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.optimizer_pool import CancelledError, OptimizerPool
+from vgps_ros.ros_runtime.optimizer_pool import (
+    OPTIMIZER_TIMEOUT,
+    OPTIMIZERS,
+    CancelledError,
+    OptimizerPool,
+)
 from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
-from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.peers import TRAINING
+from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.methods import METHOD, search
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.settings import search_settings
+from vgps_ros.search.settings import SearchSettings, architecture, search_settings
 from vgps_ros.tasks import make_task
 
 CHECKPOINT_FOLDER = Setting(
@@ -71,21 +77,21 @@ class PolicyLearner(Node):
         self._method = declare(self, METHOD, read_only=True)
         self._settings = declare_settings(self, search_settings(self._task))
         self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER, read_only=True)
+        declare(self, OPTIMIZERS, read_only=True)
+        declare(self, OPTIMIZER_TIMEOUT)
         prepare(self._task)  # before the node is there: no peer waits for the compiler
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "search")  # each thread that computes keeps memory
-        self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATEST)
         self._progress = self.create_publisher(LearningProgress, "learning_progress", STREAM)
         self._action = ActionServer(
             self,
             TrainPolicy,
             "~/train",
             lambda goal: self._worker.submit(self._train, goal).result(),
-            goal_callback=lambda _: (
-                GoalResponse.REJECT if self._busy.locked() else GoalResponse.ACCEPT
-            ),
+            goal_callback=self._judge,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
@@ -93,9 +99,29 @@ class PolicyLearner(Node):
             f"Ready to train policies for the {self._task.name} by {self._method}."
         )
 
+    def _judge(self, goal: TrainPolicy.Goal) -> GoalResponse:
+        """Refuses a goal while a training is at work, or if a value of it is wrong."""
+        try:
+            self._settings_of(goal)
+        except InvalidInputError as error:
+            self.get_logger().warning(f"Refused a goal: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.REJECT if self._busy.locked() else GoalResponse.ACCEPT
+
+    def _settings_of(self, goal: TrainPolicy.Goal) -> SearchSettings:
+        """Returns the node's settings with what the goal says in place of them."""
+        given = {"iterations": goal.iterations[0]} if goal.iterations else {}
+        if goal.hidden_units:
+            given["hidden_units"] = tuple(goal.hidden_units)
+        settings = with_values(self._settings, given)
+        architecture(self._task, settings)  # refuses a policy that is too large
+        return settings
+
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
         result = TrainPolicy.Result()
         with self._busy:
+            self._health.clear()
+            self._health.set_value(TRAINING, "initial DDP")
             try:
                 self._run(goal, result)
             except CancelledError as error:
@@ -110,18 +136,15 @@ class PolicyLearner(Node):
                 goal.abort()
             else:
                 result.success = True
-                self._health.clear()
                 goal.succeed()
+            finally:
+                self._health.set_value(TRAINING, "")
         return result
 
     def _run(self, goal: ServerGoalHandle, result: TrainPolicy.Result) -> None:
         """Runs the search and fills in the result as it goes."""
         seed = int(goal.request.seed)
-        settings = replace(
-            self._settings,
-            iterations=int(goal.request.iterations),
-            hidden_units=tuple(goal.request.hidden_units),
-        )
+        settings = self._settings_of(goal.request)
 
         def is_cancelled() -> bool:
             return goal.is_cancel_requested or not self.context.ok()
@@ -179,13 +202,10 @@ class PolicyLearner(Node):
         self._policies.publish(policy)
         self._progress.publish(news[-1])
         goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
-        self._health.set_value("iteration", f"{iteration.k} of {iterations}")
-        if iteration.warnings:
-            self._health.warn(" ".join(iteration.warnings), "iteration")
-        else:
-            self._health.clear("iteration")
+        self._health.set_value(TRAINING, f"iteration {iteration.k} of {iterations}")
+        self._health.report("iteration", warning=" ".join(iteration.warnings))
 
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyLearner, partial(ThreadedExecutor, 4))
+    return run(PolicyLearner, partial(MultiThreadedExecutor, 4))

@@ -30,6 +30,7 @@ from vgps_ros.ros_runtime.bag_qos import recording, to_bag
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameter_collector import ParameterCollector
 from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.responses import answered
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
@@ -48,27 +49,26 @@ MAX_FILE_DURATION = Setting(
 CACHE_SIZE = Setting(
     "cache_size",
     100.0,
-    "what may wait in memory for a slow or full disk; messages beyond it are lost [MB]",
+    "messages that may wait in memory for a slow or full disk; more than these are lost [MB]",
     minimum=1.0,
     maximum=1e5,
 )
 MIN_SPACE = Setting(
     "min_space",
     16.0,
-    "what is left free on the disk, so that the bag can be completed there [MB]",
+    "space that is left free on the disk, so that the bag can be completed there [MB]",
     minimum=0.0,
     maximum=1e7,
 )
 START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume before recording")
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
-_FLUSH_PERIOD = 0.5  # what a killed recorder loses at most, beside what is on its way [s]
+_FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
-_DISK, _CACHE, _PACE = "disk", "cache", "pace"  # what faults are about
 
 
 class Recorder(Node):
-    """Subscribes to the serialized messages of what is published, and writes them as they are."""
+    """Subscribes to every topic and writes the serialized messages as they arrive."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
@@ -139,35 +139,22 @@ class Recorder(Node):
         health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
         health.set_value("paused", self._paused)
-        if fault := writer.fault:
-            health.error(fault.sentence, _DISK)
-        else:
-            health.clear(_DISK)
-        if writer.lost > self._lost:
-            health.error(
-                f"Messages are being lost: the {self._cache_size:g} MB that may wait for the disk "
-                "(cache_size) are full.",
-                _CACHE,
-            )
-        elif writer.backlog * 1e-6 > 0.5 * self._cache_size:
-            health.warn(
-                f"Of the {self._cache_size:g} MB that may wait for the disk (cache_size) over half "
-                "are full; it takes less than what comes.",
-                _CACHE,
-            )
-        else:
-            health.clear(_CACHE)
-        self._lost = writer.lost
-        if missed > self._missed_before:
-            health.error(
-                f"Messages are being lost: {', '.join(sorted(self._missed))} came faster than the "
-                f"recorder takes them, {missed} messages in all; leave topics out (exclude), or "
-                "give it more of the processor.",
-                _PACE,
-            )
-        else:
-            health.clear(_PACE)
-        self._missed_before = missed
+        health.report("disk", error=writer.fault.sentence if writer.fault else "")
+        cache = f"{self._cache_size:g} MB that may wait for the disk (cache_size)"
+        full = f"Messages are being lost: the {cache} are full."
+        slow = f"Of the {cache} over half are full; it takes less than what comes."
+        health.report(
+            "cache",
+            error=full if writer.lost > self._lost else "",
+            warning=slow if writer.backlog * 1e-6 > 0.5 * self._cache_size else "",
+        )
+        fast = (
+            f"Messages are being lost: {', '.join(sorted(self._missed))} came faster than the "
+            f"recorder takes them, {missed} messages in all; leave topics out (exclude), or give "
+            "it more of the processor."
+        )
+        health.report("pace", error=fast if missed > self._missed_before else "")
+        self._lost, self._missed_before = writer.lost, missed
 
     def _is_wanted(self, topic: str) -> bool:
         hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions
@@ -180,7 +167,7 @@ class Recorder(Node):
             self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
         except InvalidInputError as error:
             self._passed_over[topic] = time.monotonic() + _TYPE_PERIOD
-            self._health.warn(f"Does not record {topic}: {error}", topic)
+            self._health.report(topic, warning=f"Does not record {topic}: {error}")
             return
         self._health.clear(topic)
         # rclpy's types do not know that a callback may take the message's times too.
@@ -195,18 +182,18 @@ class Recorder(Node):
         )
 
     def _watch(self, topic: str) -> SubscriptionEventCallbacks:
-        """What to do where the middleware brings less than is published."""
+        """Returns callbacks for when the middleware delivers less than is published."""
 
         def count(lost: QoSMessageLostInfo) -> None:
             if not self._paused:
                 self._missed[topic] += lost.total_count_change
 
         def warn(_: QoSRequestedIncompatibleQoSInfo) -> None:
-            self._health.warn(
+            sentence = (
                 f"Does not record all of {topic}: a publisher came later that offers a weaker "
-                "quality of service; start it before the recorder.",
-                topic,
+                "quality of service; start it before the recorder."
             )
+            self._health.report(topic, warning=sentence)
 
         # Each event costs processor time while nothing comes, so the other defaults are left out.
         return SubscriptionEventCallbacks(
@@ -227,16 +214,12 @@ class Recorder(Node):
         self._writer.flush(wait=False)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = not self._paused
-        response.message = "Recording pauses." if response.success else "It was paused already."
-        self._paused = True
-        return response
+        was_paused, self._paused = self._paused, True
+        return answered(response, not was_paused, "Recording pauses.", "It was paused already.")
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._paused
-        response.message = "Recording goes on." if response.success else "It was not paused."
-        self._paused = False
-        return response
+        was_paused, self._paused = self._paused, False
+        return answered(response, was_paused, "Recording goes on.", "It was not paused.")
 
 
 def main() -> int:

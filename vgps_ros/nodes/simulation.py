@@ -21,10 +21,10 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TASK, declare, value
 from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
 from vgps_ros.ros_runtime.runner import run
@@ -82,7 +82,7 @@ class Simulation(Node):
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
-        self._held = np.zeros(self._task.dynamics.control_dim)  # in real time
+        self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
 
@@ -129,11 +129,11 @@ class Simulation(Node):
         if new:
             self._warned += new
             self._health.set_value("MuJoCo warnings", in_words(self._warned))
-            self._health.warn(
+            sentence = (
                 f"MuJoCo warns of {in_words(new)} at {self._robot.stamp * 1e-9:g} s: the motion "
-                "may be wrong from here; check the torques, and reset the simulation.",
-                "simulator",
+                "may be wrong from here; check the torques, and reset the simulation."
             )
+            self._health.report("simulator", warning=sentence)
 
     # Commands
 

@@ -19,10 +19,10 @@ from vgps_ros.messages.optimization import (
     request_from_msg,
     result_to_msg,
 )
-from vgps_ros.ros_runtime.executors import streaming_executor
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.preparation import prepare
@@ -102,10 +102,8 @@ class TrajectoryOptimizerNode(Node):
         response = result_to_msg(result, request, self._task, stamp)
         self._health.clear()
         self._health.set_value("last status", response.status)
-        if result.status in TROUBLE:
-            self._health.warn(response.message, "solve")
-        else:
-            self._health.clear("solve")
+        trouble = response.message if result.status in TROUBLE else ""
+        self._health.report("solve", warning=trouble)
         self._health.set_value("MuJoCo warnings", in_words(self._task.dynamics.warnings()))
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)

@@ -25,7 +25,6 @@ _STATES, _SOLVES = "joint_states", "iterations"
 _LATCHED = {"robot_description", "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
 _MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
-_DISK = "disk"  # what a fault is about
 
 
 class Visualizer(Node):
@@ -75,10 +74,8 @@ class Visualizer(Node):
 
     def _look(self) -> None:
         self._health.set_value("messages_left_out", self._left_out)
-        if fault := self._scene.recording.fault:
-            self._health.error(fault.sentence, _DISK)
-        else:
-            self._health.clear(_DISK)
+        fault = self._scene.recording.fault
+        self._health.report("disk", error=fault.sentence if fault else "")
         self._find_solvers()
 
     def _find_solvers(self) -> None:

@@ -33,7 +33,7 @@ def train_with_progress(
             training with other settings that has not ended.
     """
     remaining = RemainingTime(settings.iterations)
-    with TrainingProgress(settings.iterations, settings.initial_ddp_iterations) as progress:
+    with TrainingProgress(settings.initial_ddp_iterations) as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say)
         content = train(
             method,
@@ -41,7 +41,7 @@ def train_with_progress(
             settings,
             seed,
             output,
-            on_iteration=lambda i: progress.iteration(i, remaining.after(i)),
+            on_iteration=lambda i: progress.iteration(i, settings.iterations, remaining.after(i)),
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,
         )

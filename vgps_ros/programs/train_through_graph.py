@@ -30,25 +30,20 @@ def write_result(result: TrainPolicy.Result, output: RunFolder) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the program."""
-    defaults = SearchSettings()
     parser = argparse.ArgumentParser(
         prog="train_through_graph",
         description="Asks a running policy_learner for a training, shows its progress, and writes "
         "result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
-    parser.add_argument(
-        "--iterations",
-        type=int,
-        default=defaults.iterations,
-        help="iterations, each with one policy update",
-    )
+    unless = "the learner's parameter, unless given"
+    parser.add_argument("--iterations", type=int, nargs=1, default=[], help=f"number; {unless}")
     parser.add_argument(
         "--hidden-units",
         type=int,
         nargs="+",
-        default=list(defaults.hidden_units),
-        help="width of each hidden layer",
+        default=[],
+        help=f"width of each hidden layer; {unless}",
     )
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
     parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
@@ -68,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         goal = TrainPolicy.Goal(
             seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units
         )
-        with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
+        with TrainingProgress(SearchSettings().initial_ddp_iterations) as progress:
             result = node.train(goal, parsed.timeout, progress)
         folder = RunFolder(parsed.output)
         write_result(result, folder)

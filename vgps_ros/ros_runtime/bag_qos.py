@@ -30,21 +30,21 @@ def recording(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns the strongest profile that all publishers of a topic offer, for a subscription."""
     latched = all(profile["durability"] == "transient_local" for profile in offered)
     reliable = all(profile["reliability"] == "reliable" for profile in offered)
-    return QoSProfile(
-        depth=_TAKEN_DEPTH,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-    )
+    return _profile(_TAKEN_DEPTH, latched, reliable)
 
 
 def replaying(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns a profile that matches whom any of the recorded publishers matched."""
     reliable = not offered or any(p["reliability"] != "best_effort" for p in offered)
     latched = any(p["durability"] == "transient_local" for p in offered)
+    return _profile(_LATCHED_DEPTH if latched else _SENT_DEPTH, latched, reliable)
+
+
+def _profile(depth: int, latched: bool, reliable: bool) -> QoSProfile:
     return QoSProfile(
-        depth=_LATCHED_DEPTH if latched else _SENT_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        depth=depth,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
     )
 
 

@@ -1,18 +1,17 @@
-"""How INT and TERM end a node: first its spin, and a moment later its context.
+"""INT and TERM end a node in two steps: its executor stops, and a moment later its context ends.
 
-In between it closes, while it can still publish. A thread takes note of a signal, since Python runs
-handlers only between two steps of the main thread, which may wait in the middleware for long.
+In between the node closes while it can still publish. A thread of its own reads the signal, since
+Python's handlers run only between two steps of the main thread, which may wait in the middleware.
 """
 
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import wraps
 from types import FrameType
-from typing import Any
+from typing import ClassVar
 
 import rclpy
 from rclpy.executors import Executor
@@ -20,73 +19,56 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 
-_MOMENT = 0.5  # in which a callback may end and the node close, before its context ends [s]
-_LONGEST_TURN = 1.0  # of the events executor, while nothing comes [s]
-# A signal that comes just before the main thread begins to wait does not end that wait. Another
-# does, and then Python runs the handlers of both.
-_NUDGE, _NUDGES = signal.SIGURG, 10
+_MOMENT = 0.5  # for a callback to return and the node to close, before the context ends [s]
+_LONGEST_TURN = 1.0  # of the events executor, while there is nothing to do [s]
 
 
 class Ending:
-    """Whether the end of this process was asked for; there may be one, made by the main thread.
+    """Takes note that the end of this process is wanted; its main thread makes one of these.
 
     Attributes:
+        failure: why the node must end, in a sentence.
         executor: what spins; None as long as nothing does.
         is_wanted: whether INT or TERM has come, or a callback has failed.
     """
 
+    failure: ClassVar[VgpsError | None] = None
+
     def __init__(self) -> None:
         self.executor: Executor | None = None
         self.is_wanted = False
-        self._failure: VgpsError | None = None
         self._signals = 0
         self._may_interrupt = False
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
-        signal.signal(_NUDGE, lambda *_: None)
         signal.set_wakeup_fd(writer)
         threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
 
     def is_hurried(self) -> bool:
-        """Returns whether it was asked for more than once: a clean-up must then not wait."""
+        """Returns whether the user has sent a second signal, so that closing must not wait."""
         return self._signals > 1
 
     def spin(self, node: Node, executor: Executor) -> None:
         """Runs a node's callbacks until the end is wanted, or the context has ended.
 
         Raises:
-            VgpsError: a subscription's callback raised it.
+            VgpsError: `end_with` was called with it.
         """
-        for subscription in node.subscriptions:
-            subscription.callback = self._quiet(subscription.callback)
         executor.add_node(node)
         # Without a time-out rclpy's events executor, which is none of its Executors, takes a core
         # and never comes back; the others would make a timer for each turn.
         timeout = None if isinstance(executor, Executor) else _LONGEST_TURN
-        while rclpy.ok() and not self.is_wanted:
+        while rclpy.ok() and not self.is_wanted and not Ending.failure:
             executor.spin_once(timeout_sec=timeout)
-        failure, self._failure = self._failure, None  # or it would keep the node alive
+        failure, Ending.failure = Ending.failure, None  # or it would keep the node alive
         if failure:
             raise failure
 
-    def _quiet(self, callback: Callable[..., object]) -> Callable[..., object]:
-        """Keeps a VgpsError from the events executor, which would log it as a fault of the code."""
-
-        @wraps(callback)
-        def call(*arguments: Any) -> None:
-            try:
-                callback(*arguments)
-            except VgpsError as error:
-                self._failure = error
-                self.is_wanted = True
-
-        return call
-
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Lets the first signal raise KeyboardInterrupt in what may take long."""
+        """Makes the first signal raise KeyboardInterrupt in a block that may take long."""
         self._may_interrupt = True
         try:
             if self.is_wanted:
@@ -107,9 +89,14 @@ class Ending:
         self.is_wanted = True
         if self.executor:
             self.executor.create_task(lambda: None)  # wakes it
-        for _ in range(_NUDGES):
-            time.sleep(_MOMENT / _NUDGES)
-            if not self._signals:
-                signal.pthread_kill(threading.main_thread().ident or 0, _NUDGE)
+        time.sleep(_MOMENT)
         if self.executor:
             rclpy.try_shutdown()
+
+
+def end_with(failure: VgpsError) -> None:
+    """Ends this process's node with an error, from within a callback.
+
+    The callback cannot raise the error: the events executor would log it as a fault of the code.
+    """
+    Ending.failure = failure

@@ -1,7 +1,8 @@
 """Timers that end the process, whatever it is doing.
 
 Where a call into a library hangs and holds Python's lock, no thread and no signal handler of Python
-runs any more. The C library's timers do: these call `unlink` and `_exit` in threads of their own.
+runs any more. The GNU C library's timers do: these call `unlink` and `_exit` in threads of their
+own. Python itself has no timer that works without its lock.
 """
 
 import ctypes

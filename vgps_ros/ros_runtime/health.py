@@ -1,4 +1,4 @@
-"""What a node says of itself: diagnostics, and what it is waiting for."""
+"""A node's diagnostics: its faults, its warnings, and what it is waiting for."""
 
 import time
 import traceback
@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.parameters import declare, refuse_unknown
 from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -37,7 +37,7 @@ class Health:
     `wait_timeout`, it says so once more as an error, and as the status ERROR until it is there.
 
     Args:
-        node: the node.
+        node: the node, which has declared all its other parameters.
         owns: topic that only one node of the graph may publish. Of two that say so the one that
             was started later ends with a sentence.
 
@@ -49,8 +49,10 @@ class Health:
         self._node = node
         self.peers = Peers(node, owns)
         self._timeout = declare(node, WAIT_TIMEOUT)
+        refuse_unknown(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, float] = {}
+        self._signs: dict[str, str] = {}
         self._late: set[str] = set()
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()
@@ -64,10 +66,17 @@ class Health:
         """Sets what is called once it is clear that no other node owns the same topic."""
         self._when_alone = callback
 
-    def wait_for(self, what: str) -> None:
-        """Notes that the node waits, and says so once. `what` completes 'Waiting for …'."""
+    def wait_for(self, what: str, *, meanwhile: str = "") -> None:
+        """Notes that the node waits, and says so once.
+
+        Args:
+            what: completes the sentence 'Waiting for …'.
+            meanwhile: key of a value that another node shows on /diagnostics while it works on
+                what is waited for; as long as one does, the wait does not become an error.
+        """
         if what not in self._waiting:
             self._waiting[what] = time.monotonic()
+            self._signs[what] = meanwhile
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
@@ -97,9 +106,13 @@ class Health:
         self._node.get_logger().error("".join(traceback.format_exception(error)))
         return f"{type(error).__name__}: {error}"
 
-    def warn(self, sentence: str, about: str) -> None:
-        """Reports in the same way what is not a fault yet."""
-        self._report(DiagnosticStatus.WARN, sentence, about)
+    def report(self, about: str, *, error: str = "", warning: str = "") -> None:
+        """Reports how something stands: its fault, else its warning, else that it is well."""
+        if error or warning:
+            level = DiagnosticStatus.ERROR if error else DiagnosticStatus.WARN
+            self._report(level, error or warning, about)
+        else:
+            self.clear(about)
 
     def _report(self, level: bytes, sentence: str, about: str) -> None:
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
@@ -139,7 +152,10 @@ class Health:
             self._timer.timer_period_ns = round(_PERIOD * 1e9)
             self._when_alone()
         for what, since in list(self._waiting.items()):
-            if time.monotonic() - since > self._timeout and what not in self._late:
+            if self.peers.show(self._signs[what]):
+                self._waiting[what] = time.monotonic()
+                self._late.discard(what)
+            elif time.monotonic() - since > self._timeout and what not in self._late:
                 self._late.add(what)
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {self._timeout:g} s; is it running?"

@@ -1,4 +1,4 @@
-"""What a training gives to the node that executes its policy, from topics or from files."""
+"""The results of a training for the node that executes its policy, from topics or from files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,8 +19,9 @@ from vgps_ros.messages.conversions import (
     policy_to_msg,
 )
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.ros_runtime.parameters import value
+from vgps_ros.ros_runtime.peers import TRAINING
+from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety import TrainingMarginals
 from vgps_ros.storage.distribution_file import load_distributions
 from vgps_ros.storage.policy_file import load_policy
@@ -46,7 +47,7 @@ class TrainingResults:
     What a file holds is published too, for whoever else follows the topic.
 
     Args:
-        node: the node.
+        node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
         task: that they must be for.
         health: of the node.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
@@ -80,17 +81,17 @@ class TrainingResults:
                 LATCHED,
             )
         self._waits_for_distribution = take_marginals is not None
-        if policy_file := declare(node, POLICY_FILE, read_only=True):
+        if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
-        if distribution_file := declare(node, DISTRIBUTION_FILE, read_only=True):
+        if distribution_file := value(node, DISTRIBUTION_FILE):
             self._publish_distributions(Path(distribution_file))
 
     def wait(self) -> None:
         """Says what is still missing."""
         if self.policy is None:
-            self._health.wait_for(POLICY)
+            self._health.wait_for(POLICY, meanwhile=TRAINING)
         if self._waits_for_distribution:
-            self._health.wait_for(DISTRIBUTION)
+            self._health.wait_for(DISTRIBUTION, meanwhile=TRAINING)
 
     def stop_waiting(self) -> None:
         """Says that nothing is needed for now."""
@@ -122,7 +123,7 @@ class TrainingResults:
     def _publish_policy(self, path: Path) -> None:
         policy, task = load_policy(path)
         self._checked(policy, task)
-        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
         publisher.publish(policy_to_msg(policy, task, 0, self._node.get_clock().now().to_msg()))
 
     def _publish_distributions(self, path: Path) -> None:

@@ -16,7 +16,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
@@ -35,7 +35,7 @@ OPTIMIZER_TIMEOUT = Setting(
 )
 
 _POLL = 0.1  # between two looks at what is there and what was cancelled [s]
-_ASLEEP = 3.0  # between two looks: this process was stopped, and may have missed an answer [s]
+_ASLEEP = 3.0  # between two looks means that this process was stopped, and may lack an answer [s]
 
 
 class CancelledError(VgpsError):
@@ -56,11 +56,16 @@ class OptimizerPool:
 
     A request whose optimizer was killed, restarted or hangs goes to another one, or waits until one
     is there. Results do not depend on who solved what.
+
+    Args:
+        node: the node, which has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
+        task: whose trajectories are optimised.
+        health: of the node.
     """
 
     def __init__(self, node: Node, task: Task, health: Health):
-        names = declare(node, OPTIMIZERS, read_only=True)
-        self._timeout = declare(node, OPTIMIZER_TIMEOUT)
+        names = value(node, OPTIMIZERS)
+        self._timeout = value(node, OPTIMIZER_TIMEOUT)
         self._node = node
         self._task = task
         self._health = health

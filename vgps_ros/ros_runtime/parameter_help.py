@@ -1,4 +1,4 @@
-"""What a node prints for `--help`: what it does, and its parameters, as it declares them itself."""
+"""A node's `--help`: a description of the node, and the parameters that it declares."""
 
 import gc
 import os
@@ -19,10 +19,10 @@ from vgps_ros.views.table_console import table_console
 
 
 def show_help(make_node: Callable[[], Node], name: str) -> None:
-    """Prints it.
+    """Prints a node's description and parameters.
 
     The node is built with its defaults, in a graph that nobody discovers and in an empty folder, so
-    that what it declares need not be said a second time.
+    that its parameters need not be listed a second time.
 
     Args:
         make_node: builds the node.

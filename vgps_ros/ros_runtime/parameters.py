@@ -1,8 +1,13 @@
 """Settings of the core as ROS parameters: one declaration serves both."""
 
-from collections.abc import Callable
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -13,6 +18,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 from vgps_ros.tasks import TASKS
@@ -80,7 +86,8 @@ def declare(
     try:
         node.declare_parameter(setting.name, _to_ros(setting.default), descriptor)
     except InvalidParameterValueException as error:
-        raise InvalidInputError(str(error)) from error
+        reason = str(error).partition(" Reason: ")[2].removesuffix(f": {setting.name}")
+        raise InvalidInputError(reason) from error
     except InvalidParameterTypeException as error:
         raise InvalidInputError(
             f"Parameter {setting.name} must be of type {type(setting.default).__name__}: {error}"
@@ -108,6 +115,46 @@ def declare_settings(node: Node, record: Record) -> Record:
     """
     values = {s.name: declare(node, s, read_only=True) for s in settings_of(record)}
     return with_values(record, values)
+
+
+def refuse_unknown(node: Node) -> None:
+    """Checks, once all parameters are declared, that the node was given no others.
+
+    A parameter file's block for all nodes, such as `/**`, may have parameters of other nodes.
+
+    Raises:
+        InvalidInputError: the command line, or the node's own block of a file, names another one.
+    """
+    for name in _given(node.get_name()):
+        if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
+            declared = [descriptor.name for descriptor, _ in DECLARED]
+            raise InvalidInputError(
+                f"{node.get_name()} has no parameter {quoted(name)}.{nearest(name, declared)} "
+                "Start it with --help alone to see all of them."
+            )
+
+
+def _given(node: str) -> Iterator[str]:
+    """Yields the names of the parameters that this process's arguments give to the node."""
+    arguments = sys.argv[sys.argv.index("--ros-args") :] if "--ros-args" in sys.argv else []
+    for flag, argument in pairwise(arguments):
+        if flag in ("-p", "--param"):
+            target, _, name = argument.partition(":=")[0].rpartition(":")
+            yield from [name] if target in ("", node) else []
+        elif flag == "--params-file":
+            for path in _paths(yaml.safe_load(Path(argument).read_text())):
+                block, _, name = "\n".join(path).partition("\nros__parameters\n")
+                if re.split("[/\n]", block)[-1] == node:
+                    yield name.replace("\n", ".")
+
+
+def _paths(content: Any, *above: str) -> Iterator[tuple[str, ...]]:
+    """Yields the keys that lead to each value of a parameter file."""
+    if isinstance(content, Mapping):
+        for key, inner in content.items():
+            yield from _paths(inner, *above, str(key))
+    else:
+        yield above
 
 
 def _range(setting: Setting, message: type, kind: type, limit: float) -> list[Any]:

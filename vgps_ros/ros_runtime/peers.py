@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime.ending import end_with
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import SIGNS_OF_LIFE
 
@@ -23,6 +24,7 @@ INSTANCE = "instance"  # key of the value that tells one run of a node from the 
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 _GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
 OWNS = "owns"  # key of the value that names what only one node may publish
+TRAINING = "training"  # key of the value that tells how far a training is; empty: there is none
 
 PEER_TIMEOUT = Setting(
     "peer_timeout",
@@ -33,14 +35,11 @@ PEER_TIMEOUT = Setting(
 )
 
 
-class TwinError(VgpsError):
-    """Another node does what this one was started for."""
-
-
 @dataclass
 class _Peer:
     instance: str
     heard: float  # [s], by the steady clock
+    values: dict[str, str]
     silent: bool = False
 
 
@@ -74,17 +73,22 @@ class Peers:
         return peer.instance if peer else ""
 
     def is_silent(self, name: str) -> bool:
-        """Whether a node was heard before, but not for the parameter `peer_timeout`."""
+        """Returns whether a node was heard before, but not during the last `peer_timeout`."""
         peer = self._peers.get(name)
         return peer is not None and peer.silent
+
+    def show(self, key: str, name: str = "") -> bool:
+        """Returns whether a node has a value for this key; any node where no name is given."""
+        peers = [peer for own, peer in self._peers.items() if name in ("", own)]
+        return any(peer.values.get(key) and not peer.silent for peer in peers)
 
     def look(self) -> Sequence[str]:
         """Returns the names of those that are silent; to be called at least once a second."""
         now = time.monotonic()
         asleep, self._looked = now - self._looked, now
         for name, peer in list(self._peers.items()):
-            # This process was stopped itself, and heard nobody; or held up for a second or two by
-            # the middleware, since a node was stopped that held a lock: that one is not excused.
+            # If this process itself was stopped, it heard nobody. If only the middleware held it up
+            # for a second or two, since a stopped node holds a lock, that node is not excused.
             if asleep > 0.5 * self._timeout:
                 peer.heard = max(peer.heard, now - self._timeout + _GRACE)
             if now - peer.heard <= self._timeout:
@@ -104,31 +108,32 @@ class Peers:
             values = {value.key: value.value for value in status.values}
             instance = values.get(INSTANCE, "")
             if status.hardware_id == HARDWARE_ID and instance not in ("", self.instance):
-                self._hear(status, instance, values.get(OWNS, ""))
+                self._hear(status, instance, values)
 
-    def _hear(self, status: DiagnosticStatus, instance: str, owns: str) -> None:
-        if self.owns and owns == self.owns and instance < self.instance:
+    def _hear(self, status: DiagnosticStatus, instance: str, values: dict[str, str]) -> None:
+        if self.owns and values.get(OWNS) == self.owns and instance < self.instance:
             self._refuse(status.name, instance)
         if status.name == self._name:
             return
         peer, now = self._peers.get(status.name), time.monotonic()
         if peer and peer.silent:
             self._node.get_logger().info(f"{status.name} is heard again.")
-        # Neither may the last words of a run stand for the next one, nor a second node, which is
-        # about to be refused, for the first.
+        # The last messages of a run must not be taken for the next run's, nor those of a second
+        # node, which is about to be refused, for the first node's.
         if not peer or instance == peer.instance or now - peer.heard > _LAST_WORDS:
-            self._peers[status.name] = _Peer(instance, now)
+            self._peers[status.name] = _Peer(instance, now, values)
 
     def _refuse(self, name: str, instance: str) -> None:
-        """Ends this node, unless the other one is but a recording, or an empty claim."""
+        """Ends this node if the other one does publish the topic that this one owns."""
         publishers = self._node.get_publishers_info_by_topic(self.owns)
         names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
         if names.count(name) > (name == self._name):
             process = instance.rpartition("-")[2]
-            raise TwinError(
+            sentence = (
                 f"{name} (process {process}) publishes {self.owns} already, which only one node "
                 "of a graph may do: end that one first, or use another ROS_DOMAIN_ID."
             )
+            end_with(VgpsError(sentence))
 
     def _is_there(self, name: str) -> bool:
         found = self._node.get_node_names_and_namespaces()

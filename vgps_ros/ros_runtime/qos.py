@@ -13,16 +13,24 @@ NEWEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# Signs of life. Without repair: after a loss the middleware holds back what follows for seconds, so
-# that a node at work would seem silent, and the late words of one that hangs be taken for life.
+# Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
+# follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
 SIGNS_OF_LIFE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 
-# The last values matter, also to nodes that start later: policies, distributions, the robot.
+# The last values matter, also to nodes that start later: the distributions of several trajectories.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+# The publisher's end of a latched topic of which only the newest value matters: policy, robot.
+LATEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )

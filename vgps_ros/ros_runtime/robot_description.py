@@ -3,11 +3,11 @@
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.ros_runtime.qos import LATEST
 from vgps_ros.tasks import Task
 
 
 def publish_robot_description(node: Node, task: Task) -> None:
     """Publishes the MJCF of the task's robot once; nodes that start later get it too."""
-    publisher = node.create_publisher(String, "robot_description", LATCHED)
+    publisher = node.create_publisher(String, "robot_description", LATEST)
     publisher.publish(String(data=task.model_path.read_text()))

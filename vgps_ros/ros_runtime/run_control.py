@@ -1,4 +1,4 @@
-"""What a simulation is doing, with the transitions of the ROS simulation_interfaces standard."""
+"""A simulation's state and its transitions, as in the ROS standard simulation_interfaces."""
 
 from collections.abc import Callable
 
@@ -12,17 +12,17 @@ _SETTABLE = {
 
 
 def ok() -> Result:
-    """Returns the outcome of what went well."""
+    """Returns the outcome of a request that succeeded."""
     return Result(result=Result.RESULT_OK)
 
 
 def refused(code: int, sentence: str) -> Result:
-    """Returns the outcome of what did not, with what would be right."""
+    """Returns the outcome of a request that failed, with a sentence on what would be right."""
     return Result(result=code, error_message=sentence)
 
 
 class RunControl:
-    """Stopped, playing, paused, or doing a number of steps."""
+    """Keeps whether a simulation is stopped, plays, is paused, or does a number of steps."""
 
     def __init__(self, *, paused: bool):
         self._state = SimulationState.STATE_PAUSED if paused else SimulationState.STATE_PLAYING
@@ -31,7 +31,7 @@ class RunControl:
 
     @property
     def running(self) -> bool:
-        """Whether the next step is due."""
+        """True while the simulation plays or does steps."""
         return self._stepping is not None or self._state == SimulationState.STATE_PLAYING
 
     @property

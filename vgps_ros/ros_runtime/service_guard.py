@@ -1,6 +1,7 @@
 """Services that rclpy brings along raise on some bad requests, which would end the node."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
@@ -8,67 +9,56 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 
+from vgps_ros.ros_runtime.rclpy_internals import wrap_callback
+
+_REFUSALS: dict[Any, Callable[[str], Any]] = {
+    SetParameters: lambda reason: SetParameters.Response(results=[_refusal(reason)]),
+    SetParametersAtomically: lambda reason: SetParametersAtomically.Response(
+        result=_refusal(reason)
+    ),
+    ChangeState: lambda _: ChangeState.Response(success=False),
+}
+
 
 def guard_services(node: Node) -> None:
     """Lets a node refuse bad requests for parameters and transitions, and go on."""
-    guards = {
-        SetParameters: _set_each,
-        SetParametersAtomically: _set_together,
-        ChangeState: _change_state,
-    }
     for service in node.services:
-        if service.srv_type in guards:
-            service.callback = guards[service.srv_type](node, service.callback)
+        if refuse := _REFUSALS.get(service.srv_type):
+            wrap_callback(service, partial(_guarded, node, refuse))
+        if service.srv_type is SetParameters:
+            wrap_callback(service, _one_by_one)
 
 
-def _set_each(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Each parameter is set or refused on its own."""
+def _guarded(
+    node: Node, refuse: Callable[[str], Any], callback: Callable[..., Any]
+) -> Callable[..., Any]:
+    def guarded(request: Any, response: Any) -> Any:
+        try:
+            return callback(request, response)
+        except Exception as error:
+            reason = f"The request is refused: {_words(error)}"
+            node.get_logger().error(reason)
+            return refuse(reason)
 
-    def guarded(
+    return guarded
+
+
+def _one_by_one(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Sets each parameter of a request on its own, so that a failure refuses this one alone."""
+
+    def set_each(
         request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
-        """Sets one after the other; a failure refuses its own alone."""
         for parameter in request.parameters:
             one = SetParameters.Request(parameters=[parameter])
-            try:
-                results = callback(one, SetParameters.Response()).results
-            except Exception as error:
-                results = [_refused(node, error)]
-            response.results = [*response.results, *results]
+            answer = callback(one, SetParameters.Response())
+            response.results = [*response.results, *answer.results]
         return response
 
-    return guarded
+    return set_each
 
 
-def _set_together(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
-    def guarded(
-        request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
-    ) -> SetParametersAtomically.Response:
-        try:
-            return callback(request, response)
-        except Exception as error:
-            response.result = _refused(node, error)
-            return response
-
-    return guarded
-
-
-def _change_state(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
-    def guarded(
-        request: ChangeState.Request, response: ChangeState.Response
-    ) -> ChangeState.Response:
-        try:
-            return callback(request, response)
-        except Exception as error:
-            node.get_logger().error(f"Refused a transition: {_words(error)}")
-            return ChangeState.Response(success=False)
-
-    return guarded
-
-
-def _refused(node: Node, error: Exception) -> SetParametersResult:
-    reason = f"The parameter cannot be set: {_words(error)}"
-    node.get_logger().error(reason)
+def _refusal(reason: str) -> SetParametersResult:
     return SetParametersResult(successful=False, reason=reason)
 
 

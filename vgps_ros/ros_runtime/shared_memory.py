@@ -1,4 +1,8 @@
-"""Which shared memory of Fast DDS is whose; a process that does not close it leaves it behind."""
+"""The files of Fast DDS's shared memory, which a process that is cut off leaves behind.
+
+Fast DDS has no public call that lists or removes a process's segments: `fastdds shm clean` removes
+only what no process has open. tests/nodes/test_private_names.py guards the files' names.
+"""
 
 import os
 import re
@@ -32,7 +36,7 @@ def files_of(segment: Path) -> list[Path]:
 
 
 def _target(link: Path) -> str:
-    """What an open file is; nothing if it was closed meanwhile, as the listing itself."""
+    """Returns the path of an open file; empty if it was closed in the meantime."""
     with suppress(FileNotFoundError):
         return os.readlink(link)
     return ""

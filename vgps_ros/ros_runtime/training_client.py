@@ -15,7 +15,7 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.progress import progress_from_msg
-from vgps_ros.ros_runtime.peers import Peers
+from vgps_ros.ros_runtime.peers import TRAINING, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.views.training_progress import TrainingProgress
 
@@ -73,7 +73,7 @@ class TrainingClient(Node):
 
         def show_iteration(feedback: Any) -> None:
             p = feedback.feedback.progress
-            progress.iteration(progress_from_msg(p), p.remaining_seconds)
+            progress.iteration(progress_from_msg(p), p.iterations, p.remaining_seconds)
 
         shown: set[str] = set()
 
@@ -87,7 +87,13 @@ class TrainingClient(Node):
         self.create_timer(_WAKE_PERIOD, find_solvers)
         result = None
         while result is None:
-            result = self._attempt(goal, show_iteration, progress)
+            instance = self._peers.instance_of(self._learner)
+            try:
+                result = self._result(self._send(goal, show_iteration, instance), instance)
+            except LostError as error:
+                progress.say(str(error))
+                self._wait_for_learner(self._lost_timeout, self._nobody())
+                self._sent_before = True
         if not result.success:
             raise VgpsError(f"The training ended early: {result.message}")
         return result
@@ -112,23 +118,6 @@ class TrainingClient(Node):
             if time.monotonic() > end:
                 raise VgpsError(sentence)
             self._spin()
-
-    def _attempt(
-        self,
-        goal: TrainPolicy.Goal,
-        show_iteration: Callable[[Any], None],
-        progress: TrainingProgress,
-    ) -> TrainPolicy.Result | None:
-        """Runs the goal on the learner that is there now; returns None if that one is lost."""
-        instance = self._peers.instance_of(self._learner)
-        try:
-            handle = self._send(goal, show_iteration, instance)
-            return self._result(handle, instance)
-        except LostError as error:
-            progress.say(str(error))
-            self._wait_for_learner(self._lost_timeout, self._nobody())
-            self._sent_before = True
-            return None
 
     def _result(self, handle: ClientGoalHandle, instance: str) -> TrainPolicy.Result:
         """Asks for the result until the learner that has the goal gives it.
@@ -160,7 +149,7 @@ class TrainingClient(Node):
 
         Raises:
             LostError: the learner died.
-            VgpsError: it is busy with the training of somebody else.
+            VgpsError: it is busy with another training, or refuses the goal's values.
         """
         while True:
             sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
@@ -168,9 +157,11 @@ class TrainingClient(Node):
             if handle and handle.accepted:
                 return handle
             if handle and not self._sent_before:
-                raise VgpsError(
-                    "The policy_learner is busy with another training; wait for its end."
-                )
+                if self._peers.show(TRAINING, self._learner):
+                    reason = "is busy with another training; wait for its end."
+                else:
+                    reason = "refused the goal; the learner's log says why."
+                raise VgpsError(f"The policy_learner {reason}")
             # It went to the one that died; or this one is at it already, but its answer was lost.
             self._sent_before = True
             self._wait(Future(), instance, _RETRY_PERIOD)

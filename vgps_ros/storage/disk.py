@@ -1,6 +1,6 @@
 """Files written in a thread of their own, so that a slow or full disk holds up nobody.
 
-What fails is tried again until it succeeds: a full disk is but a disk that takes long.
+A block that cannot be written is tried again until it can be, so a full disk only delays it.
 """
 
 import fcntl
@@ -43,7 +43,7 @@ class DiskFault:
 
     @property
     def sentence(self) -> str:
-        """What to tell somebody while the recording goes on."""
+        """The fault as a sentence for the user, while the recording goes on."""
         return (
             f"Cannot write to '{self.path}': {self.reason}. Recording waits and goes on by itself; "
             f"{self.next_step}."
@@ -220,7 +220,7 @@ class Disk:
                 fault = _fault(file.path, error)
             with self._changed:
                 self._is_busy = False
-                # A fault keeps its first words while it lasts.
+                # The sentence of a fault does not change while the fault lasts.
                 if not (fault and self.fault and fault.number == self.fault.number):
                     self.fault = fault
                 self._failures += fault is not None

@@ -15,7 +15,7 @@ _HEADER = ("iteration", "alpha", "stochastic", "deterministic", "DDP", "initial 
 class TrainingProgress:
     """One line an iteration; on a terminal also a bar, which moves during the first solve too."""
 
-    def __init__(self, iterations: int, initial_ddp_iterations: int):
+    def __init__(self, initial_ddp_iterations: int):
         self._console = Console()
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -27,8 +27,7 @@ class TrainingProgress:
             transient=True,
         )
         self._initial = self._bar.add_task("initial DDP", total=initial_ddp_iterations)
-        self._learning = self._bar.add_task("learning", total=iterations, visible=False)
-        self._iterations = iterations
+        self._learning = self._bar.add_task("learning", total=None, visible=False)
         self._has_header = False
 
     def __enter__(self) -> "TrainingProgress":
@@ -49,8 +48,8 @@ class TrainingProgress:
         """Shows an iteration of the initial solve."""
         self._bar.update(self._initial, completed=index)
 
-    def iteration(self, metrics: IterationMetrics, remaining: float) -> None:
-        """Shows an iteration of Algorithm 1, and the time left [s]."""
+    def iteration(self, metrics: IterationMetrics, iterations: int, remaining: float) -> None:
+        """Shows one of so many iterations of Algorithm 1, and the time left [s]."""
         if not self._has_header:
             self.say(_ROW.format(*_HEADER))
             self._has_header = True
@@ -62,14 +61,14 @@ class TrainingProgress:
         )
         self.say(
             _ROW.format(
-                f"{metrics.k}/{self._iterations}",
+                f"{metrics.k}/{iterations}",
                 f"{metrics.alpha:.2f}",
                 *(f"{cost:.1f}" if math.isfinite(cost) else "diverged" for cost in costs),
                 f"{remaining:.0f} s",
             )
         )
         self._bar.update(self._initial, visible=False)
-        self._bar.update(self._learning, completed=metrics.k, visible=True)
+        self._bar.update(self._learning, completed=metrics.k, total=iterations, visible=True)
 
     def say(self, line: str) -> None:
         """Prints a line above the bar."""

@@ -1,0 +1,50 @@
+"""Names that libraries do not promise still mean what this project takes them for."""
+
+import ctypes
+import os
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from std_srvs.srv import Trigger
+
+from vgps_ros.ros_runtime.rclpy_internals import wrap_callback, wrap_sender
+from vgps_ros.ros_runtime.shared_memory import files_of, is_port, owned_segments
+
+
+@pytest.mark.parametrize("make", [SingleThreadedExecutor, EventsExecutor])
+def test_rclpys_executors_read_a_services_callback_and_sender_for_each_request(graph, make):
+    context, calls = graph.node.context, []
+    node, executor = rclpy.create_node("asked", context=context), make(context=context)
+    service = node.create_service(Trigger, "ask", lambda _, response: response)
+    executor.add_node(node)
+
+    def noting(name):
+        return lambda call: lambda *arguments: (calls.append(name), call(*arguments))[1]
+
+    wrap_callback(service, noting("callback"))
+    wrap_sender(service, noting("sender"))
+    answer = graph.call_async(Trigger, "ask")
+    graph.spin_until(lambda: executor.spin_once(timeout_sec=0.05) or calls[1:] or answer.done())
+    node.destroy_node()
+    assert calls == ["callback", "sender"], (
+        "rclpy does not read a service's callback and send_response any more: see rclpy_internals"
+    )
+
+
+def test_fast_dds_locks_a_file_of_each_segment(graph):
+    segments = owned_segments(os.getpid())
+    ports = {segment for segment in segments if is_port(segment)}
+    assert ports < segments, "Fast DDS names its shared memory anew: see shared_memory"
+    for segment in segments - ports:
+        existing = [file for file in files_of(segment) if file.exists()]
+        assert existing[:2] == files_of(segment)[:2], (
+            f"{segment} has other files: see shared_memory"
+        )
+
+
+def test_the_c_library_has_the_timers_that_end_a_process():
+    missing = [name for name in ("timer_create", "timer_settime", "unlink", "_exit")
+               if not hasattr(ctypes.CDLL(None), name)]  # fmt: skip
+    assert not missing, "exit_timer needs the GNU C library"

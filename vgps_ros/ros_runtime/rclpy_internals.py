@@ -1,0 +1,41 @@
+"""All that this project needs of rclpy beyond its public interface.
+
+- `Service.callback` and `Service.send_response` are replaced. The services for parameters and
+  transitions are made by rclpy itself, with callbacks that some bad requests make raise; and only
+  the sending of a response can be put off. A coroutine as callback is the public way to answer
+  later, but the events executor does not await it: it fails with a TypeError.
+- The events executor is still in `rclpy.experimental`. For each message the public executors ask
+  for all services, timers and topics of a node, which takes three times as long.
+
+tests/nodes/test_private_names.py tells when a release of rclpy no longer works in this way.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.service import Service
+
+Function = Callable[..., Any]
+
+
+def wrap_callback(service: Service, wrap: Callable[[Function], Function]) -> None:
+    """Puts a function of the service's callback in the callback's place."""
+    service.callback = wrap(service.callback)
+
+
+def wrap_sender(service: Service, wrap: Callable[[Function], Function]) -> None:
+    """Puts a function of what sends the service's responses in its place."""
+    service.send_response = wrap(service.send_response)  # type: ignore[method-assign]
+
+
+def streaming_executor() -> Executor:
+    """Returns the executor that takes least time for each message.
+
+    It has one thread, and takes no guard conditions and no callbacks with a message's info.
+    """
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:  # in the first releases of Jazzy
+        return SingleThreadedExecutor()
+    return EventsExecutor()
