@@ -182,7 +182,8 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
 # The program, which asks for its result every minute, does so all the time.
 _EAGER = """
 import sys
-from vgps_ros.nodes import train_through_graph, training_client
+from vgps_ros.programs import train_through_graph
+from vgps_ros.ros_runtime import training_client
 training_client._RESULT_PERIOD = 0.2
 training_client._ANSWER_TIMEOUT = 4.0
 train_through_graph.main(sys.argv[1:])
