@@ -3,6 +3,7 @@
 import math
 import reprlib
 from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -101,5 +102,12 @@ def one_of(name: str, value: str, choices: Iterable[str]) -> str:
     if value not in names:
         raise InvalidInputError(
             f"{name} is {quoted(value)}, but it must be one of {', '.join(names)}."
+            f"{nearest(value, names)}"
         )
     return value
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """Returns a question that names the choice most like a word; empty where none is like it."""
+    found = get_close_matches(word, list(choices), 1)
+    return f" Did you mean '{found[0]}'?" if found else ""

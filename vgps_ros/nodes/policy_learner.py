@@ -20,16 +20,17 @@ from vgps_ros.messages.progress import progress_to_msg
 from vgps_ros.ros_runtime.executors import ThreadedExecutor
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.optimizer_pool import CancelledError, OptimizerPool
-from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
+from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchIteration, SearchState
-from vgps_ros.search.methods import METHOD, search
+from vgps_ros.search.methods import search
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.remaining_time import RemainingTime
-from vgps_ros.search.settings import search_settings
+from vgps_ros.search.settings import METHOD, search_settings
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.settings import DEMONSTRATION, TASK
 
 CHECKPOINT_FOLDER = Setting(
     "checkpoint_folder",

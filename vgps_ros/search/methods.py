@@ -14,7 +14,6 @@ import numpy as np
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.gaussians import entropy
-from vgps_ros.core.settings import Setting
 from vgps_ros.search.adapted_weighted_dagger import adapted_weighted_dagger
 from vgps_ros.search.adaptive_gps import adaptive_gps
 from vgps_ros.search.checkpoints import Checkpoints, Run
@@ -60,8 +59,6 @@ METHODS = {
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
 }
-
-METHOD = Setting("method", "vgps", "policy search method", choices=tuple(METHODS))
 
 
 def search(

@@ -16,9 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.ddp import DdpSettings
-from vgps_ros.core.marginals import MarginalSettings
-from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
@@ -62,16 +59,6 @@ def walker() -> Task:
         std_limit=np.concatenate(
             [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
         ),
-        optimizer=OptimizerSettings(
-            # A floor under μ keeps steps small where contact is hard; q's gains keep away from it.
-            ddp=DdpSettings(
-                initial_regularization=0.1,
-                regularization_floor=0.1,
-                distribution_regularization=0.1,
-            ),
-            marginals=MarginalSettings(std_limit_annealing=0.5),
-        ),
-        search={"initial_ddp_iterations": 45, "ddp_iterations": 1},
     )
 
 
