@@ -1,29 +1,46 @@
-"""Program `train_through_graph`: asks a policy_learner to train, and shows how it goes."""
+"""Asks a running policy_learner to train, and shows how it goes.
+
+It writes result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.
+"""
 
 import argparse
 import signal
-import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
-from vgps_msgs.action import TrainPolicy
-
-from vgps_ros.core.errors import VgpsError
-from vgps_ros.messages.conversions import policy_from_msg
-from vgps_ros.messages.progress import entry_from_msg
-from vgps_ros.ros_runtime.training_client import TrainingClient
-from vgps_ros.search.result_file import result_content
+from vgps_ros.core.seeding import SEED
+from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.experiments.command_line import (
+    Parser,
+    add_overwrite,
+    add_ros_arguments,
+    add_setting,
+    refuse_existing,
+)
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import save_policy
-from vgps_ros.views.plots import learning_curve, save
-from vgps_ros.views.training_progress import TrainingProgress
+
+if TYPE_CHECKING:
+    from vgps_msgs.action import TrainPolicy
+
+TIMEOUT = Setting("timeout", 20.0, "wait for the learner [s]", minimum=0.1, maximum=86_400.0)
+LOST_TIMEOUT = Setting(
+    "lost_timeout",
+    300.0,
+    "wait for a learner that was killed or hangs; a new one gets the goal again [s]",
+    minimum=0.0,
+    maximum=86_400.0,
+)
 
 
-def write_result(result: TrainPolicy.Result, output: Path) -> None:
+def write_result(result: "TrainPolicy.Result", output: Path) -> None:
     """Writes result.json, policy.json and learning_curve.png, as `train` does."""
+    from vgps_ros.messages.conversions import policy_from_msg
+    from vgps_ros.messages.progress import entry_from_msg
+    from vgps_ros.search.result_file import result_content
+    from vgps_ros.storage.policy_file import save_policy
+    from vgps_ros.views.plots import learning_curve, save
+
     last = result.history[-1]
     policy = policy_from_msg(result.policy)
     content = result_content(
@@ -41,55 +58,51 @@ def write_result(result: TrainPolicy.Result, output: Path) -> None:
     save(learning_curve(content), output / "learning_curve.png")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    defaults = SearchSettings()
-    parser = argparse.ArgumentParser(
-        prog="train_through_graph",
-        description="Asks a running policy_learner for a training, shows its progress, and writes "
-        "result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
-    parser.add_argument(
-        "--iterations",
-        type=int,
-        default=defaults.iterations,
-        help="iterations, each with one policy update",
-    )
-    parser.add_argument(
-        "--hidden-units",
-        type=int,
-        nargs="+",
-        default=list(defaults.hidden_units),
-        help="width of each hidden layer",
-    )
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    add_setting(parser, SEED)
+    for setting in settings_of(SearchSettings()):
+        if setting.name in ("iterations", "hidden_units"):
+            add_setting(parser, setting)
     parser.add_argument("--output", type=Path, required=True, help="folder for the results")
+    add_overwrite(parser)
     parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
-    parser.add_argument("--timeout", type=float, default=20.0, help="wait for the learner [s]")
-    parser.add_argument(
-        "--lost-timeout",
-        type=float,
-        default=300.0,
-        help="wait for a learner that was killed or hangs; a new one gets the goal again [s]",
-    )
-    parsed = parser.parse_args(arguments)
+    for setting in (TIMEOUT, LOST_TIMEOUT):
+        add_setting(parser, setting)
+    add_ros_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Asks for the training that the arguments describe."""
+    refuse_existing([arguments.output / "result.json"], overwrite=arguments.overwrite)
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from vgps_msgs.action import TrainPolicy
+
+    from vgps_ros.core.errors import VgpsError
+    from vgps_ros.ros_runtime.training_client import TrainingClient
+    from vgps_ros.views.training_progress import TrainingProgress
+
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
-    node = TrainingClient(parsed.learner, parsed.lost_timeout)
+    node = TrainingClient(arguments.learner, arguments.lost_timeout)
     signal.signal(signal.SIGINT, node.interrupt)
     try:
         goal = TrainPolicy.Goal(
-            seed=parsed.seed, iterations=parsed.iterations, hidden_units=parsed.hidden_units
+            seed=arguments.seed,
+            iterations=arguments.iterations,
+            hidden_units=arguments.hidden_units,
         )
-        with TrainingProgress(parsed.iterations, defaults.initial_ddp_iterations) as progress:
-            result = node.train(goal, parsed.timeout, progress)
-        write_result(result, parsed.output)
+        initial = SearchSettings().initial_ddp_iterations
+        with TrainingProgress(arguments.iterations, initial) as progress:
+            result = node.train(goal, arguments.timeout, progress)
+        write_result(result, arguments.output)
         print(result.message)
-        print(f"Wrote result.json, policy.json and learning_curve.png to {parsed.output}.")
-    except (VgpsError, OSError, AssertionError) as error:
-        sys.exit(f"train_through_graph: {error}")
-    except (KeyboardInterrupt, ExternalShutdownException):
-        sys.exit("train_through_graph: interrupted.")
+        print(f"Wrote result.json, policy.json and learning_curve.png to {arguments.output}.")
+    except AssertionError as error:  # of a message whose value is out of range
+        raise VgpsError(str(error)) from error
+    except ExternalShutdownException as error:
+        raise KeyboardInterrupt from error
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         node.destroy_node()

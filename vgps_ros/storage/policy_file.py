@@ -57,6 +57,10 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
         )
         return policy, str(content["task"])
     except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path} is not a readable policy file: {error}.") from error
+        raise InvalidInputError(
+            f"{path} is not a readable policy file ({error}); name the policy.json of a run."
+        ) from error
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInputError(f"{path} is not a policy of vgps_ros: {error}.") from error
+        raise InvalidInputError(
+            f"{path} is not a policy of vgps_ros ({error}); name the policy.json of a run."
+        ) from error
