@@ -29,7 +29,7 @@ class Parser(argparse.ArgumentParser):
     def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
         """Adds an argument; its help ends with its default."""
         default = options.get("default")
-        if default not in (None, "", False, argparse.SUPPRESS):
+        if default is not False and default not in (None, "", argparse.SUPPRESS):
             shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
             options["help"] += f"; default {shown}"
         action = super().add_argument(*names, **options)

@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
 from vgps_ros.programs.node import start
@@ -49,7 +49,7 @@ def _run(words: Sequence[str]) -> None:
 
     is_completing = "_ARGCOMPLETE" in os.environ
     if is_completing:
-        words = os.environ["COMP_LINE"].split()[1:]
+        words = os.environ["COMP_LINE"].split()[1:2]
     name, sentence = " ".join(["vgps", *words[:1]]), "interrupted."
     try:
         parser = _parser(words)
@@ -61,7 +61,7 @@ def _run(words: Sequence[str]) -> None:
         if unknown:
             parsed.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
         name, sentence = parsed.parser.prog, parsed.interrupted
-        parsed.run(parsed)
+        _module(parsed.command).run(parsed)
     except (VgpsError, OSError) as error:
         sys.exit(f"{name}: {error}")
     except KeyboardInterrupt:
@@ -75,15 +75,18 @@ def _parser(words: Sequence[str]) -> "Parser":
     parser = Parser(prog="vgps", description=__doc__)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     for name in COMMANDS:
-        module = importlib.import_module(f"vgps_ros.programs.{name.replace('-', '_')}")
+        module = _module(name)
         text = str(module.__doc__)
         command = commands.add_parser(
             name, help=text.partition("\n")[0], description=text, words=words[1:]
         )
         if words[:1] == [name]:
             module.add_arguments(command)
-            command.set_defaults(run=module.run)
     return parser
+
+
+def _module(command: str) -> Any:
+    return importlib.import_module(f"vgps_ros.programs.{command.replace('-', '_')}")
 
 
 if __name__ == "__main__":

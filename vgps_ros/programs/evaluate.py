@@ -131,9 +131,7 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    parser.add_argument(
-        "run", type=Path, nargs="?", help="folder of a run, or a policy.json; also --policy"
-    )
+    parser.add_argument("run", type=Path, nargs="?", help="folder of a run, or a policy.json")
     parser.add_argument("--policy", type=Path, help=argparse.SUPPRESS)
     parser.add_argument(
         "--task", choices=sorted(TASKS), help="refuse a policy that was learned for another task"

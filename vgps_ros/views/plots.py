@@ -16,12 +16,14 @@ from vgps_ros.views.run_record import RunRecord
 
 _LEARNED, _DDP = "#1f5fbf", "black"
 _POSES = 3  # drawn along a motion; more would overlap
+_MARKED = 10  # iterations of a run that is so short that each is marked
 
 
 def learning_curve(result: dict[str, Any]) -> Figure:
     """Draws the costs of a result.json by iteration, as Figure 1 of the paper does."""
     entries = result["iterations"]
     k = [entry["k"] for entry in entries]
+    marker = "o" if len(k) <= _MARKED else ""  # a line through a single point would not show
 
     def series(name: str) -> Array:
         return np.array([np.nan if e[name] is None else e[name] for e in entries], dtype=float)
@@ -29,23 +31,13 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
-    costs.plot(k, series("stochastic_cost_mean"), color=_LEARNED, label="stochastic policy")
-    costs.plot(
-        k,
-        series("stochastic_cost_median"),
-        color=_LEARNED,
-        linewidth=1,
-        linestyle=":",
-        label="its median rollout",
-    )
-    costs.plot(
-        k,
-        series("deterministic_cost"),
-        color=_LEARNED,
-        linestyle="--",
-        label="deterministic policy",
-    )
-    costs.plot(k, series("ddp_cost"), color="tab:orange", linewidth=1, label="DDP solution")
+    for name, label, style in (
+        ("stochastic_cost_mean", "stochastic policy", {"color": _LEARNED}),
+        ("stochastic_cost_median", "its median rollout", {"color": _LEARNED, "ls": ":", "lw": 1}),
+        ("deterministic_cost", "deterministic policy", {"color": _LEARNED, "ls": "--"}),
+        ("ddp_cost", "DDP solution", {"color": "tab:orange", "lw": 1}),
+    ):
+        costs.plot(k, series(name), label=label, marker=marker, markersize=4, **style)
     costs.axhline(result["initial_ddp_cost"], color=_DDP, linewidth=1, label="initial DDP solution")
     costs.set_yscale("log")  # early iterations cost many times what later ones do
     low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))
@@ -60,7 +52,7 @@ def learning_curve(result: dict[str, Any]) -> Figure:
         f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
     )
     figure.legend(frameon=False, ncols=3, loc="outside upper center")
-    alphas.plot(k, series("alpha"), color="grey")
+    alphas.plot(k, series("alpha"), color="grey", marker=marker, markersize=4)
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
     alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
