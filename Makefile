@@ -1,5 +1,14 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
-# Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
+# Variables on the command line reach the scripts.
+VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES BENCHMARKS PYTHON CXX \
+  ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
+given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
+unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
+ifneq ($(unknown),)
+  $(error There is no variable $(unknown).$(shell python3 -c 'import difflib, sys; \
+    print(*(f" Did you mean {n}?" for n in difflib.get_close_matches(sys.argv[1], sys.argv[2:], 1)))' \
+    $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
+endif
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test faults soak bench bench-peers lint clean distclean
 

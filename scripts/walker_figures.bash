@@ -9,13 +9,11 @@ output=${1:?walker_figures: name a folder for the results} hidden=${2:-10} itera
 seeds=("${@:4}") parameters=()
 [[ -z ${PARAMETERS:-} ]] || parameters=(--params-file "$PARAMETERS")
 [[ ${#seeds[@]} -gt 0 ]] || seeds=(0 1 2 3 4)
-programs=install/vgps_ros/lib/vgps_ros
 
 survival() {  # survival NAME FOLDER [arguments of evaluate]: prints one share
   local name=$1 folder=$2
   shift 2
-  "$programs/evaluate" --policy "$folder/policy.json" --task walker --seed 5 "$@" \
-    --json "$folder/$name.json" >/dev/null
+  vgps evaluate "$folder" --seed 5 "$@" --json "$folder/$name.json" --overwrite >/dev/null
   python -c 'import json, sys; print("{:.3f}".format(json.load(open(sys.argv[1]))["survival"]))' \
     "$folder/$name.json"
 }
@@ -26,7 +24,7 @@ printf '%-6s %-16s %-14s %-22s %s\n' seed 'cost / DDP cost' '20 s from x_1' 'per
 for seed in "${seeds[@]}"; do
   folder=$output/$hidden-units-seed-$seed
   if [[ ! -e $folder/learning_curve.png ]]; then  # a run that was finished before is kept
-    "$programs/train" --task walker "${parameters[@]}" --hidden-units "$hidden" --seed "$seed" \
+    vgps train --task walker "${parameters[@]}" --hidden-units "$hidden" --seed "$seed" \
       --iterations "$iterations" --evaluation-rollouts 4 --output "$folder" >&2
   fi
   ratio=$(python -c '

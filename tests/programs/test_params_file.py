@@ -102,5 +102,5 @@ def test_each_line_of_the_five_unit_walkers_file_changes_a_setting():
 
 
 def test_train_refuses_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(SystemExit, match=r"none\.yaml"):
+    with pytest.raises(SystemExit, match=r"none\.yaml' cannot be read .*; name a parameter file"):
         main(["--params-file", str(tmp_path / "none.yaml"), "--output", str(tmp_path / "run")])

@@ -29,16 +29,23 @@ def parameters_of(node: str, path: Path) -> dict[str, Any]:
             for all nodes.
 
     Raises:
-        InvalidInputError: the file has another form, or a block that is no node's.
-        OSError: it cannot be read.
+        InvalidInputError: the file cannot be read, has another form, or has a block that is no
+            node's.
     """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(
+            f"'{path}' cannot be read ({error.strerror}); name a parameter file, such as those in "
+            "config/."
+        ) from error
     try:
         blocks = {
             name.rpartition("/")[2]: _flat(block["ros__parameters"])
-            for name, block in yaml.safe_load(path.read_text()).items()
+            for name, block in yaml.safe_load(text).items()
         }
         optimizers = map(str, blocks.get("policy_learner", {}).get("optimizers", ()))
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InvalidInputError(
             f"'{path}' is no parameter file: it must have blocks of the form "
             "NODE: {ros__parameters: {NAME: VALUE}}, as config/swimmer.yaml has."
