@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test faults soak bench bench-peers lint clean distclean
+.PHONY: help setup demo test test-slow faults soak bench bench-peers lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -23,6 +23,9 @@ demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITE
 
 test: setup  ## run the tests and check that they leave nothing behind
 	@scripts/run_tests.bash
+
+test-slow: setup  ## a real `pip install ".[standalone]"` without ROS (about two minutes, downloads)
+	@scripts/run_tests.bash -m slow tests/programs
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))

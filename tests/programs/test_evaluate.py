@@ -26,7 +26,9 @@ def evaluated(tmp_path, capsys):
         output = tmp_path / "evaluation.json"
         flags = ["--json", str(output), "--overwrite", *ROLLOUTS, *arguments]
         vgps(["evaluate", str(tmp_path), *flags])
-        assert ("survival" in capsys.readouterr().out) == (name == "walker")
+        table = capsys.readouterr().out
+        assert ("survival" in table) == (name == "walker")
+        assert "speed [m/s]" in table
         vgps(["evaluate", "--policy", str(tmp_path / "policy.json"), *flags, "--json", "-"])
         result = json.loads(output.read_text())
         assert json.loads(capsys.readouterr().out) == result

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         package = (error.name or "").partition(".")[0]
         if package in ("", "vgps_ros"):
             raise
-        is_ros = re.fullmatch(r"rclpy|rosidl\w*|rpyutils|\w+_(msgs|interfaces)", package)
+        is_ros = re.fullmatch(r"rclpy|(ament|rosidl)_\w+|\w+_(msgs|interfaces)", package)
         advice = (
             "needs ROS 2 Jazzy: run `make setup`, then `source env.bash`"
             if is_ros

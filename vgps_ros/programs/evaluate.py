@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from vgps_ros.core.errors import InvalidInputError
@@ -125,7 +126,7 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
     for column in columns:
         table.add_column(column, justify="right")
     for key, name in names.items():
-        table.add_row(name, *(f"{result[key][column]:.3f}" for column in columns))
+        table.add_row(escape(name), *(f"{result[key][column]:.3f}" for column in columns))
     table_console().print(table)
 
 
