@@ -271,9 +271,11 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
 def test_goal_out_of_range_is_refused_with_a_sentence(graph, tmp_path):
     graph.start("trajectory_optimizer")
     learner = graph.start("policy_learner")
-    program = start_training(graph, replace(SHORT, hidden_units=(0,)), 0, tmp_path / "out")
+    program = start_training(
+        graph, replace(SHORT, hidden_units=(10_000, 10_000)), 0, tmp_path / "out"
+    )
     assert program.wait() == 1
-    assert "hidden_units is 0, but it must be from 1 to 10000" in program.output
+    assert "parameters, but it must have at most" in program.output
     assert learner.running
     assert not (tmp_path / "out").exists()
 

@@ -6,7 +6,7 @@ import yaml
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import settings_of
-from vgps_ros.experiments.params_file import parameters_of, with_parameters
+from vgps_ros.experiments.params_file import with_parameters_of
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.tasks import make_task
@@ -29,10 +29,6 @@ trajectory_optimizer:
 
 def main(arguments):
     vgps(["train", *arguments])
-
-
-def with_parameters_of(record, node, path):
-    return with_parameters(record, parameters_of(node, path), path)
 
 
 def test_a_block_replaces_settings_nested_ones_too_and_leaves_the_nodes_own_parameters(tmp_path):

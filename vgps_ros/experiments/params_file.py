@@ -1,6 +1,6 @@
 """A graph's parameter file as defaults of a program: what nodes take, `train` takes too."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,8 +20,8 @@ OF_NODES = {
 }
 
 
-def parameters_of(node: str, path: Path) -> dict[str, Any]:
-    """Returns what a parameter file says for a node, by dotted name.
+def parameters_of(node: str, path: Path | None) -> dict[str, Any]:
+    """Returns what a parameter file, if there is one, says for a node, by dotted name.
 
     Args:
         node: name of the node's block, which may be missing.
@@ -32,6 +32,8 @@ def parameters_of(node: str, path: Path) -> dict[str, Any]:
         InvalidInputError: the file cannot be read, has another form, or has a block that is no
             node's.
     """
+    if path is None:
+        return {}
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -54,18 +56,19 @@ def parameters_of(node: str, path: Path) -> dict[str, Any]:
     return blocks.get("**", {}) | blocks.get(node, {})
 
 
-def with_parameters(record: Record, given: Mapping[str, Any], path: Path) -> Record:
-    """Returns a settings record with the values of a node's block, as `parameters_of` gives them.
+def with_parameters_of(record: Record, node: str, path: Path | None) -> Record:
+    """Returns a settings record with what a parameter file, if there is one, says for a node.
 
     Raises:
-        InvalidInputError: a name is unknown, or a value is wrong.
+        InvalidInputError: as above, or a parameter is unknown, or its value is wrong.
     """
+    given = parameters_of(node, path)
     known = {s.name for s in settings_of(record)}
     _check_names(path, "parameter", given, known | OF_NODES)
     return with_values(record, {name: given[name] for name in known & given.keys()})
 
 
-def _check_names(path: Path, kind: str, names: Iterable[str], known: set[str]) -> None:
+def _check_names(path: Path | None, kind: str, names: Iterable[str], known: set[str]) -> None:
     for name in names:
         if name not in known:
             raise InvalidInputError(

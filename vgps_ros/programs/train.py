@@ -21,7 +21,7 @@ from vgps_ros.experiments.command_line import (
     refuse_existing,
     settings_from,
 )
-from vgps_ros.experiments.params_file import parameters_of, with_parameters
+from vgps_ros.experiments.params_file import parameters_of, with_parameters_of
 from vgps_ros.search.settings import METHOD, SearchSettings
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK, TASKS
 
@@ -40,11 +40,8 @@ def add_arguments(parser: Parser) -> None:
             help="parameter file of the graph, whose blocks policy_learner and "
             "trajectory_optimizer become the defaults of the flags",
         )
-    file, _ = first.parse_known_args(parser.words)
-    learner, optimizer = (
-        parameters_of(node, file.params_file) if file.params_file else {}
-        for node in ("policy_learner", "trajectory_optimizer")
-    )
+    file = first.parse_known_args(parser.words)[0].params_file
+    learner = parameters_of("policy_learner", file)
     for setting in (TASK, METHOD, DEMONSTRATION):
         chosen = replace(setting, default=learner.get(setting.name, setting.default))
         chosen.check(chosen.default)
@@ -58,8 +55,8 @@ def add_arguments(parser: Parser) -> None:
         "--check", action="store_true", help="only check the arguments: train and write nothing"
     )
     defaults = with_values(SearchSettings(), task.search)
-    add_settings(parser, with_parameters(defaults, learner, file.params_file))
-    add_settings(parser, with_parameters(task.optimizer, optimizer, file.params_file))
+    add_settings(parser, with_parameters_of(defaults, "policy_learner", file))
+    add_settings(parser, with_parameters_of(task.optimizer, "trajectory_optimizer", file))
     parser.set_defaults(
         interrupted="interrupted; the same command goes on after the last whole iteration."
     )
