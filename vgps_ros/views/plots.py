@@ -23,7 +23,6 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     """Draws the costs of a result.json by iteration, as Figure 1 of the paper does."""
     entries = result["iterations"]
     k = [entry["k"] for entry in entries]
-    marker = "o" if len(k) <= _MARKED else ""  # a line through a single point would not show
 
     def series(name: str) -> Array:
         return np.array([np.nan if e[name] is None else e[name] for e in entries], dtype=float)
@@ -31,13 +30,24 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
-    for name, label, style in (
-        ("stochastic_cost_mean", "stochastic policy", {"color": _LEARNED}),
-        ("stochastic_cost_median", "its median rollout", {"color": _LEARNED, "ls": ":", "lw": 1}),
-        ("deterministic_cost", "deterministic policy", {"color": _LEARNED, "ls": "--"}),
-        ("ddp_cost", "DDP solution", {"color": "tab:orange", "lw": 1}),
+    is_short = len(k) <= _MARKED  # then each point is marked: a single one has no line
+    for name, label, colour, line, marker in (
+        ("stochastic_cost_mean", "stochastic policy", _LEARNED, "-", "o"),
+        ("stochastic_cost_median", "its median rollout", _LEARNED, ":", "^"),
+        ("deterministic_cost", "deterministic policy", _LEARNED, "--", "s"),
+        ("ddp_cost", "DDP solution", "tab:orange", "-", "D"),
     ):
-        costs.plot(k, series(name), label=label, marker=marker, markersize=4, **style)
+        width = 1.5 if name in ("stochastic_cost_mean", "deterministic_cost") else 1.0
+        costs.plot(
+            k,
+            series(name),
+            label=label,
+            color=colour,
+            linestyle=line,
+            linewidth=width,
+            marker=marker if is_short else "",
+            markersize=5,
+        )
     costs.axhline(result["initial_ddp_cost"], color=_DDP, linewidth=1, label="initial DDP solution")
     costs.set_yscale("log")  # early iterations cost many times what later ones do
     low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))
@@ -52,11 +62,14 @@ def learning_curve(result: dict[str, Any]) -> Figure:
         f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
     )
     figure.legend(frameon=False, ncols=3, loc="outside upper center")
-    alphas.plot(k, series("alpha"), color="grey", marker=marker, markersize=4)
+    alphas.plot(k, series("alpha"), color="grey", marker="o" if is_short else "", markersize=4)
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
     alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
     alphas.set_xlabel("iteration")
+    if is_short:
+        alphas.set_xlim(k[0] - 0.5, k[-1] + 0.5)
+        alphas.set_xticks(k)
     return figure
 
 
