@@ -1,7 +1,16 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
-# Variables on the command line (TASK, METHOD, HIDDEN, SEED, ITERATIONS; PYTHON) reach the scripts.
+# Variables on the command line reach the scripts.
+VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES BENCHMARKS PYTHON CXX \
+  ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
+given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
+unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
+ifneq ($(unknown),)
+  $(error There is no variable $(unknown).$(shell python3 -c 'import difflib, sys; \
+    print(*(f" Did you mean {n}?" for n in difflib.get_close_matches(sys.argv[1], sys.argv[2:], 1)))' \
+    $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
+endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test faults soak bench bench-peers lint clean distclean
+.PHONY: help setup demo test test-slow faults soak bench bench-peers lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -14,6 +23,9 @@ demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITE
 
 test: setup  ## run the tests and check that they leave nothing behind
 	@scripts/run_tests.bash
+
+test-slow: setup  ## a real `pip install ".[standalone]"` without ROS (about two minutes, downloads)
+	@scripts/run_tests.bash -m slow tests/programs
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))

@@ -1,28 +1,10 @@
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
-NODES = [
-    "simulation",
-    "trajectory_optimizer",
-    "policy_learner",
-    "policy_executor",
-    "demonstration",
-    "recorder",
-    "player",
-    "visualizer",
-]
-PROGRAMS = {
-    "bag": "vgps_ros.programs.bag",
-    "plot": "vgps_ros.programs.plot",
-    "train": "vgps_ros.programs.train",
-    "evaluate": "vgps_ros.programs.evaluate",
-    "experiment": "vgps_ros.programs.experiment",
-    "figure": "vgps_ros.programs.figure",
-    "find_gait": "vgps_ros.programs.find_gait",
-    "train_through_graph": "vgps_ros.programs.train_through_graph",
-    "execute_policy": "vgps_ros.programs.execute_policy",
-}
+# colcon runs a link to this file from its build folder.
+RUNTIME = Path(__file__).resolve().parent / "requirements" / "runtime.txt"
 
 setup(
     name="vgps_ros",
@@ -40,12 +22,15 @@ setup(
         ("share/vgps_ros/config/walker", glob("config/walker/*.yaml")),
         ("share/vgps_ros/config/security", glob("config/security/*.xml")),
         ("share/vgps_ros/config/security/common", sorted(glob("config/security/common/*.xml"))),
+        # `ros2 run` looks for executables in lib/<package>: each is `vgps` under another name.
+        ("lib/vgps_ros", sorted(glob("scripts/executables/*"))),
     ],
-    # requirements/runtime.txt has the dependencies: pip must not touch a ROS installation.
-    extras_require={"test": ["pytest"]},
-    zip_safe=False,
-    entry_points={
-        "console_scripts": [f"{name} = vgps_ros.programs.start_node:main" for name in NODES]
-        + [f"{name} = {module}:main" for name, module in PROGRAMS.items()],
+    # Without an extra nothing is installed along: pip must not touch a ROS installation.
+    extras_require={
+        "standalone": [line for line in RUNTIME.read_text().splitlines() if line[:1].isalpha()],
+        "test": ["pytest"],
     },
+    python_requires=">=3.10",
+    zip_safe=False,
+    entry_points={"console_scripts": ["vgps = vgps_ros.programs.__main__:main"]},
 )

@@ -4,6 +4,7 @@ import argparse
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.console import Console
 from benchmarks import graph, learning, optimizers, real_time, reinforcement, solver
 from benchmarks.report import growth_figure, markdown, terminal_table
 from benchmarks.timing import Comparison
+from vgps_ros.core.checks import nearest
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
 from vgps_ros.views.plots import save
@@ -35,6 +37,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "reinforcement_learning": reinforcement.reinforcement_learning,
 }
 LONG = ("reinforcement_learning",)  # run only by name
+PEERS = {"backward_pass": "crocoddyl", "reinforcement_learning": "stable_baselines3"}
 RESULT, TABLE = "benchmarks.json", "benchmarks.md"
 
 
@@ -73,7 +76,9 @@ def _verdict(row: Comparison) -> str:
 
 def _known(name: str) -> str:
     if name not in BENCHMARKS:
-        raise argparse.ArgumentTypeError(f"'{name}' is none of {', '.join(BENCHMARKS)}.")
+        raise argparse.ArgumentTypeError(
+            f"'{name}' is none of {', '.join(BENCHMARKS)}.{nearest(name, BENCHMARKS)}"
+        )
     return name
 
 
@@ -96,12 +101,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--output", type=Path, default=Path("recordings/benchmarks"), help="folder for the result"
     )
     parsed = parser.parse_args(arguments)
-    try:
-        sound = run(
-            parsed.names or [name for name in BENCHMARKS if name not in LONG],
-            parsed.output,
-            table_console(wide=True),
+    names = parsed.names or [name for name in BENCHMARKS if name not in LONG]
+    lacking = [PEERS[name] for name in names if name in PEERS and not find_spec(PEERS[name])]
+    if lacking:
+        sys.exit(
+            f"benchmark: {', '.join(lacking)} is compared with, but not installed: use `make "
+            "bench`, or run `pip install -r requirements/peers.txt`."
         )
+    try:
+        sound = run(names, parsed.output, table_console(wide=True))
     except OSError as error:
         sys.exit(f"benchmark: {error}")
     except KeyboardInterrupt:

@@ -8,17 +8,13 @@ source env.bash
 
 task=${TASK:-swimmer} method=${METHOD:-vgps} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
 output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
+read -ra widths <<<"$hidden"
+search=(--seed "$seed" --iterations "$iterations" --hidden-units "${widths[@]}")
 parameters=(--params-file "config/$task.yaml")
 [[ -z ${PARAMETERS:-} ]] || parameters+=(--params-file "$PARAMETERS")
-if [[ ! -f config/$task.yaml ]]; then
-  known=$(cd config && printf '%s ' *.yaml)
-  printf "demo: TASK is '%s', but it must be one of: %s\n" "$task" "${known//.yaml/}" >&2
-  exit 1
-fi
-if [[ -n ${PARAMETERS:-} && ! -f $PARAMETERS ]]; then
-  printf "demo: PARAMETERS is '%s', but it must name a parameter file, as in config/.\n" "$PARAMETERS" >&2
-  exit 1
-fi
+# The command of a training in process knows all the rules, and says what is wrong.
+vgps train --check --task "$task" --method "$method" "${search[@]}" --output "$output" \
+  ${PARAMETERS:+--params-file "$PARAMETERS"}
 if [[ -e $output ]]; then
   printf "demo: OUTPUT '%s' exists already; name a folder that does not.\n" "$output" >&2
   exit 1
@@ -31,7 +27,7 @@ declare -A pids=()
 start() {  # start NODE [ROS arguments]: runs a node, its output goes to a log
   local node=$1
   shift
-  "install/vgps_ros/lib/vgps_ros/$node" --ros-args "${parameters[@]}" "$@" \
+  vgps node "$node" --ros-args "${parameters[@]}" "$@" \
     >"$output/log/$node.log" 2>&1 &
   pids[$node]=$!
 }
@@ -62,16 +58,14 @@ start policy_learner -p method:="$method" -p checkpoint_folder:="$output/checkpo
 
 printf 'Learning: task %s, method %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
   "$task" "$method" "$hidden" "$seed" "$iterations" "$output/log"
-program=install/vgps_ros/lib/vgps_ros
-"$program/train_through_graph" --seed "$seed" --iterations "$iterations" \
-  --hidden-units "$hidden" --output "$output"
+vgps train-through-graph "${search[@]}" --output "$output"
 printf 'Executing: the learned policy drives the simulation in lock-step.\n'
-"$program/execute_policy" --task "$task" --json "$output/execution.json" \
+vgps execute-policy --task "$task" --json "$output/execution.json" \
   --result "$output/result.json"
 
 stop policy_learner policy_executor trajectory_optimizer simulation recorder visualizer
 printf '\nBag:            %s\n' "$output/bag"
 printf 'Recording:      %s\n' "$output/run.rrd"
 printf 'Learning curve: %s\n' "$output/learning_curve.png"
-printf 'More pictures:  ros2 run vgps_ros plot %s\n' "$output"
+printf 'More pictures:  vgps plot %s\n' "$output"
 exit "$failed"

@@ -108,3 +108,10 @@ def test_after_its_preparation_a_search_compiles_nothing(name):
     gains = backward_pass(linear, task.cost.expand(motion), 0.1).gains
     task.dynamics.follow(motion.states[0], motion, gains)
     assert [len(loop.signatures) for loop in loops] == before
+
+
+def test_without_its_peer_a_benchmark_is_refused_before_anything_is_written(tmp_path, monkeypatch):
+    monkeypatch.setitem(suite.PEERS, "backward_pass", "a_package_that_nobody_has")
+    with pytest.raises(SystemExit, match="a_package_that_nobody_has is compared with, but not"):
+        suite.main(["backward_pass", "--output", str(tmp_path / "out")])
+    assert not list(tmp_path.iterdir())

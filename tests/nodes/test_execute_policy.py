@@ -35,14 +35,14 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
 
 
 def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy):
-    def ends_with(*arguments):
+    def ends_with(*arguments, code=1):
         program = graph.start("execute_policy", *arguments)
         graph.spin_until(lambda: not program.running)
-        assert program.wait() == 1
+        assert program.wait() == code
         assert "Traceback" not in program.output
         return program.output
 
-    assert "task is 'crawler'" in ends_with("--task", "crawler")
+    assert "task is 'crawler'" in ends_with("--task", "crawler", code=2)
     assert "--steps is 0" in ends_with("--steps", "0")
     assert "No simulation is there" in ends_with("--timeout", "1")
     graph.start("simulation")
@@ -58,4 +58,4 @@ def test_a_signal_ends_it_with_a_sentence(graph, number):
     graph.spin_until(lambda: "execute_policy" in graph.node.get_node_names())
     program.end(number)
     assert "Traceback" not in program.output
-    assert "execute_policy: interrupted." in program.output
+    assert "vgps execute-policy: interrupted." in program.output

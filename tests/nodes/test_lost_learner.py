@@ -148,7 +148,7 @@ def test_the_same_goal_again_is_answered_from_what_is_kept(graph, tmp_path, expe
     training = Training(graph, tmp_path)
     assert training.outcome() == expected
     count = len(training.progress)
-    training.program = start_training(graph, SETTINGS, SEED, tmp_path / "out")
+    training.program = start_training(graph, SETTINGS, SEED, tmp_path / "out", "--overwrite")
     assert training.outcome() == expected
     graph.spin_until(lambda: len(training.progress) > count, what="the last iteration")
     assert [p.iteration for p in training.progress[count:]] == [40]

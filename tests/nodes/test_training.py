@@ -43,11 +43,11 @@ def parameters(settings: SearchSettings) -> dict[str, object]:
     }
 
 
-def start_training(graph, settings: SearchSettings, seed: int, output: Path):
+def start_training(graph, settings: SearchSettings, seed: int, output: Path, *flags: str):
     return graph.start(
         "train_through_graph",
         *("--iterations", str(settings.iterations), "--seed", str(seed)),
-        *("--hidden-units", *map(str, settings.hidden_units), "--output", str(output)),
+        *("--hidden-units", *map(str, settings.hidden_units), "--output", str(output), *flags),
     )
 
 
@@ -195,11 +195,11 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
 # The program, which asks for its result every minute, does so all the time.
 _EAGER = """
 import sys
-from vgps_ros.programs import train_through_graph
+from vgps_ros.programs.__main__ import main
 from vgps_ros.ros_runtime import training_client
 training_client._RESULT_PERIOD = 0.2
 training_client._ANSWER_TIMEOUT = 4.0
-train_through_graph.main(sys.argv[1:])
+main(["train-through-graph", *sys.argv[1:]])
 """
 
 

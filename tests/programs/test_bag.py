@@ -15,12 +15,16 @@ from sensor_msgs.msg import JointState
 from vgps_ros.bags import BagReader, BagWriter
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg
-from vgps_ros.programs.bag import main
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
+
+
+def main(arguments):
+    vgps(["bag", *arguments])
 
 
 def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:

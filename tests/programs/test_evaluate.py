@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.programs.evaluate import main
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.policy_file import save_policy
 from vgps_ros.tasks import make_task
 
@@ -24,10 +24,14 @@ def evaluated(tmp_path, capsys):
     def run(name, *arguments):
         save_policy(rest(make_task(name)), name, tmp_path / "policy.json")
         output = tmp_path / "evaluation.json"
-        flags = ["--policy", str(tmp_path / "policy.json"), "--json", str(output)]
-        main([*flags, "--task", name, *ROLLOUTS, *arguments])
+        flags = ["--json", str(output), "--overwrite", *ROLLOUTS, *arguments]
+        vgps(["evaluate", str(tmp_path), *flags])
+        table = capsys.readouterr().out
+        assert ("survival" in table) == (name == "walker")
+        assert "speed [m/s]" in table
+        vgps(["evaluate", "--policy", str(tmp_path / "policy.json"), *flags, "--json", "-"])
         result = json.loads(output.read_text())
-        assert json.loads(capsys.readouterr().out.splitlines()[-1]) == result
+        assert json.loads(capsys.readouterr().out) == result
         return result
 
     return run
@@ -57,12 +61,22 @@ def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--seconds", "0"], "seconds is 0.0, but it must be finite and above 0"),
+        (["--seconds", "0"], "seconds is 0.0, but it must be from 0.001"),
         (["--rollouts", "0"], "rollouts is 0"),
-        (["--perturbation", "-1"], "perturbation is -1.0, but it must be at least 0"),
+        (["--rollouts", "1000000", "--seconds", "1e5"], "steps are too many"),
+        (["--perturbation", "-1"], "perturbation is -1.0, but it must be from 0"),
         (["--task", "walker"], "was learned for the task 'swimmer', not 'walker'"),
     ],
 )
-def test_bad_input_is_refused_with_a_sentence(evaluated, arguments, sentence):
-    with pytest.raises(SystemExit, match=sentence):
+def test_bad_input_is_refused_with_a_sentence(evaluated, arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as stop:
         evaluated("swimmer", *arguments)
+    assert sentence in str(stop.value.code) + capsys.readouterr().err
+
+
+def test_what_is_there_is_kept_and_a_result_is_not_taken_for_a_policy(evaluated, tmp_path):
+    evaluated("swimmer")
+    with pytest.raises(SystemExit, match=r"evaluation\.json' exists already"):
+        vgps(["evaluate", str(tmp_path), "--json", str(tmp_path / "evaluation.json")])
+    with pytest.raises(SystemExit, match=r"is not a policy .*name the policy\.json of a run"):
+        vgps(["evaluate", str(tmp_path / "evaluation.json")])

@@ -12,16 +12,20 @@ import pytest
 from vgps_ros.experiments.cell_table import MethodResults, write_table
 from vgps_ros.experiments.cells import Panel
 from vgps_ros.experiments.summary import summary
-from vgps_ros.programs.experiment import main as experiment
-from vgps_ros.programs.figure import main
+from vgps_ros.programs.__main__ import main as vgps
+
+
+def main(arguments):
+    vgps(["figure", *arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A finished experiment of two methods and two seeds."""
     output = tmp_path_factory.mktemp("experiment")
-    experiment(
+    vgps(
         [
+            "experiment",
             *("--panels", "rotor-2", "rotor-3", "--methods", "vgps", "cost_weighted"),
             *("--seeds", "2", "--iterations", "2", "--evaluation-rollouts", "2", "--jobs", "1"),
             *("--output", str(output)),
@@ -60,7 +64,9 @@ def test_a_table_of_an_older_version_lacks_a_metric_and_is_drawn(folder, tmp_pat
 def test_pictures_are_replaced_only_where_that_is_asked_for(folder, tmp_path):
     arguments = [str(folder), "--output", str(tmp_path)]
     (tmp_path / "figure1.svg").write_text("mine")
-    with pytest.raises(SystemExit, match=r"figure1\.svg' exists already; name another --output"):
+    with pytest.raises(
+        SystemExit, match=r"figure1\.svg' exists already; name another file or folder"
+    ):
         main(arguments)
     assert (tmp_path / "figure1.svg").read_text() == "mine"
     main([*arguments, "--overwrite", "--average", "median"])

@@ -7,7 +7,7 @@ import yaml
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import settings_of
 from vgps_ros.experiments.params_file import with_parameters_of
-from vgps_ros.programs.train import main
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.tasks import make_task
 
@@ -27,6 +27,10 @@ trajectory_optimizer:
 """
 
 
+def main(arguments):
+    vgps(["train", *arguments])
+
+
 def test_a_block_replaces_settings_nested_ones_too_and_leaves_the_nodes_own_parameters(tmp_path):
     path = tmp_path / "parameters.yaml"
     path.write_text(FILE)
@@ -35,6 +39,9 @@ def test_a_block_replaces_settings_nested_ones_too_and_leaves_the_nodes_own_para
     assert found.fit.samples_per_step == 4
     assert found.alpha_iterations == SearchSettings().alpha_iterations
     assert with_parameters_of(SearchSettings(), "recorder", path) == SearchSettings()
+    path.write_text(FILE + "/**: {ros__parameters: {hidden_units: [2], evaluation_rollouts: 3}}")
+    found = with_parameters_of(SearchSettings(), "policy_learner", path)
+    assert (found.hidden_units, found.evaluation_rollouts) == ((3,), 3)
 
 
 @pytest.mark.parametrize(
@@ -47,6 +54,8 @@ def test_a_block_replaces_settings_nested_ones_too_and_leaves_the_nodes_own_para
         ("policy_learner: {ros__parameters: {iterations: 0}}", "iterations is 0"),
         ("policy_learner: {ros__parameters: {iterations: soon}}", "iterations is 'soon'"),
         ("policy_learner: {ros__parameters: {hidden_units: 5}}", "hidden_units is 5"),
+        ("policy_learner: {ros__parameters: {alfas: [1.0]}}", "'alfas', .* Did you mean 'alphas'"),
+        ("policy_lerner: {ros__parameters: {}}", "'policy_lerner', .* mean 'policy_learner'"),
     ],
 )
 def test_a_file_of_another_form_or_a_wrong_value_is_refused(tmp_path, content, sentence):
@@ -69,7 +78,7 @@ def test_train_takes_the_graphs_file_and_a_flag_goes_before_it(tmp_path, capsys)
     widened, narrow = train("widened", *file), train("narrow", *file, *flags)
     assert len(widened["iterations"]) == len(narrow["iterations"]) == 2
     assert widened["hidden_units"] == [3]
-    assert widened["iterations"][0]["alpha"] > 1.5
+    assert widened["iterations"][0]["alpha"] > 1.4
     costs = [r["iterations"][-1]["deterministic_cost"] for r in (widened, narrow)]
     assert costs[0] != costs[1]  # the optimizer's block was heard, and the flag
 
@@ -89,5 +98,5 @@ def test_each_line_of_the_five_unit_walkers_file_changes_a_setting():
 
 
 def test_train_refuses_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(SystemExit, match=r"none\.yaml"):
+    with pytest.raises(SystemExit, match=r"none\.yaml' cannot be read .*; name a parameter file"):
         main(["--params-file", str(tmp_path / "none.yaml"), "--output", str(tmp_path / "run")])

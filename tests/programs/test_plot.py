@@ -10,7 +10,7 @@ import pytest
 from vgps_ros.bags import BagReader, BagWriter
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg
-from vgps_ros.programs import plot, train
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.views import filmstrip
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
@@ -23,21 +23,21 @@ def no_rendering(monkeypatch):
     def fail(*_):
         raise filmstrip.RenderingError("MuJoCo cannot draw here.")
 
-    monkeypatch.setitem(plot._FIGURES, "filmstrip", fail)
-    monkeypatch.setattr(plot, "write_moving_picture", fail)
+    monkeypatch.setattr(filmstrip, "filmstrip", fail)
+    monkeypatch.setattr(filmstrip, "write_moving_picture", fail)
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     quick = ["--iterations", "2", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
-    train.main([*quick, "--hidden-units", "2", "--output", str(folder)])
+    vgps(["train", *quick, "--hidden-units", "2", "--output", str(folder)])
     return folder
 
 
 def fails(arguments, sentence):
     with pytest.raises(SystemExit) as stop:
-        plot.main([str(argument) for argument in arguments])
+        vgps(["plot", *map(str, arguments)])
     assert sentence in str(stop.value.code)
 
 
@@ -69,14 +69,14 @@ def test_a_trained_run_gives_the_same_kind_of_record(trained):
 def test_what_can_be_drawn_is_written_and_never_overwritten(
     no_rendering, trained, tmp_path, capsys
 ):
-    plot.main([str(trained), "--output", str(tmp_path)])
+    vgps(["plot", str(trained), "--output", str(tmp_path)])
     names = {f"{n}.{f}" for n in ("learning_curve", "trajectory", "motion") for f in ("png", "svg")}
     assert {file.name for file in tmp_path.iterdir()} == names
     assert "No filmstrip: MuJoCo cannot draw here." in capsys.readouterr().out
     before = (tmp_path / "motion.png").stat().st_mtime_ns
     fails([trained, "--output", tmp_path], "exists already")
     assert (tmp_path / "motion.png").stat().st_mtime_ns == before
-    plot.main([str(trained), "--output", str(tmp_path), "--overwrite"])
+    vgps(["plot", str(trained), "--output", str(tmp_path), "--overwrite"])
 
 
 def test_a_bag_without_joint_states_still_shows_the_training(no_rendering, tmp_path, capsys):
@@ -88,7 +88,7 @@ def test_a_bag_without_joint_states_still_shows_the_training(no_rendering, tmp_p
             if message.topic != "/joint_states":
                 writer.write(message.topic, message.stamp, message.data)
     writer.close()
-    plot.main([str(tmp_path / "bag"), "--output", str(tmp_path / "plots")])
+    vgps(["plot", str(tmp_path / "bag"), "--output", str(tmp_path / "plots")])
     assert "there are no joint_states under a policy" in capsys.readouterr().out
     assert not (tmp_path / "plots" / "motion.png").exists()
     assert (tmp_path / "plots" / "learning_curve.svg").exists()
@@ -113,4 +113,6 @@ def test_what_is_no_run_is_refused_with_a_sentence(trained, tmp_path):
         state_covariances=np.zeros((3, 10, 10)),
     )  # fmt: skip
     fails([tmp_path], "initial_states has 12 values")
+    (tmp_path / "experiment.json").write_text("{}")
+    fails([tmp_path], f"is the folder of an experiment: `vgps figure {tmp_path}` draws it")
     assert not (tmp_path / "plots").exists()

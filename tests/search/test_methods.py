@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.search.gps import combined
 from vgps_ros.search.methods import METHODS, search
-from vgps_ros.search.settings import GpsSettings, search_settings
+from vgps_ros.search.settings import METHOD, GpsSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
@@ -38,6 +38,10 @@ def run(method, task, seed=3, wrap=lambda solve: solve, **settings):
     }  # fmt: skip
     chosen = dataclasses.replace(search_settings(task), **values)
     return list(search(method, task, chosen, seed, wrap(solver(task))))
+
+
+def test_the_names_that_flags_and_parameters_take_are_those_of_the_methods():
+    assert METHOD.choices == tuple(METHODS)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -47,12 +47,19 @@ def test_alpha_falls_exponentially_and_then_stays():
     assert_allclose(ratios, 0.1 ** (1 / 50))
 
 
+def test_alpha_reaches_its_last_value_at_the_end_of_a_run_of_any_length():
+    explicit = SearchSettings(alpha_iterations=(0, 50))
+    assert [SearchSettings().alpha(k) for k in range(60)] == [explicit.alpha(k) for k in range(60)]
+    short = SearchSettings(iterations=20, alphas=(4.0, 1.0, 9.0))
+    assert_allclose([short.alpha(k) for k in (0, 5, 10, 15, 20, 21)], [4, 2, 1, 3, 9, 9])
+
+
 def test_alpha_passes_through_the_points_of_its_schedule():
     settings = SearchSettings(alphas=(4.0, 1.0, 9.0), alpha_iterations=(0, 20, 60))
     assert_allclose(
         [settings.alpha(k) for k in (0, 10, 20, 40, 60, 61, 500)], [4, 2, 1, 3, 9, 9, 9]
     )
-    constant = SearchSettings(alphas=(3.0,), alpha_iterations=(0,))
+    constant = SearchSettings(alphas=(3.0,))
     assert {constant.alpha(k) for k in (0, 1, 100)} == {3.0}
 
 
@@ -60,7 +67,7 @@ def test_alpha_passes_through_the_points_of_its_schedule():
     ("alphas", "iterations", "sentence"),
     [
         ((1.0, 0.1, 1.0), (0, 50), "alphas has 3 values, but alpha_iterations has 2"),
-        ((), (), r"alpha_iterations is \[\], but it must begin with 0 and increase"),
+        ((), (0,), "alphas is empty, but it must have at least one value"),
         ((1.0, 0.1), (1, 50), r"alpha_iterations is \[1, 50\]"),
         ((1.0, 0.1), (0, 0), r"alpha_iterations is \[0, 0\]"),
     ],
@@ -242,7 +249,7 @@ def test_the_method_runs_where_there_is_no_ros():
         "for name in ('rclpy', 'vgps_msgs', 'std_msgs', 'sensor_msgs'):\n"
         "    sys.modules[name] = None\n"
         "import vgps_ros.search.methods, vgps_ros.tasks\n"
-        "import vgps_ros.programs.train\n"
+        "import vgps_ros.experiments.training\n"
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.tasks import TASKS, make_task
+from vgps_ros.tasks import make_task
 from vgps_ros.tasks.task import smoothed_noise
 
 
@@ -79,7 +79,7 @@ def test_a_model_whose_joints_do_not_fit_is_refused_by_name(name, old, new, tmp_
     changed.write_text(module.MODEL_PATH.read_text().replace(f'"{old}"', f'"{new}"'))
     monkeypatch.setattr(module, "MODEL_PATH", changed)
     with pytest.raises(InvalidInputError, match=f"has the joints .*{new}.* its task needs .*{old}"):
-        TASKS[name]()
+        make_task(name)
 
 
 def test_a_model_that_is_no_mjcf_is_refused_with_a_sentence(tmp_path, monkeypatch):
@@ -87,7 +87,7 @@ def test_a_model_that_is_no_mjcf_is_refused_with_a_sentence(tmp_path, monkeypatc
     monkeypatch.setattr(module, "MODEL_PATH", tmp_path / "broken.xml")
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     with pytest.raises(InvalidInputError, match=r"broken\.xml' cannot be compiled"):
-        TASKS["rotor"]()
+        make_task("rotor")
 
 
 def test_distance_is_along_the_first_slide_and_nothing_without_one(swimmer, rng):

@@ -1,10 +1,50 @@
-"""Settings of the optimisation of q(ζ), which a task names and a user may change."""
+"""Settings of the optimisation of q(ζ), which a task names and a user may change.
+
+They stand apart from what uses them: a program that only names them loads no compiler.
+"""
 
 from dataclasses import dataclass, field
 
-from vgps_ros.core.ddp import DdpSettings
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.settings import setting
+
+
+@dataclass(frozen=True)
+class DdpSettings:
+    """How a solve regularises, searches along a line, and stops.
+
+    The state regularisation μ of B'(V + μI)B follows Tassa, Erez and Todorov (IROS 2012): it grows
+    and shrinks by a factor that itself grows while the direction stays the same.
+    """
+
+    initial_regularization: float = setting(
+        0.01, "state regularisation mu of the first iteration", minimum=0.0, maximum=1e10
+    )
+    regularization_floor: float = setting(
+        1e-6, "smallest mu; a large one keeps steps small where contact is hard", minimum=0.0,
+        maximum=1e10,
+    )  # fmt: skip
+    regularization_limit: float = setting(
+        1e10, "mu above which a solve gives up, as no_descent or indefinite_quu", minimum=1e-6,
+        maximum=1e100,
+    )  # fmt: skip
+    regularization_factor: float = setting(
+        1.6, "growth of the factor by which mu changes", minimum=1.01, maximum=100.0
+    )
+    distribution_regularization: float = setting(
+        0.0, "mu of the last backward pass, whose gains make q", minimum=0.0, maximum=1e10
+    )
+    line_search_shrink: float = setting(
+        0.5, "ratio of consecutive step sizes", minimum=0.01, maximum=0.99
+    )
+    line_search_steps: int = setting(8, "step sizes tried before mu grows", minimum=1, maximum=100)
+    acceptance_ratio: float = setting(
+        0.1, "least share of the expected cost reduction that a step must bring", minimum=0.0,
+        maximum=0.99,
+    )  # fmt: skip
+    cost_tolerance: float = setting(
+        1e-7, "relative cost reduction below which a solve has converged", minimum=0.0, maximum=1.0
+    )
 
 
 @dataclass(frozen=True)

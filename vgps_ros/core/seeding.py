@@ -8,6 +8,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from vgps_ros.core.settings import Setting
+
+SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
+
 
 class Stream(IntEnum):
     """The purposes of random draws. Numbers are part of a run's identity: never change them."""

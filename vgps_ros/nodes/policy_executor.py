@@ -15,6 +15,7 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.execution import executed_control
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
     command_to_msg,
@@ -25,7 +26,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
-from vgps_ros.ros_runtime.parameters import SEED, TASK, declare, declare_settings, value
+from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
@@ -33,6 +34,7 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety import Command, SafetySettings, Supervisor
 from vgps_ros.simulation.model import model_torque_limits
 from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.settings import TASK
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
 AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")

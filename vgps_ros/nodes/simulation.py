@@ -22,7 +22,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import TASK, declare, value
+from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
@@ -32,6 +32,7 @@ from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.settings import TASK
 
 MODE = Setting(
     "mode",

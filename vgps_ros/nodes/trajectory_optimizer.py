@@ -20,7 +20,7 @@ from vgps_ros.messages.optimization import (
     result_to_msg,
 )
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import DEMONSTRATION, TASK, declare, declare_settings
+from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
@@ -29,6 +29,7 @@ from vgps_ros.search.preparation import prepare
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.settings import DEMONSTRATION, TASK
 
 
 class TrajectoryOptimizerNode(Node):

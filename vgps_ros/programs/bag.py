@@ -1,9 +1,8 @@
-"""Program `bag`: what a bag holds, whether it is true, as a recording or table, and made whole."""
+"""Reads bags, which are folders with .mcap files and metadata.yaml."""
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,9 @@ from typing import Any
 import yaml
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
-from vgps_ros.bags import BagReader
-from vgps_ros.bags.episode import last_episode, write_table
-from vgps_ros.bags.reindex import missing_parts, reindex
-from vgps_ros.bags.torque_check import check_torques
-from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.views.graph_scene import GraphScene, is_drawn
-from vgps_ros.views.table_console import table_console
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.experiments.command_line import Parser
 
 
 def info(path: Path, *, as_json: bool) -> None:
@@ -28,6 +21,10 @@ def info(path: Path, *, as_json: bool) -> None:
     Raises:
         VgpsError: it cannot be read.
     """
+    from rich.table import Table
+
+    from vgps_ros.views.table_console import table_console
+
     content = _content(path)
     if as_json:
         print(json.dumps(content, indent=2))
@@ -58,6 +55,10 @@ def check(path: Path) -> None:
     Raises:
         VgpsError: it is not whole, cannot be checked, or a torque is not what the policy gives.
     """
+    from vgps_ros.bags import BagReader
+    from vgps_ros.bags.reindex import missing_parts
+    from vgps_ros.bags.torque_check import check_torques
+
     if missing := missing_parts(path):
         raise InvalidInputError(missing)
     with BagReader(path) as bag:
@@ -95,6 +96,9 @@ def to_rerun(path: Path, output: Path) -> None:
     Raises:
         VgpsError: the bag cannot be read or has nothing to draw, or the output exists.
     """
+    from vgps_ros.bags import BagReader
+    from vgps_ros.views.graph_scene import GraphScene, is_drawn
+
     with BagReader(path) as bag:
         topics = [topic for topic, kind in bag.topics.items() if is_drawn(topic, kind)]
         for needed in ("robot_description", "joint_states"):
@@ -124,6 +128,9 @@ def to_table(path: Path, output: Path) -> None:
     Raises:
         VgpsError: the bag cannot be read or has no motion with torques, or the output exists.
     """
+    from vgps_ros.bags import BagReader
+    from vgps_ros.bags.episode import last_episode, write_table
+
     with BagReader(path) as bag:
         description, states = (
             bag.needed_topic(name) for name in ("robot_description", "joint_states")
@@ -142,6 +149,8 @@ def make_whole(path: Path) -> None:
     Raises:
         VgpsError: nothing can be read.
     """
+    from vgps_ros.bags.reindex import missing_parts, reindex
+
     if not missing_parts(path):
         print(f"'{path}' is whole; there is nothing to rebuild.")
         return
@@ -151,6 +160,8 @@ def make_whole(path: Path) -> None:
 
 
 def _content(path: Path) -> dict[str, Any]:
+    from vgps_ros.bags import BagReader
+
     with BagReader(path) as bag:
         seconds = bag.duration * 1e-9
         return {
@@ -171,11 +182,9 @@ def _content(path: Path) -> dict[str, Any]:
         }
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="bag", description="Reads bags: folders with .mcap files and metadata.yaml."
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    commands = parser.add_subparsers(metavar="COMMAND", dest="action", required=True)
 
     def add(name: str, text: str) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=text)
@@ -193,27 +202,19 @@ def _parser() -> argparse.ArgumentParser:
         "--output", type=Path, help="CSV to write, which must not exist; default BAG.csv"
     )
     add("reindex", "Rebuilds metadata.yaml and the index after a recorder was killed.")
-    return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    parsed = _parser().parse_args(arguments)
-    try:
-        match parsed.command:
-            case "info":
-                info(parsed.bag, as_json=parsed.json)
-            case "check":
-                check(parsed.bag)
-            case "rerun":
-                default = parsed.bag.resolve().with_suffix(".rrd")
-                to_rerun(parsed.bag, parsed.output or default)
-            case "table":
-                default = parsed.bag.resolve().with_suffix(".csv")
-                to_table(parsed.bag, parsed.output or default)
-            case "reindex":
-                make_whole(parsed.bag)
-    except (VgpsError, OSError) as error:
-        sys.exit(f"bag {parsed.command}: {error}")
-    except KeyboardInterrupt:
-        sys.exit(f"bag {parsed.command}: interrupted.")
+def run(arguments: argparse.Namespace) -> None:
+    """Does to the bag what the arguments say."""
+    bag = arguments.bag
+    match arguments.action:
+        case "info":
+            info(bag, as_json=arguments.json)
+        case "check":
+            check(bag)
+        case "rerun":
+            to_rerun(bag, arguments.output or bag.resolve().with_suffix(".rrd"))
+        case "table":
+            to_table(bag, arguments.output or bag.resolve().with_suffix(".csv"))
+        case "reindex":
+            make_whole(bag)

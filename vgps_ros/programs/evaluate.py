@@ -1,31 +1,45 @@
-"""Program `evaluate`: how far, how fast and for how long a learned policy goes."""
+"""Measures how far, how fast and for how long a learned policy goes, from perturbed starts."""
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
-from vgps_ros.core.checks import positive
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.core.seeding import SEED, Stream, generator
+from vgps_ros.core.settings import Setting
+from vgps_ros.experiments.command_line import Parser, add_overwrite, add_setting, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.tasks import TASKS, Task, make_task
+from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.tasks.settings import TASKS
 from vgps_ros.views.table_console import table_console
+
+if TYPE_CHECKING:
+    from vgps_ros.tasks import Task
 
 VELOCITY_PER_POSITION = 10.0  # a start perturbed by 0.01 rad is perturbed by 0.1 rad/s
 
+STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
+SECONDS = Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5)
+ROLLOUTS = Setting("rollouts", 20, "number of rollouts", minimum=1, maximum=1_000_000)
+PERTURBATION = Setting(
+    "perturbation",
+    0.01,
+    "standard deviation of the first joint angles [rad]; that of their velocities is ten times it",
+    minimum=0.0,
+    maximum=100.0,
+)
+
 
 def evaluate(
-    task: Task,
+    task: "Task",
     policy: GaussianPolicy,
     *,
     seconds: float,
@@ -47,12 +61,15 @@ def evaluate(
             velocities is ten times as large [rad/s]. Slides stay where they are.
         seed: of all random draws.
         stochastic: whether the policy's noise is drawn.
+
+    Raises:
+        InvalidInputError: the rollouts have too many steps.
     """
-    positive("seconds", seconds)
-    positive("rollouts", rollouts)
-    if not (np.isfinite(perturbation) and perturbation >= 0):
-        raise InvalidInputError(f"perturbation is {perturbation}, but it must be at least 0.")
     steps = max(1, round(seconds / task.dynamics.time_step))
+    if rollouts * steps > STEPS:
+        raise InvalidInputError(
+            f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
+        )
     rng = generator(seed, Stream.EVALUATION, 0)
     scale = perturbation * np.concatenate([task.hinges, VELOCITY_PER_POSITION * task.hinges])
     starts = task.initial_state + scale * rng.standard_normal((rollouts, len(scale)))
@@ -95,67 +112,78 @@ def _spread(values: Array) -> dict[str, float]:
     }
 
 
-def show(result: dict[str, Any]) -> None:
-    """Prints a result as a table."""
+def show(result: dict[str, Any], *, can_fall: bool) -> None:
+    """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     kind = "stochastic" if result["stochastic"] else "deterministic"
+    survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
     table = Table(
         title=f"{result['task']}, {kind} policy, {result['rollouts']} rollouts of "
-        f"{result['seconds']:g} s, survival {100 * result['survival']:.0f} %"
+        f"{result['seconds']:g} s{survival}"
     )
     names = {"time": "time [s]", "distance": "distance [m]", "speed": "speed [m/s]"}
     names["cost_per_step"] = "cost per step"
     columns = ("mean", "median", "smallest", "largest")
-    table.add_column("until it falls or time is up")
+    table.add_column("until it falls or time is up" if can_fall else "until time is up")
     for column in columns:
         table.add_column(column, justify="right")
     for key, name in names.items():
-        table.add_row(name, *(f"{result[key][column]:.3f}" for column in columns))
+        table.add_row(escape(name), *(f"{result[key][column]:.3f}" for column in columns))
     table_console().print(table)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    silence_mujoco()
-    parser = argparse.ArgumentParser(
-        prog="evaluate", description="Rolls out a learned policy from perturbed starts."
-    )
-    parser.add_argument("--policy", type=Path, required=True, help="policy.json of a training")
-    parser.add_argument("--task", choices=sorted(TASKS), required=True, help="control problem")
-    parser.add_argument("--seconds", type=float, default=10.0, help="length of a rollout [s]")
-    parser.add_argument("--rollouts", type=int, default=20, help="number of rollouts")
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    parser.add_argument("run", type=Path, nargs="?", help="folder of a run, or a policy.json")
+    parser.add_argument("--policy", type=Path, help=argparse.SUPPRESS)
     parser.add_argument(
-        "--perturbation",
-        type=float,
-        default=0.01,
-        help="sd of the first joint angles [rad]; that of their velocities is ten times it",
+        "--task", choices=sorted(TASKS), help="refuse a policy that was learned for another task"
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws")
+    for setting in (SECONDS, ROLLOUTS, PERTURBATION, SEED):
+        add_setting(parser, setting)
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
-    parser.add_argument("--json", type=Path, help="also write the result to this file")
-    parsed = parser.parse_args(arguments)
-    try:
-        policy, learned_for = load_policy(parsed.policy)
-        if learned_for != parsed.task:
-            raise InvalidInputError(
-                f"{parsed.policy} was learned for the task '{learned_for}', not '{parsed.task}'; "
-                f"use --task {learned_for}."
-            )
-        task = make_task(parsed.task)
-        policy.check_fits(task.dynamics.state_dim, task.dynamics.control_dim)
-        result = evaluate(
-            task,
-            policy,
-            seconds=parsed.seconds,
-            rollouts=parsed.rollouts,
-            perturbation=parsed.perturbation,
-            seed=parsed.seed,
-            stochastic=parsed.stochastic,
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="also write the result to this file; - prints it instead of the table",
+    )
+    add_overwrite(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Evaluates the policy that the arguments name."""
+    path = arguments.run or arguments.policy
+    if path is None:
+        arguments.parser.error("name the folder of a run, or a policy.json")
+    prints = arguments.json == Path("-")
+    if arguments.json and not prints:
+        refuse_existing([arguments.json], overwrite=arguments.overwrite)
+    if path.is_dir():
+        path = RunFolder(path).policy
+    policy, name = load_policy(path)
+    if arguments.task not in (None, name):
+        raise InvalidInputError(
+            f"{path} was learned for the task '{name}', not '{arguments.task}'; leave out --task."
         )
-        show(result)
+    from vgps_ros.simulation.warnings import silence_mujoco
+    from vgps_ros.tasks import make_task
+    from vgps_ros.tasks.task import never
+
+    silence_mujoco()
+    task = make_task(name)
+    policy.check_fits(task.dynamics.state_dim, task.dynamics.control_dim)
+    result = evaluate(
+        task,
+        policy,
+        seconds=arguments.seconds,
+        rollouts=arguments.rollouts,
+        perturbation=arguments.perturbation,
+        seed=arguments.seed,
+        stochastic=arguments.stochastic,
+    )
+    if prints:
         print(json.dumps(result))
-        if parsed.json:
-            write_json(parsed.json, result)
-    except (VgpsError, OSError) as error:
-        sys.exit(f"evaluate: {error}")
-    except KeyboardInterrupt:
-        sys.exit("evaluate: interrupted.")
+        return
+    show(result, can_fall=task.fallen is not never)
+    if arguments.json:
+        write_json(arguments.json, result)

@@ -1,27 +1,42 @@
-"""Program `execute_policy`: lets the policy drive the simulation in lock-step, and scores it."""
+"""Lets the policy drive the simulation in lock-step, and scores it.
+
+It resets a running simulation, lets the policy drive it, and prints how far it came and what it
+cost. It needs the nodes simulation and policy_executor, and a policy on the topic policy; start it
+any time before or after them.
+"""
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Trajectory
-from vgps_ros.ros_runtime.policy_run import PolicyRun
+from vgps_ros.core.settings import Setting
+from vgps_ros.experiments.command_line import (
+    Parser,
+    add_overwrite,
+    add_ros_arguments,
+    add_setting,
+    refuse_existing,
+)
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
-from vgps_ros.tasks import TASKS, Task, make_task
+from vgps_ros.tasks.settings import TASK
+
+if TYPE_CHECKING:
+    from vgps_ros.tasks import Task
+
+TIMEOUT = Setting(
+    "timeout", 20.0, "longest wait for the simulation, a policy or a step [s]", minimum=0.1,
+    maximum=86_400.0,
+)  # fmt: skip
 
 
-def score(task: Task, trajectory: Trajectory) -> dict[str, float]:
+def score(task: "Task", trajectory: Trajectory) -> dict[str, float]:
     """Returns how far and how fast the robot came, and the task's cost."""
     duration = trajectory.horizon * task.dynamics.time_step
     distance = float(task.distance(trajectory.states[0], trajectory.states[-1]))
@@ -34,7 +49,7 @@ def score(task: Task, trajectory: Trajectory) -> dict[str, float]:
 
 
 def _show(
-    console: Console, task: Task, figures: dict[str, float], training: dict[str, Any] | None
+    console: Console, task: "Task", figures: dict[str, float], training: dict[str, Any] | None
 ) -> None:
     table = Table(title=f"The policy drives the {task.name}")
     table.add_column("")
@@ -53,36 +68,45 @@ def _show(
     console.print(table)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="execute_policy",
-        description="Resets a running simulation, lets the policy drive it in lock-step, and "
-        "prints how far it came and what it cost. Needs the nodes simulation and policy_executor, "
-        "and a policy on the topic policy; start this program any time before or after them.",
-    )
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    for setting in (TASK, TIMEOUT):
+        add_setting(parser, setting)
     parser.add_argument(
-        "--task", default="swimmer", help=f"the simulation's task: {', '.join(sorted(TASKS))}"
-    )
-    parser.add_argument(
-        "--steps", type=int, help="control steps to run (default: the horizon of the task)"
+        "--steps", type=int, help="control steps to run; default: the horizon of the task"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here")
+    add_overwrite(parser)
     parser.add_argument(
         "--result", type=Path, metavar="FILE", help="result.json whose costs to show beside"
     )
-    parser.add_argument(
-        "--simulation", default="simulation", help="name of the simulation node (%(default)s)"
-    )
-    parser.add_argument(
-        "--timeout",
-        type=float,
-        default=20.0,
-        help="longest wait for the simulation, a policy or a step, in seconds (%(default)s)",
-    )
-    return parser
+    parser.add_argument("--simulation", default="simulation", help="name of the simulation node")
+    add_ros_arguments(parser)
 
 
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Runs the policy as the arguments say."""
+    if arguments.json:
+        refuse_existing([arguments.json], overwrite=arguments.overwrite)
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    rclpy.init()
+    try:
+        _execute(arguments)
+    except (ExternalShutdownException, RuntimeError) as error:
+        # A signal may strike between any two calls of rclpy, which then lack their context.
+        if rclpy.ok():
+            raise
+        raise KeyboardInterrupt from error
+    finally:
+        rclpy.try_shutdown()
+
+
+def _execute(arguments: argparse.Namespace) -> None:
+    from vgps_ros.ros_runtime.policy_run import PolicyRun
+    from vgps_ros.tasks import make_task
+
     console = Console()
     task = make_task(arguments.task)
     steps = task.horizon if arguments.steps is None else arguments.steps
@@ -99,23 +123,5 @@ def _run(arguments: argparse.Namespace) -> None:
         node.destroy_node()
     figures = score(task, node.trajectory(steps))
     if arguments.json:
-        content = {"task": task.name, "steps": steps, **figures}
-        write_json(arguments.json, content)
+        write_json(arguments.json, {"task": task.name, "steps": steps, **figures})
     _show(console, task, figures, training)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    parsed = _parser().parse_args(remove_ros_args(sys.argv)[1:] if arguments is None else arguments)
-    rclpy.init()
-    try:
-        _run(parsed)
-    except (VgpsError, OSError) as error:
-        sys.exit(f"execute_policy: {error}")
-    except (KeyboardInterrupt, ExternalShutdownException, RuntimeError):
-        # A signal may strike between any two calls of rclpy, which then lack their context.
-        if rclpy.ok():
-            raise
-        sys.exit("execute_policy: interrupted.")
-    finally:
-        rclpy.try_shutdown()

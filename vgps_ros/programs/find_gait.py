@@ -1,98 +1,47 @@
-"""Program `find_gait`: searches the walker's demonstration by CMA-ES.
+"""Searches the gait of the walker's demonstration by CMA-ES.
 
-Minimises over the parameters of the SIMBICON controller
-
-    10 (1 − share of the time walked) + (mean speed − v*)² + w_u · mean ‖u‖²,   v* = 0.8 m/s.
-
-It needs the package `cma`, which requirements/search.txt pins and nothing else uses.
+It needs the package `cma`: pip install -r requirements/search.txt.
 """
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
-from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.records import Array
-from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.core.seeding import SEED
+from vgps_ros.core.settings import Setting
+from vgps_ros.experiments.command_line import Parser, add_overwrite, add_setting, refuse_existing
 from vgps_ros.storage.files import write_json
-from vgps_ros.tasks.simbicon import GAIT, Gait, walk
-from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics
 
-TARGET_SPEED = 0.8  # of the demonstration [m/s]
-FALLING = 10.0  # what a fall at once costs
-# What a standard deviation of 1 in the search means: s, rad, N·m/rad, then each pose's parameters.
-SCALES = np.array([0.1, 0.1, 200.0, *2 * [0.3, 0.3, 0.2, 0.2, 0.2, 0.5, 0.2]])
-# A start that does not walk: an upright torso, a bent swing knee and the paper's usual feedback.
-START = np.array([0.3, 0.0, 500.0, *2 * [0.3, -0.6, 0.1, -0.1, 0.1, 0.2, 0.2]])
+SECONDS = Setting("seconds", 10.0, "length of a rollout [s]", minimum=0.1, maximum=1e4)
+EVALUATIONS = Setting("evaluations", 5000, "rollouts at most", minimum=1, maximum=10_000_000)
 
 
-def gait_cost(dynamics: Dynamics, gait: Gait, seconds: float) -> float:
-    """Returns what a gait costs over a rollout from a stand; less is better."""
-    steps = round(seconds / dynamics.time_step)
-    walking = walk(dynamics, gait, steps)
-    down = fallen(walking.states) | ~np.isfinite(walking.states).all(axis=1)
-    lasted = int(down.argmax()) if down.any() else steps
-    if not lasted:
-        return FALLING
-    speed = walking.states[lasted - 1, 0] / (lasted * dynamics.time_step)
-    effort = CONTROL_WEIGHT * float((walking.controls[:lasted] ** 2).sum(axis=1).mean())
-    return FALLING * (1 - lasted / steps) + (speed - TARGET_SPEED) ** 2 + effort
-
-
-def find_gait(start: Array, *, seconds: float, evaluations: int, seed: int) -> tuple[Gait, float]:
-    """Searches a gait and returns it with its cost.
-
-    Raises:
-        VgpsError: the package `cma` is missing.
-    """
-    try:
-        import cma
-    except ImportError as error:
-        raise VgpsError("It needs cma: pip install -r requirements/search.txt.") from error
-    dynamics = walker_dynamics()
-
-    def cost(offset: Array) -> float:
-        values = start + SCALES * np.asarray(offset)
-        if values[0] <= 0 or values[2] <= 0:  # a duration and a stiffness
-            return 2 * FALLING
-        return gait_cost(dynamics, Gait.from_vector(values), seconds)
-
-    options = {"seed": seed + 1, "maxfevals": evaluations, "verbose": -9, "verb_disp": 10}
-    best, _ = cma.fmin2(cost, np.zeros(len(start)), 0.3, options)
-    return Gait.from_vector(start + SCALES * best), cost(best)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    silence_mujoco()
-    parser = argparse.ArgumentParser(
-        prog="find_gait", description="Searches the gait of the walker's demonstration by CMA-ES."
-    )
-    parser.add_argument("--seconds", type=float, default=10.0, help="length of a rollout [s]")
-    parser.add_argument("--evaluations", type=int, default=5000, help="rollouts at most")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the search, at least 0")
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    for setting in (SECONDS, EVALUATIONS, SEED):
+        add_setting(parser, setting)
     parser.add_argument(
         "--refine", action="store_true", help="start from the gait in use, not from a stumble"
     )
     parser.add_argument("--output", type=Path, required=True, help="JSON file for the gait")
-    parsed = parser.parse_args(arguments)
-    try:
-        gait, cost = find_gait(
-            GAIT.to_vector() if parsed.refine else START,
-            seconds=parsed.seconds,
-            evaluations=parsed.evaluations,
-            seed=parsed.seed,
-        )
-        write_json(parsed.output, {"cost": cost, "gait": asdict(gait)})
-        print(json.dumps(asdict(gait), indent=1))
-        print(f"Its cost is {cost:.4f}; wrote it to {parsed.output}.")
-    except (VgpsError, OSError) as error:
-        sys.exit(f"find_gait: {error}")
-    except KeyboardInterrupt:
-        sys.exit("find_gait: interrupted.")
+    add_overwrite(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Searches the gait, and writes it."""
+    refuse_existing([arguments.output], overwrite=arguments.overwrite)
+    from vgps_ros.experiments.gait_search import START, find_gait
+    from vgps_ros.simulation.warnings import silence_mujoco
+    from vgps_ros.tasks.simbicon import GAIT
+
+    silence_mujoco()
+    gait, cost = find_gait(
+        GAIT.to_vector() if arguments.refine else START,
+        seconds=arguments.seconds,
+        evaluations=arguments.evaluations,
+        seed=arguments.seed,
+    )
+    write_json(arguments.output, {"cost": cost, "gait": asdict(gait)})
+    print(json.dumps(asdict(gait), indent=1))
+    print(f"Its cost is {cost:.4f}; wrote it to {arguments.output}.")

@@ -1,27 +1,25 @@
-"""Program `plot`: pictures of a run, for reading without a viewer."""
+"""Draws a run: its learning curve, trajectory, motion, a filmstrip, and a moving picture.
+
+The pictures are PNG, SVG and GIF: the learning curve, the trajectory within the tubes of q, the
+motion with the paths of the centre of mass. Example: vgps plot recordings/sample --output plots
+"""
 
 import argparse
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import Progress
 
-from vgps_ros.bags.run_reader import read_run
-from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
-from vgps_ros.views.plots import learning_curve, motion, save, trajectory
-from vgps_ros.views.run_record import RunRecord
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.experiments.command_line import Parser, add_overwrite, refuse_existing
 
-_FIGURES: dict[str, Callable[[RunRecord], Figure | None]] = {
-    "learning_curve": lambda run: learning_curve(run.result) if run.result else None,
-    "trajectory": trajectory,
-    "motion": motion,
-    "filmstrip": filmstrip,
-}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from vgps_ros.views.run_record import RunRecord
+
 _FORMATS = ("png", "svg")
 _MOVING_PICTURE = "motion.gif"
 
@@ -37,18 +35,23 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
     Raises:
         VgpsError: the source cannot be read, has nothing to draw, or a picture is there already.
     """
-    run = read_run(source)
-    names = [f"{name}.{kind}" for name in _FIGURES for kind in _FORMATS] + [_MOVING_PICTURE]
-    existing = [output / name for name in names if (output / name).exists()]
-    if existing and not overwrite:
-        raise InvalidInputError(
-            f"'{existing[0]}' exists already; name another --output, or give --overwrite."
-        )
+    from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
+    from vgps_ros.views.plots import learning_curve, motion, save, trajectory
+
+    figures: dict[str, Callable[[RunRecord], Figure | None]] = {
+        "learning_curve": lambda run: learning_curve(run.result) if run.result else None,
+        "trajectory": trajectory,
+        "motion": motion,
+        "filmstrip": filmstrip,
+    }
+    run = _read(source)
+    names = [f"{name}.{kind}" for name in figures for kind in _FORMATS] + [_MOVING_PICTURE]
+    refuse_existing([output / name for name in names], overwrite=overwrite)
     output.mkdir(parents=True, exist_ok=True)
     written, notes = [], []
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("", total=len(_FIGURES) + 1)
-        for name, draw in _FIGURES.items():
+        bar = progress.add_task("", total=len(figures) + 1)
+        for name, draw in figures.items():
             progress.update(bar, description=name)
             try:
                 if figure := draw(run):
@@ -70,7 +73,24 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
     print(f"Wrote {', '.join(written)} to {output}.")
 
 
-def _absences(run: RunRecord) -> list[str]:
+def _read(source: Path) -> "RunRecord":
+    """Returns the run of a folder; only a bag needs what ROS brings."""
+    from vgps_ros.storage.run_folder import RunFolder
+    from vgps_ros.views.run_record import read_results
+
+    if (source / "experiment.json").is_file():
+        raise InvalidInputError(
+            f"'{source}' is the folder of an experiment: `vgps figure {source}` draws it, and "
+            "`vgps plot` draws one of the folders in its runs/."
+        )
+    if (folder := RunFolder(source)).trajectories.is_file():
+        return read_results(folder)
+    from vgps_ros.bags.run_reader import read_run
+
+    return read_run(source)
+
+
+def _absences(run: "RunRecord") -> list[str]:
     known = {
         "No learning curve: there was no training.": run.result,
         "No tubes: there is no trajectory distribution.": run.mean_states,
@@ -79,26 +99,18 @@ def _absences(run: RunRecord) -> list[str]:
     return [sentence for sentence, value in known.items() if value is None] + [""]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the program."""
-    parser = argparse.ArgumentParser(
-        prog="plot",
-        description="Draws a run as PNG and SVG: the learning curve, the trajectory within the "
-        "tubes of q, the motion with the paths of the centre of mass, a filmstrip; and a GIF.",
-        epilog="example: plot recordings/sample --output plots",
-    )
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, or of a bag")
     parser.add_argument(
         "--output", type=Path, help="folder for the pictures; default RUN/plots, or BAG-plots"
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace pictures that are there")
-    parsed = parser.parse_args(arguments)
-    try:
-        run = parsed.run.resolve()
-        beside = run.with_name(f"{run.name}-plots")  # nothing but a bag's own files in its folder
-        default = run / "plots" if RunFolder(run).result.is_file() else beside
-        plot(parsed.run, parsed.output or default, overwrite=parsed.overwrite)
-    except (VgpsError, OSError) as error:
-        sys.exit(f"plot: {error}")
-    except KeyboardInterrupt:
-        sys.exit("plot: interrupted.")
+    add_overwrite(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Draws the run that the arguments name."""
+    source = arguments.run.resolve()
+    beside = source.with_name(f"{source.name}-plots")  # a bag's folder holds its own files only
+    default = source / "plots" if (source / "result.json").is_file() else beside
+    plot(arguments.run, arguments.output or default, overwrite=arguments.overwrite)

@@ -21,18 +21,8 @@ from rclpy.parameter import Parameter
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
-from vgps_ros.tasks import TASKS
 
 Record = TypeVar("Record")
-
-TASK = Setting("task", "swimmer", "control problem", choices=tuple(sorted(TASKS)))
-DEMONSTRATION = Setting(
-    "demonstration",
-    "",
-    "table of a recorded motion to start from, the same for optimizer and learner; empty: the "
-    "task's own start",
-)
-SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
 
 DECLARED: list[tuple[ParameterDescriptor, Any]] = []  # by this process's node, with the defaults
 

@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.settings import Setting
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
@@ -50,8 +49,6 @@ METHODS = {
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
 }
-
-METHOD = Setting("method", "vgps", "policy search method", choices=tuple(METHODS))
 
 
 def search(

@@ -3,14 +3,27 @@
 from bisect import bisect
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.fit_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
-from vgps_ros.core.settings import setting, with_values
-from vgps_ros.tasks import Task
+from vgps_ros.core.settings import Setting, setting, with_values
+
+if TYPE_CHECKING:
+    from vgps_ros.tasks import Task
+
+METHOD = Setting(
+    "method",
+    "vgps",
+    "policy search method",
+    choices=(
+        *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
+        *("cost_weighted", "cost_weighted_1000"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -65,7 +78,10 @@ class SearchSettings:
         maximum=1e9,
     )
     alpha_iterations: tuple[int, ...] = setting(
-        (0, 50), "iteration at which each of them is reached", minimum=0, maximum=100_000
+        (0,),
+        "iteration at which each of them is reached; 0 alone spreads them evenly over the run",
+        minimum=0,
+        maximum=100_000,
     )
     candidates: int = setting(
         1,
@@ -107,34 +123,42 @@ class SearchSettings:
     def __post_init__(self) -> None:
         """Checks alpha's schedule, for which ranges of single values are not enough."""
         count, reached = len(self.alphas), self.alpha_iterations
+        if not count:
+            raise InvalidInputError("alphas is empty, but it must have at least one value.")
+        if reached in ((), (0,)):
+            return
         if count != len(reached):
             raise InvalidInputError(
                 f"alphas has {count} values, but alpha_iterations has {len(reached)}: name for "
-                "each alpha the iteration at which it is reached."
+                "each alpha the iteration at which it is reached, or 0 alone."
             )
-        if reached[:1] != (0,) or any(a >= b for a, b in pairwise(reached)):
+        if reached[0] != 0 or any(a >= b for a, b in pairwise(reached)):
             raise InvalidInputError(
                 f"alpha_iterations is {list(reached)}, but it must begin with 0 and increase."
             )
 
     def alpha(self, k: int) -> float:
         """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), for each piece of the schedule."""
-        if len(self.alphas) == 1:
+        pieces = len(self.alphas) - 1
+        if not pieces:
             return self.alphas[0]
-        i = min(bisect(self.alpha_iterations, k), len(self.alphas) - 1)
-        begin, end = self.alpha_iterations[i - 1 : i + 1]
+        reached: tuple[float, ...] = self.alpha_iterations
+        if len(reached) <= 1:
+            reached = tuple(self.iterations * i / pieces for i in range(pieces + 1))
+        i = min(bisect(reached, k), pieces)
+        begin, end = reached[i - 1 : i + 1]
         done = min((k - begin) / (end - begin), 1.0)
         log_alphas = np.log(self.alphas[i - 1 : i + 1])
         return float(np.exp((1 - done) * log_alphas[0] + done * log_alphas[1]))
 
 
-def architecture(task: Task, settings: SearchSettings) -> Architecture:
+def architecture(task: "Task", settings: SearchSettings) -> Architecture:
     """Returns the shape of the task's policy."""
     own = {"observed": task.observed, "control_dim": task.dynamics.control_dim}
     shared = {f.name: getattr(settings, f.name) for f in fields(Architecture) if f.name not in own}
     return Architecture(**own, **shared)
 
 
-def search_settings(task: Task) -> SearchSettings:
+def search_settings(task: "Task") -> SearchSettings:
     """Returns the settings that suit the task."""
     return with_values(SearchSettings(), task.search)

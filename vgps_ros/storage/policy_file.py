@@ -30,10 +30,14 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
     try:
         content = json.loads(path.read_text())
     except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path} is not a readable policy file: {error}.") from error
+        raise InvalidInputError(
+            f"{path} is not a readable policy file ({error}); name the policy.json of a run."
+        ) from error
     try:
         shape = from_entries(Architecture, content, {})
         arrays = {name: content[name] for name in declared_shapes(GaussianPolicy)}
         return GaussianPolicy(shape, **arrays), str(content["task"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInputError(f"{path} is not a policy of vgps_ros: {error}.") from error
+        raise InvalidInputError(
+            f"{path} is not a policy of vgps_ros ({error}); name the policy.json of a run."
+        ) from error

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.marginals import MarginalSettings
-from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.task import Task, load_model, smoothed_noise
@@ -45,7 +43,6 @@ def swimmer() -> Task:
         # over a wide region: at k = 50 its cost was 1.05 to 1.10 of the initial DDP's (four seeds),
         # but with the limits and three DDP iterations 0.97 to 1.05 of it (seeds 0 to 4).
         std_limit=np.array([np.inf, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 2.0, 4.0, 4.0]),
-        optimizer=OptimizerSettings(marginals=MarginalSettings(std_limit_annealing=0.5)),
     )
 
 

@@ -16,9 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.ddp import DdpSettings
-from vgps_ros.core.marginals import MarginalSettings
-from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
@@ -53,25 +50,15 @@ def walker() -> Task:
         lookahead=LOOKAHEAD,
         initial_state=first.states[0],
         varied_state_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-        observed=tuple(range(1, n_x)),  # all but root x, since walking is the same everywhere
+        observed=tuple(range(1, n_x)),  # all but root x: walking is the same everywhere
         demonstration=first,
         demonstrate=demonstrate,
         fallen=fallen,
         initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-        # Without these limits linearised covariances explode at contacts.
+        # Linearised covariances explode through contact.
         std_limit=np.concatenate(
             [[np.inf, 0.05], np.full(7, 0.3), [0.5, 0.5, 2.0], np.full(6, 4.0)]
         ),
-        optimizer=OptimizerSettings(
-            # A lower bound of μ keeps steps small where contact is hard, and q's gains moderate.
-            ddp=DdpSettings(
-                initial_regularization=0.1,
-                regularization_floor=0.1,
-                distribution_regularization=0.1,
-            ),
-            marginals=MarginalSettings(std_limit_annealing=0.5),
-        ),
-        search={"initial_ddp_iterations": 45, "ddp_iterations": 1},
     )
 
 
@@ -92,7 +79,7 @@ def demonstration() -> Trajectory:
 
 @cache
 def _steady_controller() -> Simbicon:
-    """Returns the controller in the phase of the gait in which the demonstration begins."""
+    """The controller in the phase of the gait in which the demonstration begins."""
     dynamics = walker_dynamics()
     controller = Simbicon(GAIT, dynamics.time_step)
     go_on(dynamics, controller, standing(), WARM_UP)

@@ -16,6 +16,7 @@ from vgps_ros.views.run_record import RunRecord
 
 _LEARNED, _DDP = "#1f5fbf", "black"
 _POSES = 3  # drawn along a motion; more would overlap
+_MARKED = 10  # iterations of a run that is so short that each is marked
 
 
 def learning_curve(result: dict[str, Any]) -> Figure:
@@ -29,23 +30,24 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
-    costs.plot(k, series("stochastic_cost_mean"), color=_LEARNED, label="stochastic policy")
-    costs.plot(
-        k,
-        series("stochastic_cost_median"),
-        color=_LEARNED,
-        linewidth=1,
-        linestyle=":",
-        label="its median rollout",
-    )
-    costs.plot(
-        k,
-        series("deterministic_cost"),
-        color=_LEARNED,
-        linestyle="--",
-        label="deterministic policy",
-    )
-    costs.plot(k, series("ddp_cost"), color="tab:orange", linewidth=1, label="DDP solution")
+    is_short = len(k) <= _MARKED  # then each point is marked: a single one has no line
+    for name, label, colour, line, marker in (
+        ("stochastic_cost_mean", "stochastic policy", _LEARNED, "-", "o"),
+        ("stochastic_cost_median", "its median rollout", _LEARNED, ":", "^"),
+        ("deterministic_cost", "deterministic policy", _LEARNED, "--", "s"),
+        ("ddp_cost", "DDP solution", "tab:orange", "-", "D"),
+    ):
+        width = 1.5 if name in ("stochastic_cost_mean", "deterministic_cost") else 1.0
+        costs.plot(
+            k,
+            series(name),
+            label=label,
+            color=colour,
+            linestyle=line,
+            linewidth=width,
+            marker=marker if is_short else "",
+            markersize=5,
+        )
     costs.axhline(result["initial_ddp_cost"], color=_DDP, linewidth=1, label="initial DDP solution")
     costs.set_yscale("log")  # early iterations cost many times what later ones do
     low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))
@@ -60,11 +62,14 @@ def learning_curve(result: dict[str, Any]) -> Figure:
         f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
     )
     figure.legend(frameon=False, ncols=3, loc="outside upper center")
-    alphas.plot(k, series("alpha"), color="grey")
+    alphas.plot(k, series("alpha"), color="grey", marker="o" if is_short else "", markersize=4)
     alphas.set_ylim(0, 1.05 * max(series("alpha")))
     alphas.set_ylabel("α")
     alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
     alphas.set_xlabel("iteration")
+    if is_short:
+        alphas.set_xlim(k[0] - 0.5, k[-1] + 0.5)
+        alphas.set_xticks(k)
     return figure
 
 

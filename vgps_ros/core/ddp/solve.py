@@ -16,9 +16,9 @@ import numpy as np
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import ForwardStep, Iterate, Problem, forward_pass
-from vgps_ros.core.ddp.settings import DdpSettings
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import LinearDynamics, Trajectory
 
 

@@ -1,0 +1,124 @@
+"""The command `vgps`: help that comes at once, misspelt words, completion, executables."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vgps_ros import NODES
+from vgps_ros.programs.__main__ import COMMANDS, main
+
+ROOT = Path(__file__).parents[2]
+INSTALLED = ROOT / "install" / "vgps_ros"
+BAG = [f"bag {action}" for action in ("info", "check", "rerun", "table", "reindex")]
+
+
+HELP = """
+import sys
+from vgps_ros.programs.__main__ import main
+
+for words in sys.argv[1:]:
+    try:
+        main([*words.split(), "--help"])
+    except SystemExit as stop:
+        assert stop.code == 0
+slow = {"joblib", "llvmlite", "matplotlib", "mujoco", "numba", "pyarrow", "rclpy", "scipy", "torch"}
+assert not slow & sys.modules.keys(), slow & sys.modules.keys()
+"""
+
+
+def test_help_of_every_command_comes_before_anything_that_is_slow_to_import():
+    commands = ["", *COMMANDS, *BAG]
+    run = [sys.executable, "-c", HELP, *commands]
+    answer = subprocess.run(run, capture_output=True, text=True, check=True)
+    for command in commands:
+        assert f"usage: vgps {command}".rstrip() + " [-h]" in answer.stdout
+
+
+@pytest.mark.parametrize(
+    ("variable", "sentence"),
+    [
+        ("METHOD=vpgs", "Did you mean 'vgps'?"),
+        ("HIDDEN=five", "invalid int value: 'five'"),
+        ("SEED=-1", "seed is -1, but it must be from 0"),
+        ("ITERATIONS=0", "iterations is 0, but it must be from 1"),
+        ("PARAMETERS=none.yaml", "'none.yaml' cannot be read"),
+    ],
+)
+def test_a_demo_with_a_wrong_value_is_refused_before_anything_starts(variable, sentence, tmp_path):
+    name, _, value = variable.partition("=")
+    answer = subprocess.run(
+        [ROOT / "scripts" / "run_demo.bash"],
+        env={**os.environ, name: value, "OUTPUT": str(tmp_path / "run")},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert answer.returncode != 0
+    [line] = answer.stderr.splitlines()
+    assert sentence in line
+    assert not answer.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_variable_of_make_is_refused(tmp_path):
+    command = ["make", "-C", str(ROOT), "help", "HIDEN=10"]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert answer.returncode != 0
+    assert "There is no variable HIDEN. Did you mean HIDDEN?" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["trian"], "Did you mean 'train'?"),
+        (["bag", "chek"], "Did you mean 'check'?"),
+        (["bag", "info", "--jsn", "."], "Did you mean '--json'?"),
+        (["node", "simulatoin"], "Did you mean 'simulation'?"),
+        (["evaluate", "--rolouts", "3", "."], "Did you mean '--rollouts'?"),
+        (["figure", ".", "--average", "medain"], "Did you mean 'median'?"),
+        (["evaluate"], "name the folder of a run"),
+        ([], "arguments are required: COMMAND"),
+    ],
+)
+def test_a_misspelt_word_is_answered_with_the_nearest(words, sentence, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert sentence in line
+
+
+def test_every_command_and_node_is_an_executable_of_the_package_too(tmp_path):
+    names = {command.replace("-", "_") for command in COMMANDS} - {"node"} | {*NODES}
+    assert {file.name for file in (INSTALLED / "lib" / "vgps_ros").iterdir()} == names
+    answer = subprocess.run(
+        [str(INSTALLED / "lib" / "vgps_ros" / "find_gait"), "--help"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert answer.stdout.startswith("usage: vgps find-gait ")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("vgps ev", {"evaluate"}),
+        ("vgps train --alpha", {"--alphas", "--alpha-iterations"}),
+        ("vgps train --method weigh", {"weighted_dagger"}),
+        ("vgps node s", {"simulation"}),
+        ("vgps bag re", {"rerun", "reindex"}),
+    ],
+)
+def test_the_shell_completes_commands_flags_and_choices(line, words, tmp_path):
+    """As bash asks, with the answer on a file in place of descriptor 8."""
+    environment = {
+        **os.environ,
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer"),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    subprocess.run([sys.executable, "-m", "vgps_ros.programs"], env=environment, check=True)
+    answer = (tmp_path / "answer").read_text().replace("\013", " ").split()
+    assert {word.strip() for word in answer} == words

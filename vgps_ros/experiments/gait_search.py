@@ -1,0 +1,59 @@
+"""The search for the gait of the walker's demonstration, by CMA-ES.
+
+Minimises over the parameters of the SIMBICON controller
+
+    10 (1 − share of the time walked) + (mean speed − v*)² + w_u · mean ‖u‖²,   v* = 0.8 m/s.
+
+It needs the package `cma`, which requirements/search.txt pins and nothing else uses.
+"""
+
+import numpy as np
+
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.records import Array
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.tasks.simbicon import Gait, walk
+from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics
+
+TARGET_SPEED = 0.8  # of the demonstration [m/s]
+FALLING = 10.0  # what a fall at once costs
+# What a standard deviation of 1 in the search means: s, rad, N·m/rad, then each pose's parameters.
+SCALES = np.array([0.1, 0.1, 200.0, *2 * [0.3, 0.3, 0.2, 0.2, 0.2, 0.5, 0.2]])
+# A start that does not walk: an upright torso, a bent swing knee and the paper's usual feedback.
+START = np.array([0.3, 0.0, 500.0, *2 * [0.3, -0.6, 0.1, -0.1, 0.1, 0.2, 0.2]])
+
+
+def gait_cost(dynamics: Dynamics, gait: Gait, seconds: float) -> float:
+    """Returns what a gait costs over a rollout from a stand; less is better."""
+    steps = round(seconds / dynamics.time_step)
+    walking = walk(dynamics, gait, steps)
+    down = fallen(walking.states) | ~np.isfinite(walking.states).all(axis=1)
+    lasted = int(down.argmax()) if down.any() else steps
+    if not lasted:
+        return FALLING
+    speed = walking.states[lasted - 1, 0] / (lasted * dynamics.time_step)
+    effort = CONTROL_WEIGHT * float((walking.controls[:lasted] ** 2).sum(axis=1).mean())
+    return FALLING * (1 - lasted / steps) + (speed - TARGET_SPEED) ** 2 + effort
+
+
+def find_gait(start: Array, *, seconds: float, evaluations: int, seed: int) -> tuple[Gait, float]:
+    """Searches a gait and returns it with its cost.
+
+    Raises:
+        VgpsError: the package `cma` is missing.
+    """
+    try:
+        import cma
+    except ImportError as error:
+        raise VgpsError("It needs cma: pip install -r requirements/search.txt.") from error
+    dynamics = walker_dynamics()
+
+    def cost(offset: Array) -> float:
+        values = start + SCALES * np.asarray(offset)
+        if values[0] <= 0 or values[2] <= 0:  # a duration and a stiffness
+            return 2 * FALLING
+        return gait_cost(dynamics, Gait.from_vector(values), seconds)
+
+    options = {"seed": seed + 1, "maxfevals": evaluations, "verbose": -9, "verb_disp": 10}
+    best, _ = cma.fmin2(cost, np.zeros(len(start)), 0.3, options)
+    return Gait.from_vector(start + SCALES * best), cost(best)

@@ -1,0 +1,93 @@
+"""Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
+
+import importlib
+import os
+import re
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vgps_ros import NODES
+from vgps_ros.programs.node import start
+
+if TYPE_CHECKING:
+    from vgps_ros.experiments.command_line import Parser
+
+COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("[!_]*.py"))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command that the arguments name, and ends with a sentence where it fails."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] in NODES:  # as in `ros2 run vgps_ros simulation`
+        words.insert(0, "node")
+    if words and words[0] != "node":
+        words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros find_gait`
+    if arguments is None:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # TERM ends it as INT does
+    try:
+        if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
+            start(words[1], words[2:])
+        _run(words)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package in ("", "vgps_ros"):
+            raise
+        is_ros = re.fullmatch(r"rclpy|(ament|rosidl)_\w+|\w+_(msgs|interfaces)", package)
+        advice = (
+            "needs ROS 2 Jazzy: run `make setup`, then `source env.bash`"
+            if is_ros
+            else "needs more than is installed: run `pip install '.[standalone]'`"
+        )
+        sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
+
+
+def _run(words: Sequence[str]) -> None:
+    from vgps_ros.core.errors import VgpsError
+
+    is_completing = "_ARGCOMPLETE" in os.environ
+    if is_completing:
+        words = os.environ["COMP_LINE"].split()[1:2]
+    name, sentence = " ".join(["vgps", *words[:1]]), "interrupted."
+    try:
+        parser = _parser(words)
+        if is_completing:
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
+        parsed, unknown = parser.parse_known_args(words)
+        if unknown:
+            parsed.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        name, sentence = parsed.parser.prog, parsed.interrupted
+        _module(parsed.command).run(parsed)
+    except (VgpsError, OSError) as error:
+        sys.exit(f"{name}: {error}")
+    except KeyboardInterrupt:
+        sys.exit(f"{name}: {sentence}")
+
+
+def _parser(words: Sequence[str]) -> "Parser":
+    """Returns the parser of all commands, with the arguments of the one that the words name."""
+    from vgps_ros.experiments.command_line import Parser
+
+    parser = Parser(prog="vgps", description=__doc__)
+    commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    for name in COMMANDS:
+        module = _module(name)
+        text = str(module.__doc__)
+        command = commands.add_parser(
+            name, help=text.partition("\n")[0], description=text, words=words[1:]
+        )
+        if words[:1] == [name]:
+            module.add_arguments(command)
+    return parser
+
+
+def _module(command: str) -> Any:
+    return importlib.import_module(f"vgps_ros.programs.{command.replace('-', '_')}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Runs a node of the ROS 2 graph.
+
+`vgps node NAME --help` lists the parameters of a node; they are given as ROS arguments:
+`vgps node simulation --ros-args -p task:=walker`.
+"""
+
+import argparse
+import importlib
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import NoReturn
+
+from vgps_ros import NODES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the arguments of the command."""
+    parser.add_argument("name", choices=NODES, metavar="NAME", help=f"one of {', '.join(NODES)}")
+    parser.add_argument(
+        "arguments", nargs=argparse.REMAINDER, metavar="ROS_ARGUMENT", help="see `NAME --help`"
+    )
+
+
+def run(arguments: argparse.Namespace) -> NoReturn:
+    """Runs the node that the arguments name."""
+    start(arguments.name, arguments.arguments)
+
+
+def start(name: str, arguments: Sequence[str]) -> NoReturn:
+    """Runs a node, and ends the process.
+
+    The imports of a node take a second or more. A signal that strikes meanwhile ends the process as
+    well as a later one does, before anything is open that would have to be closed. Once all is
+    closed the process ends at once: Python's own way of taking its modules apart was seen to hang
+    there, with the libraries that a node has loaded.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
+    sys.argv = [name, *arguments]  # where ROS looks for its arguments
+    module = importlib.import_module(f"vgps_ros.nodes.{name}")
+    code = 1
+    try:
+        code = module.main()
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
