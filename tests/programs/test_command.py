@@ -74,6 +74,7 @@ def test_an_unknown_variable_of_make_is_refused(tmp_path):
         (["trian"], "Did you mean 'train'?"),
         (["bag", "chek"], "Did you mean 'check'?"),
         (["bag", "info", "--jsn", "."], "Did you mean '--json'?"),
+        (["train", "--tsak", "walker"], "--tsak walker. Did you mean '--task'?"),  # nor an --output
         (["node", "simulatoin"], "Did you mean 'simulation'?"),
         (["evaluate", "--rolouts", "3", "."], "Did you mean '--rollouts'?"),
         (["figure", ".", "--average", "medain"], "Did you mean 'median'?"),
