@@ -1,6 +1,5 @@
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
-import sys
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -35,7 +34,6 @@ CLOCK_RATE = Setting(
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
 _ACKNOWLEDGEMENT_TIMEOUT = 5.0  # at the end [s]
-_SWITCH_INTERVAL = 0.0005  # after which a thread that decodes lets one run that publishes [s]
 
 
 class Player(Node):
@@ -193,5 +191,4 @@ class Player(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    sys.setswitchinterval(_SWITCH_INTERVAL)
     return run(Player, close=Player.close)
