@@ -24,7 +24,7 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
-from vgps_ros.programs import bag as bag_program
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED, SIGNS_OF_LIFE, STREAM
 
 
@@ -314,9 +314,9 @@ def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whol
             graph.spin_for(1.0)
     recorder.kill()
     with pytest.raises(SystemExit) as stop:
-        bag_program.main(["check", str(bag)])
+        vgps(["bag", "check", str(bag)])
     assert "was not closed: it lacks metadata.yaml and the index of bag_0.mcap" in stop.value.code
-    bag_program.main(["reindex", str(bag)])
+    vgps(["bag", "reindex", str(bag)])
     recorded = rows(bag)["/joint_states"]
     stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
     assert stamps == list(range(len(stamps)))
