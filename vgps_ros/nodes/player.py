@@ -17,8 +17,8 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
-from vgps_ros.ros_runtime.responses import answered
 from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
@@ -43,10 +43,10 @@ class Player(Node):
 
     def __init__(self) -> None:
         super().__init__("player")
-        path = declare(self, BAG, read_only=True)
+        path = declare(self, BAG)
         self._settings = declare_settings(self, PlaybackSettings())
-        include, exclude = (declare(self, s, read_only=True) for s in (INCLUDE, EXCLUDE))
-        self._clock_rate = declare(self, CLOCK_RATE, read_only=True)
+        include, exclude = (declare(self, s) for s in (INCLUDE, EXCLUDE))
+        self._clock_rate = declare(self, CLOCK_RATE)
         self._health = Health(self)
         if not path:
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -24,47 +25,50 @@ from vgps_ros.bags.storage_writer import COMPRESSIONS
 from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import setting
 from vgps_ros.messages.types import message_type
 from vgps_ros.ros_runtime.bag_qos import recording, to_bag
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameter_collector import ParameterCollector
-from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.responses import answered
+from vgps_ros.ros_runtime.parameters import declare_settings
 from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
-
-OUTPUT = Setting("output", "", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
-INCLUDE = Setting("include", (".*",), "regular expressions of topics to record")
-EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave out")
-COMPRESSION = Setting(
-    "compression", "none", "of the bag's chunks; zstd is smallest", choices=tuple(COMPRESSIONS)
-)
-MAX_FILE_SIZE = Setting(
-    "max_file_size", 0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
-)
-MAX_FILE_DURATION = Setting(
-    "max_file_duration", 0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
-)
-CACHE_SIZE = Setting(
-    "cache_size",
-    100.0,
-    "messages that may wait in memory for a slow or full disk; more than these are lost [MB]",
-    minimum=1.0,
-    maximum=1e5,
-)
-MIN_SPACE = Setting(
-    "min_space",
-    16.0,
-    "space that is left free on the disk, so that the bag can be completed there [MB]",
-    minimum=0.0,
-    maximum=1e7,
-)
-START_PAUSED = Setting("start_paused", False, "whether to wait for ~/resume before recording")
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """Settings of the recorder. Their descriptions are what users read."""
+
+    output: str = setting("", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
+    include: tuple[str, ...] = setting((".*",), "regular expressions of topics to record")
+    exclude: tuple[str, ...] = setting(("^$",), "regular expressions of topics to leave out")
+    compression: str = setting(
+        "none", "of the bag's chunks; zstd is smallest", choices=tuple(COMPRESSIONS)
+    )
+    max_file_size: float = setting(
+        0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
+    )
+    max_file_duration: float = setting(
+        0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
+    )
+    cache_size: float = setting(
+        100.0,
+        "messages that may wait in memory for a slow or full disk; more than these are lost [MB]",
+        minimum=1.0,
+        maximum=1e5,
+    )
+    min_space: float = setting(
+        16.0,
+        "space that is left free on the disk, so that the bag can be completed there [MB]",
+        minimum=0.0,
+        maximum=1e7,
+    )
+    start_paused: bool = setting(False, "whether to wait for ~/resume before recording")
 
 
 class Recorder(Node):
@@ -72,27 +76,22 @@ class Recorder(Node):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        output = declare(self, OUTPUT, read_only=True)
-        include, exclude = (declare(self, s, read_only=True) for s in (INCLUDE, EXCLUDE))
-        self._filter = TopicFilter(include, exclude)
-        compression = declare(self, COMPRESSION, read_only=True)
-        megabytes = declare(self, MAX_FILE_SIZE, read_only=True)
-        seconds = declare(self, MAX_FILE_DURATION, read_only=True)
-        self._cache_size = declare(self, CACHE_SIZE, read_only=True)
-        min_space = declare(self, MIN_SPACE, read_only=True)
-        self._paused = declare(self, START_PAUSED, read_only=True)
+        settings = declare_settings(self, RecorderSettings())
+        self._filter = TopicFilter(settings.include, settings.exclude)
+        self._cache_size = settings.cache_size
+        self._paused = settings.start_paused
         self._health = Health(self)
         self._passed_over: dict[str, float] = {}  # topics of unknown type, and when to try again
         self._lost = 0  # messages that had no place to wait for the disk, at the last report
         self._missed: Counter[str] = Counter()  # messages that came faster than they were taken
         self._missed_before = 0
         self._writer = BagWriter(
-            Path(output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"),
-            compression=compression,
-            max_file_size=round(megabytes * 1e6),
-            max_file_duration=round(seconds * 1e9),
-            max_backlog=round(self._cache_size * 1e6),
-            min_space=round(min_space * 1e6),
+            Path(settings.output or f"bag-{datetime.now():%Y%m%d-%H%M%S}"),
+            compression=settings.compression,
+            max_file_size=round(settings.max_file_size * 1e6),
+            max_file_duration=round(settings.max_file_duration * 1e9),
+            max_backlog=round(settings.cache_size * 1e6),
+            min_space=round(settings.min_space * 1e6),
         )
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)

@@ -32,7 +32,7 @@ class Visualizer(Node):
 
     def __init__(self) -> None:
         super().__init__("visualizer")
-        path = Path(declare(self, OUTPUT, read_only=True))
+        path = Path(declare(self, OUTPUT))
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
         self._health.wait_for(f"{_STATES} from simulation")
@@ -65,11 +65,8 @@ class Visualizer(Node):
         return show
 
     def _report(self, topic: str, sentence: str | None) -> None:
-        if sentence:
-            self._health.error(sentence, topic)
-            return
-        self._health.clear(topic)
-        if topic == _STATES:
+        self._health.report(topic, error=sentence or "")
+        if topic == _STATES and not sentence:
             self._health.arrived(f"{_STATES} from simulation")
 
     def _look(self) -> None:

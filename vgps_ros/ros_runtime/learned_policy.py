@@ -95,15 +95,14 @@ class TrainingResults:
 
     def stop_waiting(self) -> None:
         """Says that nothing is needed for now."""
-        self._health.stop_waiting(POLICY)
-        self._health.stop_waiting(DISTRIBUTION)
+        self._health.stop_waiting(POLICY, DISTRIBUTION)
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
             policy = self._checked(policy_from_msg(message), message.task)
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
-            self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
+            self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
             return
         self.policy = policy
         self._health.arrived(POLICY)
@@ -114,9 +113,8 @@ class TrainingResults:
         try:
             self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
         except InvalidInputError as error:
-            self._health.error(
-                f"Refused a trajectory_distribution; any before it stays: {error}", "distribution"
-            )
+            sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
+            self._health.report("distribution", error=sentence)
             return
         self._health.clear("distribution")
 
