@@ -94,14 +94,15 @@ class Player(Node):
         left_out = [topic for topic in filled if not topic_filter.wants(topic)]
         if left_out:
             self.get_logger().warning(f"Leaves out {', '.join(sorted(left_out))}, by the patterns.")
+        topics: list[str] = []
         for topic, kind in filled.items():
             if topic in left_out or (topic == CLOCK_TOPIC and self._clock_rate):
                 continue
             try:
                 self._replayed.add(topic, kind, hashes[topic], qos[topic])
+                topics.append(topic)
             except InvalidInputError as error:
                 self.get_logger().warning(f"Does not play {topic}: {error}")
-        topics = self._replayed.topics
         if not topics:
             raise InvalidInputError(
                 f"No topic of '{self._bag.path}' is left to play; it has "

@@ -5,16 +5,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import (
-    QoSMessageLostInfo,
-    QoSRequestedIncompatibleQoSInfo,
-    SubscriptionEventCallbacks,
-)
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
@@ -38,6 +35,10 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
+_WEAKER = (
+    "Does not record all of {}: a publisher came later that offers a weaker quality of service; "
+    "start it before the recorder."
+)
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,8 @@ class Recorder(Node):
             del self._passed_over[topic]
             self._health.clear(topic)
         for topic, kinds in found:
-            if topic in self._writer.topics or not self._is_wanted(topic):
+            hidden = any(part.startswith("_") for part in topic.split("/"))  # insides of actions
+            if hidden or topic in self._writer.topics or not self._filter.wants(topic):
                 continue
             if time.monotonic() < self._passed_over.get(topic, 0.0):
                 continue
@@ -155,10 +157,6 @@ class Recorder(Node):
         health.report("pace", error=fast if missed > self._missed_before else "")
         self._lost, self._missed_before = writer.lost, missed
 
-    def _is_wanted(self, topic: str) -> bool:
-        hidden = any(part.startswith("_") for part in topic.split("/"))  # the insides of actions
-        return not hidden and self._filter.wants(topic)
-
     def _record(self, topic: str, kind: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         offered = [to_bag(info.qos_profile) for info in publishers]
         try:
@@ -170,41 +168,23 @@ class Recorder(Node):
             return
         self._health.clear(topic)
         # rclpy's types do not know that a callback may take the message's times too.
-        write: Any = self._write_to(topic)
-        self.create_subscription(
-            kind_class,
-            topic,
-            write,
-            recording(offered),
-            event_callbacks=self._watch(topic),
-            raw=True,
-        )
-
-    def _watch(self, topic: str) -> SubscriptionEventCallbacks:
-        """Returns callbacks for when the middleware delivers less than is published."""
-
-        def count(lost: QoSMessageLostInfo) -> None:
-            if not self._paused:
-                self._missed[topic] += lost.total_count_change
-
-        def warn(_: QoSRequestedIncompatibleQoSInfo) -> None:
-            sentence = (
-                f"Does not record all of {topic}: a publisher came later that offers a weaker "
-                "quality of service; start it before the recorder."
-            )
-            self._health.report(topic, warning=sentence)
-
+        write: Any = partial(self._write, topic)
         # Each event costs processor time while nothing comes, so the other defaults are left out.
-        return SubscriptionEventCallbacks(
-            message_lost=count, incompatible_qos=warn, use_default_callbacks=False
+        events = SubscriptionEventCallbacks(
+            message_lost=partial(self._count_missed, topic),
+            incompatible_qos=lambda _: self._health.report(topic, warning=_WEAKER.format(topic)),
+            use_default_callbacks=False,
         )
+        qos = recording(offered)
+        self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
 
-    def _write_to(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
-        def write(data: bytes, info: dict[str, int]) -> None:
-            if not self._paused:
-                self._writer.write(topic, info["received_timestamp"], data)
+    def _count_missed(self, topic: str, lost: QoSMessageLostInfo) -> None:
+        if not self._paused:
+            self._missed[topic] += lost.total_count_change
 
-        return write
+    def _write(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        if not self._paused:
+            self._writer.write(topic, info["received_timestamp"], data)
 
     def _save(self) -> None:
         if self._collector.is_changed:

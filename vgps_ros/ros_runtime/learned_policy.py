@@ -48,8 +48,8 @@ class TrainingResults:
 
     Args:
         node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
-        task: that they must be for.
-        health: of the node.
+        task: the task that the results must be for.
+        health: the node's diagnostics.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
             needed.
 
@@ -72,15 +72,11 @@ class TrainingResults:
         self._task = task
         self._health = health
         self._take_marginals = take_marginals or (lambda *_: None)
+        self._waits_for_distribution = take_marginals is not None
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if take_marginals:
-            node.create_subscription(
-                TrajectoryDistributionMsg,
-                "trajectory_distribution",
-                self._take_distribution,
-                LATCHED,
-            )
-        self._waits_for_distribution = take_marginals is not None
+            topic, take = "trajectory_distribution", self._take_distribution
+            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
         if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
         if distribution_file := value(node, DISTRIBUTION_FILE):

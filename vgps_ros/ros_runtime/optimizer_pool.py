@@ -60,10 +60,7 @@ class OptimizerPool:
     A request whose optimizer was killed, restarted or hangs goes to another one, or waits until one
     is there. Results do not depend on who solved what.
 
-    Args:
-        node: the node, which has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
-        task: whose trajectories are optimised.
-        health: of the node.
+    The node has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
     """
 
     def __init__(self, node: Node, task: Task, health: Health):
