@@ -168,28 +168,26 @@ class Player(Node):
         self._health.set_value("messages", self._replayed.counts.total())
         self._health.set_value("paused", self._playback.paused)
 
-    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _pause(self, *_: object) -> Trigger.Response:
         was_paused = self._playback.paused
         self._playback.pause()
         self._show()
         at = f"at {self._playback.position:.2f} s"
-        return answered(response, not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
+        return answered(not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
 
-    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _resume(self, *_: object) -> Trigger.Response:
         was_paused, at = self._playback.paused, f"at {self._playback.position:.2f} s"
         self._playback.resume()
         self._show()
-        return answered(response, was_paused, f"Goes on {at}.", "It was not paused.")
+        return answered(was_paused, f"Goes on {at}.", "It was not paused.")
 
-    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _step(self, *_: object) -> Trigger.Response:
         if not self._playback.paused:
-            response.message = "It is not paused; call ~/pause first."
-        elif (message := self._playback.step()) is None:
-            response.message = "No message is left."
-        else:
-            response.success, at = True, f"at {self._playback.position:.2f} s"
-            response.message = f"Played a message of {message.topic}, {at}."
-        return response
+            return Trigger.Response(message="It is not paused; call ~/pause first.")
+        if (message := self._playback.step()) is None:
+            return Trigger.Response(message="No message is left.")
+        sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
+        return Trigger.Response(success=True, message=sentence)
 
 
 def main() -> int:

@@ -192,13 +192,13 @@ class Recorder(Node):
             self._writer.attach("parameters.yaml", self._collector.text(), stamp)
         self._writer.flush(wait=False)
 
-    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _pause(self, *_: object) -> Trigger.Response:
         was_paused, self._paused = self._paused, True
-        return answered(response, not was_paused, "Recording pauses.", "It was paused already.")
+        return answered(not was_paused, "Recording pauses.", "It was paused already.")
 
-    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _resume(self, *_: object) -> Trigger.Response:
         was_paused, self._paused = self._paused, False
-        return answered(response, was_paused, "Recording goes on.", "It was not paused.")
+        return answered(was_paused, "Recording goes on.", "It was not paused.")
 
 
 def main() -> int:

@@ -194,22 +194,19 @@ class Simulation(Node):
 
     # Services
 
-    def _reset(
-        self, request: ResetSimulation.Request, response: ResetSimulation.Response
-    ) -> ResetSimulation.Response:
+    def _reset(self, request: ResetSimulation.Request, _: object) -> ResetSimulation.Response:
         scope = request.scope or request.SCOPE_ALL
         if scope not in (*range(_SCOPE_BITS + 1), request.SCOPE_ALL):
-            response.result = refused(
-                Result.RESULT_FEATURE_UNSUPPORTED,
-                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state).",
+            sentence = (
+                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state)."
             )
-            return response
+            result = refused(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
+            return ResetSimulation.Response(result=result)
         self._control.interrupt("The simulation was reset before the last step.")
         self._restart(
             time_too=bool(scope & request.SCOPE_TIME), state_too=bool(scope & request.SCOPE_STATE)
         )
-        response.result = ok()
-        return response
+        return ResetSimulation.Response(result=ok())
 
     def _restart(self, *, time_too: bool = True, state_too: bool = True) -> None:
         state = self._to_state(value(self, self._initial_state)) if state_too else None
@@ -237,21 +234,14 @@ class Simulation(Node):
                 self._publish()
         return response
 
-    def _get_state(
-        self, _: GetSimulationState.Request, response: GetSimulationState.Response
-    ) -> GetSimulationState.Response:
-        response.state = self._control.state
-        response.result = ok()
-        return response
+    def _get_state(self, *_: object) -> GetSimulationState.Response:
+        return GetSimulationState.Response(state=self._control.state, result=ok())
 
-    def _do_steps(
-        self, request: StepSimulation.Request, response: StepSimulation.Response
-    ) -> Future:
+    def _do_steps(self, request: StepSimulation.Request, _: object) -> Future:
         answer = Future()
 
         def done(result: Result) -> None:
-            response.result = result
-            answer.set_result(response)
+            answer.set_result(StepSimulation.Response(result=result))
 
         if self._control.begin_steps(request.steps, done):
             self._forget_command()

@@ -113,13 +113,11 @@ class TrajectoryOptimizerNode(Node):
         self._health.report("solve", error=f"Refused a request: {sentence}")
         return OptimizeTrajectory.Response(status=status, message=sentence)
 
-    def _cancel(
-        self, _: CancelOptimization.Request, response: CancelOptimization.Response
-    ) -> CancelOptimization.Response:
-        response.success = self._solving.is_set()
+    def _cancel(self, *_: object) -> CancelOptimization.Response:
+        is_solving = self._solving.is_set()
         self._cancelled.set()
-        response.message = "Cancelling the solve." if response.success else "No solve is running."
-        return response
+        message = "Cancelling the solve." if is_solving else "No solve is running."
+        return CancelOptimization.Response(success=is_solving, message=message)
 
 
 def main() -> int:

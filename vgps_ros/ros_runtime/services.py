@@ -83,10 +83,9 @@ def _words(error: Exception) -> str:
     return (ascii(line)[1:-1] if not line.isprintable() else line)[:300] + "."
 
 
-def answered(response: Trigger.Response, done: bool, yes: str, no: str) -> Trigger.Response:
-    """Fills in whether an order was carried out, and the sentence for either case."""
-    response.success, response.message = done, yes if done else no
-    return response
+def answered(done: bool, yes: str, no: str) -> Trigger.Response:
+    """Returns the response to an order that was carried out or not, with a sentence for each."""
+    return Trigger.Response(success=done, message=yes if done else no)
 
 
 def keep_responses(node: Node) -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -89,11 +90,12 @@ class TrainingClient(Node):
 
         find_solvers()
         self.create_timer(_WAKE_PERIOD, find_solvers)
+        request = partial(self.action.send_goal_async, goal, feedback_callback=show_iteration)
         result = None
         while result is None:
             instance = self._peers.instance_of(self._learner)
             try:
-                result = self._result(self._send(goal, show_iteration, instance), instance)
+                result = self._result(self._send(request, instance), instance)
             except LostError as error:
                 progress.say(str(error))
                 self._wait_for_learner(self._lost_timeout, self._nobody)
@@ -139,13 +141,10 @@ class TrainingClient(Node):
                     self._spin()
         raise LostError("The policy_learner does not know the goal any more; it is sent again.")
 
-    def _send(
-        self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], instance: str
-    ) -> ClientGoalHandle:
+    def _send(self, request: Callable[[], Future], instance: str) -> ClientGoalHandle:
         """Sends the goal until a learner accepts it, dies, or refuses it."""
         while True:
-            sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
-            handle = self._wait(sent, instance, _ANSWER_TIMEOUT)
+            handle = self._wait(request(), instance, _ANSWER_TIMEOUT)
             if handle and handle.accepted:
                 return handle
             if handle and not self._sent_before:
