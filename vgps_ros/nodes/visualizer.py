@@ -57,7 +57,7 @@ class Visualizer(Node):
 
     def _show(self, topic: str) -> Callable[[Any], None]:
         def show(message: Any) -> None:
-            if self._scene.recording.backlog <= _MAX_BACKLOG:
+            if self._scene.recording.disk.backlog <= _MAX_BACKLOG:
                 self._scene.show(topic, message)
             else:
                 self._left_out += 1
@@ -74,7 +74,7 @@ class Visualizer(Node):
 
     def _look(self) -> None:
         self._health.set_value("messages_left_out", self._left_out)
-        fault = self._scene.recording.fault
+        fault = self._scene.recording.disk.fault
         self._health.report("disk", error=fault.sentence if fault else "")
         self._find_solvers()
 
