@@ -4,6 +4,7 @@ A file whose writer was killed has no index and may end within a record; all bef
 """
 
 import fcntl
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,22 +45,40 @@ def is_being_written(path: Path) -> bool:
 
 
 @dataclass(frozen=True)
+class FileSummary:
+    """Describes one file of a bag.
+
+    Attributes:
+        name: name of the file in the folder of the bag.
+        start: time at which its first message was received [ns].
+        end: time at which its last message was received [ns].
+        counts: number of messages of each topic.
+    """
+
+    name: str
+    start: int
+    end: int
+    counts: dict[str, int]
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages in the file."""
+        return sum(self.counts.values())
+
+
+@dataclass(frozen=True)
 class StorageContent:
     """The readable content of a file.
 
     Attributes:
-        topics: by their names.
-        counts: messages of each topic.
-        start: when the first message was received [ns].
-        end: when the last one was.
-        compression: of its chunks.
+        topics: topics of the file by their names.
+        summary: times and counts of its messages.
+        compression: compression of its chunks.
         is_complete: whether it has its index and ends where it should.
     """
 
     topics: dict[str, Topic]
-    counts: dict[str, int]
-    start: int
-    end: int
+    summary: FileSummary
     compression: str
     is_complete: bool
 
@@ -94,23 +113,17 @@ class StorageScan:
 
     def content(self) -> StorageContent:
         """Reads the whole file and returns what is in it."""
-        counts: dict[str, int] = {}
+        counts: Counter[str] = Counter()
         start = end = 0
         for record in self.records():
             if not isinstance(record, Attachment):
                 topic, message = record
-                counts[topic.name] = counts.get(topic.name, 0) + 1
+                counts[topic.name] += 1
                 start = min(start or message.log_time, message.log_time)
                 end = max(end, message.log_time)
         topics = {topic.name: topic for topic in self.topics.values()}
-        return StorageContent(
-            topics,
-            {name: counts.get(name, 0) for name in topics},
-            start,
-            end,
-            self.compression,
-            self.is_complete,
-        )
+        summary = FileSummary(self._path.name, start, end, counts)
+        return StorageContent(topics, summary, self.compression, self.is_complete)
 
     def _whole_records(self) -> Iterator[McapRecord]:
         with self._path.open("rb") as file:
