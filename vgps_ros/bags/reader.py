@@ -39,7 +39,7 @@ class BagReader:
         path: folder of the bag.
 
     Attributes:
-        path: as above.
+        path: folder of the bag.
         topics: type of each topic.
         type_hashes: type hash of each topic, in the format RIHS01.
         counts: number of messages of each topic.

@@ -10,7 +10,10 @@ from vgps_ros.bags import BagReader
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
+from vgps_ros.safety.safe_action import safe_torques
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.tasks import make_task
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from mcap.records import Attachment
 
 from vgps_ros.bags.metadata import FILE_NAME, bag_information, write_metadata
-from vgps_ros.bags.storage import StorageContent, StorageScan, is_being_written
+from vgps_ros.bags.storage import StorageScan, is_being_written
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
 
@@ -35,7 +35,7 @@ def missing_parts(path: Path) -> str:
     Raises:
         InvalidInputError: the folder has no `.mcap` file.
     """
-    contents = {file: StorageScan(file).content() for file in storage_files(path)}
+    contents = {file: StorageScan(file) for file in storage_files(path)}
     lacks = [f"the index of {file.name}" for file, c in contents.items() if not c.is_complete]
     if not (path / FILE_NAME).is_file():
         lacks.insert(0, FILE_NAME)
@@ -74,7 +74,7 @@ def reindex(path: Path) -> list[Path]:
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
-    contents = {file: StorageScan(file).content() for file in files}
+    contents = {file: StorageScan(file) for file in files}
     known = [content for content in contents.values() if content.topics]
     if not known:
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
@@ -90,14 +90,14 @@ def reindex(path: Path) -> list[Path]:
     return rebuilt
 
 
-def _rebuild(file: Path, content: StorageContent, information: str) -> None:
+def _rebuild(file: Path, content: StorageScan, information: str) -> None:
     partial = file.with_name(f"{file.name}.partial")
     try:
         with partial.open("wb") as output:
             writer = StorageWriter(output, content.compression)
             for topic in content.topics.values():
                 writer.add_topic(topic)
-            for record in StorageScan(file).records():
+            for record in content.records():
                 if isinstance(record, Attachment):
                     writer.attach(record.name, record.data, record.log_time)
                 else:

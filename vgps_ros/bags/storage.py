@@ -66,9 +66,8 @@ class FileSummary:
         return sum(self.counts.values())
 
 
-@dataclass(frozen=True)
-class StorageContent:
-    """The readable content of a file.
+class StorageScan:
+    """The content of a file, read from its start record by record, as far as it is whole.
 
     Attributes:
         topics: topics of the file by their names.
@@ -77,42 +76,12 @@ class StorageContent:
         is_complete: whether it has its index and ends where it should.
     """
 
-    topics: dict[str, Topic]
-    summary: FileSummary
-    compression: str
-    is_complete: bool
-
-
-class StorageScan:
-    """Reads a file from its start, record by record, as far as it is whole.
-
-    Attributes:
-        topics: those seen so far, by the ids of their channels.
-        compression: of the chunks.
-        is_complete: after `records` has ended, whether the file did so properly.
-    """
-
     def __init__(self, path: Path):
-        self.topics: dict[int, Topic] = {}
         self.compression = "none"
         self.is_complete = False
         self._path = path
         self._schemas: dict[int, Schema] = {}
-
-    def records(self) -> Iterator[tuple[Topic, Message] | Attachment]:
-        """Yields messages with their topics, and attachments, in the order of the file."""
-        for record in self._whole_records():
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self.topics.setdefault(record.id, self._topic(record))
-            elif isinstance(record, Message):
-                yield self.topics[record.channel_id], record
-            elif isinstance(record, Attachment):
-                yield record
-
-    def content(self) -> StorageContent:
-        """Reads the whole file and returns what is in it."""
+        self._channels: dict[int, Topic] = {}
         counts: Counter[str] = Counter()
         start = end = 0
         for record in self.records():
@@ -121,9 +90,20 @@ class StorageScan:
                 counts[topic.name] += 1
                 start = min(start or message.log_time, message.log_time)
                 end = max(end, message.log_time)
-        topics = {topic.name: topic for topic in self.topics.values()}
-        summary = FileSummary(self._path.name, start, end, counts)
-        return StorageContent(topics, summary, self.compression, self.is_complete)
+        self.topics = {topic.name: topic for topic in self._channels.values()}
+        self.summary = FileSummary(path.name, start, end, counts)
+
+    def records(self) -> Iterator[tuple[Topic, Message] | Attachment]:
+        """Yields messages with their topics, and attachments, in the order of the file."""
+        for record in self._whole_records():
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels.setdefault(record.id, self._topic(record))
+            elif isinstance(record, Message):
+                yield self._channels[record.channel_id], record
+            elif isinstance(record, Attachment):
+                yield record
 
     def _whole_records(self) -> Iterator[McapRecord]:
         with self._path.open("rb") as file:

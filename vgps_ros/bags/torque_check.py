@@ -26,7 +26,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     state_from_msg,
 )
-from vgps_ros.safety import TrainingMarginals
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model, joint_names
 
 _SLACK = 10**9  # largest delay with which the bag holds a state after its torque [ns]
