@@ -31,7 +31,8 @@ from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
-from vgps_ros.safety import Command, SafetySettings, Supervisor
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.supervisor import Command, Supervisor
 from vgps_ros.simulation.model import model_torque_limits
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK

@@ -137,17 +137,17 @@ class Recorder(Node):
         health.set_value("messages", writer.message_count)
         missed = self._missed.total()
         health.set_value("messages_lost", writer.lost + missed)
-        health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
+        health.set_value("backlog_mb", round(writer.disk.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
         health.set_value("paused", self._paused)
-        health.report("disk", error=writer.fault.sentence if writer.fault else "")
+        health.report("disk", error=writer.disk.fault.sentence if writer.disk.fault else "")
         cache = f"{self._cache_size:g} MB that may wait for the disk (cache_size)"
         full = f"Messages are being lost: the {cache} are full."
         slow = f"Of the {cache} over half are full; it takes less than what comes."
         health.report(
             "cache",
             error=full if writer.lost > self._lost else "",
-            warning=slow if writer.backlog * 1e-6 > 0.5 * self._cache_size else "",
+            warning=slow if writer.disk.backlog * 1e-6 > 0.5 * self._cache_size else "",
         )
         fast = (
             f"Messages are being lost: {', '.join(sorted(self._missed))} came faster than the "

@@ -57,7 +57,7 @@ class Visualizer(Node):
         self.create_subscription(message_type(kind), topic, partial(self._show, topic), qos)
 
     def _show(self, topic: str, message: Any) -> None:
-        if self._scene.recording.backlog <= _MAX_BACKLOG:
+        if self._scene.recording.disk.backlog <= _MAX_BACKLOG:
             self._scene.show(topic, message)
         else:
             self._left_out += 1
@@ -69,7 +69,7 @@ class Visualizer(Node):
 
     def _look(self) -> None:
         self._health.set_value("messages_left_out", self._left_out)
-        fault = self._scene.recording.fault
+        fault = self._scene.recording.disk.fault
         self._health.report("disk", error=fault.sentence if fault else "")
         # Every optimizer is listened to, whatever its name.
         for topic, kinds in self.get_topic_names_and_types():
