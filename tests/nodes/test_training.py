@@ -27,7 +27,7 @@ from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.search.workspace import initial_states
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import Task, make_task
 
 SHORT = SearchSettings(

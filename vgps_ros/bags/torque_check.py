@@ -16,8 +16,7 @@ import numpy as np
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.execution import executed_control
-from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
     command_from_msg,

@@ -13,8 +13,7 @@ from std_msgs.msg import Float64MultiArray
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.execution import executed_control
-from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (

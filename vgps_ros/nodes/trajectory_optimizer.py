@@ -10,7 +10,7 @@ from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
-from vgps_ros.core.ddp import Iteration, Status
+from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.messages.optimization import (
     ENDING,

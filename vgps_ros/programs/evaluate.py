@@ -16,8 +16,7 @@ from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, add_overwrite, add_setting, refuse_existing
 from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks.settings import TASKS
 from vgps_ros.views.table_console import table_console
 

@@ -93,7 +93,7 @@ def train_with_progress(
     """
     from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
-    from vgps_ros.search.remaining_time import RemainingTime
+    from vgps_ros.search.iteration import RemainingTime
     from vgps_ros.views.plots import learning_curve, save
     from vgps_ros.views.training_progress import TrainingProgress
 

@@ -23,8 +23,7 @@ from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.storage.distribution_file import load_distributions
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import load_distributions, load_policy
 from vgps_ros.tasks import Task
 
 POLICY_FILE = Setting(
