@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
-from vgps_ros.bags.metadata import FileSummary, bag_information, write_metadata
-from vgps_ros.bags.storage import Topic
+from vgps_ros.bags.metadata import bag_information, write_metadata
+from vgps_ros.bags.storage import FileSummary, Topic
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.storage.disk import Disk, DiskFile

@@ -52,11 +52,11 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
             f"MuJoCo cannot draw here with MUJOCO_GL={chosen or 'egl'}; install libegl1, "
             f"or libosmesa6 and set MUJOCO_GL=osmesa: {error}"
         ) from error
-    shape, camera = RobotShape(model), mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
-    half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
-    camera.distance = _MARGIN * _extent(shape, states, width / height) / half_view
     with renderer:
+        shape, camera = RobotShape(model), mujoco.MjvCamera()
+        camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
+        half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
+        camera.distance = _MARGIN * _extent(shape, states, width / height) / half_view
         for state in states:
             camera.lookat[:] = shape.centre_of_mass(state)
             mujoco.mj_forward(model, shape.data)

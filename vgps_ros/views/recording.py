@@ -48,12 +48,14 @@ class Recording:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch(exist_ok=False)
+        except FileExistsError as error:
+            raise InvalidInputError(
+                f"The recording '{path}' exists already; name another file."
+            ) from error
         except OSError as error:
-            is_there = isinstance(error, FileExistsError)
-            reason = (
-                "exists already; name another file" if is_there else f"cannot be written: {error}"
-            )
-            raise InvalidInputError(f"The recording '{path}' {reason}.") from error
+            raise InvalidInputError(
+                f"The recording '{path}' cannot be written: {error}."
+            ) from error
         self.disk = Disk()
         self._file = DiskFile(self.disk, path)
         self._stream = rr.RecordingStream("vgps_ros", batcher_config=_BATCHES)
