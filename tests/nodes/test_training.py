@@ -20,7 +20,7 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistri
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.experiments.params_file import with_parameters_of
+from vgps_ros.experiments.command_line import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.methods import search

@@ -30,7 +30,7 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     state_to_msg,
 )
-from vgps_ros.programs.bag import to_rerun
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.storage.run_folder import save_policy
@@ -183,7 +183,7 @@ def test_live_and_from_the_bag_the_recording_is_the_same(graph, random_policy, t
     assert simulation.end() == 0  # it would repeat its last state while the two end
     graph.spin_for(0.5)
     assert visualizer.end(signal.SIGINT) == recorder.end(signal.SIGINT) == 0
-    to_rerun(tmp_path / "bag", tmp_path / "offline.rrd")
+    vgps(["bag", "rerun", str(tmp_path / "bag"), "--output", str(tmp_path / "offline.rrd")])
     live, offline = all_rows(tmp_path / "live.rrd"), all_rows(tmp_path / "offline.rrd")
     assert live == offline
     assert live["/joint_states/effort", False] >= 201

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from vgps_ros.experiments.cell_table import MethodResults, write_table
+from vgps_ros.experiments.cell_table import write_table
 from vgps_ros.experiments.cells import Panel
-from vgps_ros.experiments.summary import summary
+from vgps_ros.experiments.figure1 import summary
 from vgps_ros.programs.__main__ import main as vgps
 
 
@@ -92,7 +92,7 @@ def test_summary_takes_medians_over_seeds_and_says_when_a_policy_succeeds():
         "simulator_steps": np.array([[1, 2, 3]] * 3) * 1_000_000,
         "seconds": np.array([[1.0, 2.0, 7.0]] * 3),
     }
-    (row,) = summary({Panel("walker", 5): {"vgps": MethodResults((0, 1, 2), columns)}})
+    (row,) = summary({Panel("walker", 5): {"vgps": columns}})
     assert row == {
         "panel": "walker-5",
         "method": "vgps",

@@ -4,7 +4,7 @@ import fcntl
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import timedelta
 from pathlib import Path
@@ -14,13 +14,11 @@ import joblib
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.cell_table import write_table
 from vgps_ros.experiments.cells import Cell, Protocol, remove_unfinished, run_cell
 from vgps_ros.storage.files import write_json
 
-BACKENDS = ("processes", "dask")
 FAILURES = "failures.json"
 _PROTOCOL = "experiment.json"
 
@@ -37,30 +35,35 @@ def run_experiment(
         InvalidInputError: the folder belongs to something else, or the cluster is not there; or a
             worker has died.
     """
-    failures, began = {}, time.monotonic()
+    failures, began, console = {}, time.monotonic(), Console()
     with (
         workers(backend, jobs, address) as parallel,
         claimed(output, protocol),
-        _progress() as progress,
+        Progress(
+            "{task.description}",
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            speed_estimate_period=float("inf"),  # cells take minutes
+            disable=not console.is_terminal,
+        ) as progress,
     ):
         remove_unfinished(output)
         waiting = [cell for cell in cells if not cell.is_finished(output)]
         done = len(cells) - len(waiting)
-        progress.console.print(
+        console.out(
             f"{len(cells)} cells, {done} of them finished before; {protocol.iterations} iterations "
             "each. Ctrl-C stops; the same command goes on.",
             highlight=False,
-            soft_wrap=True,
         )
         bar = progress.add_task("cells", total=len(cells), completed=done)
-        for cell, error in parallel(
-            joblib.delayed(_run)(cell, protocol, output.absolute()) for cell in waiting
-        ):
+        tasks = (joblib.delayed(_run)(cell, protocol, output.absolute()) for cell in waiting)
+        for cell, error in parallel(tasks):
             done += 1
             outcome = f"failed: {error}" if error else "finished"
             after = timedelta(seconds=round(time.monotonic() - began))
-            line = f"{done}/{len(cells)} after {after}: {cell} {outcome}"
-            progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
+            console.out(f"{done}/{len(cells)} after {after}: {cell} {outcome}", highlight=False)
             progress.advance(bar)
             if error:
                 failures[cell] = error
@@ -117,12 +120,12 @@ def workers(backend: str, jobs: int, address: str) -> Iterator[joblib.Parallel]:
     """Gives what runs cells in parallel and yields each as it ends.
 
     Raises:
-        InvalidInputError: the backend is unknown, or the cluster is not there.
+        InvalidInputError: there are no processes to use, or the cluster is not there.
     """
     options: dict[str, Any] = {"return_as": "generator_unordered", "batch_size": 1}
     if jobs == 0:
         raise InvalidInputError("jobs is 0, but it must be a number of processes, or -1 for all.")
-    if one_of("backend", backend, BACKENDS) == "processes":
+    if backend == "processes":
         yield joblib.Parallel(n_jobs=jobs, **options)
         return
     try:
@@ -143,19 +146,6 @@ def workers(backend: str, jobs: int, address: str) -> Iterator[joblib.Parallel]:
 
 def _run(cell: Cell, protocol: Protocol, root: Path) -> tuple[Cell, str]:
     return cell, run_cell(cell, protocol, root)
-
-
-def _progress() -> AbstractContextManager[Progress]:
-    console = Console()
-    return Progress(
-        "{task.description}",
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        speed_estimate_period=float("inf"),  # cells take minutes
-        disable=not console.is_terminal,
-    )
 
 
 def _listed(values: dict[str, Any]) -> str:

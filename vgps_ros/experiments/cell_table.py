@@ -3,10 +3,9 @@
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, TypeAlias, get_type_hints
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +19,10 @@ from vgps_ros.search.methods import METHODS
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, read_result
+
+# The results of one method in one panel: columns of the table by name, each of shape (S, K) for S
+# seeds in ascending order and K iterations.
+Columns: TypeAlias = Mapping[str, Array]
 
 TABLE = "results"  # name of the table's files, with the endings .parquet and .csv
 
@@ -69,41 +72,20 @@ def read_table(root: Path) -> pa.Table:
     return table
 
 
-@dataclass(frozen=True)
-class MethodResults:
-    """The results of one method in one panel.
-
-    Attributes:
-        seeds: the S seeds in ascending order.
-        columns: columns of the table by name, each of shape (S, K) for K iterations.
-    """
-
-    seeds: tuple[int, ...]
-    columns: Mapping[str, Array]
-
-
-def by_panel(table: pa.Table) -> dict[Panel, dict[str, MethodResults]]:
+def by_panel(table: pa.Table) -> dict[Panel, dict[str, Columns]]:
     """Returns the results of each panel's methods, both in the order of the paper."""
     order = list(METHODS)
-    rows = sorted(
-        (row for row in table.to_pylist() if row["method"] in METHODS),
-        key=lambda row: (*_place(row)[:2], order.index(row["method"]), *_place(row)[3:]),
-    )
-    found: dict[Panel, dict[str, MethodResults]] = defaultdict(dict)
-    for (task, units, method), group in groupby(rows, lambda row: _place(row)[:3]):
+    rows = [row for row in table.to_pylist() if row["method"] in METHODS]
+    rows.sort(key=lambda row: [order.index(row[n]) if n == "method" else row[n] for n in _KEYS])
+    found: dict[Panel, dict[str, Columns]] = defaultdict(dict)
+    for (task, units, method), group in groupby(rows, lambda r: [r[n] for n in [*_KEYS][:3]]):
         own = list(group)
-        seeds = tuple(dict.fromkeys(row["seed"] for row in own))
-        columns = {
-            name: np.array([row.get(name) for row in own], float).reshape(len(seeds), -1)
-            for name in (*_METRICS, "seconds")
+        seeds = len({row["seed"] for row in own})
+        found[Panel(task, units)][method] = {
+            name: np.array([row.get(name) for row in own], float).reshape(seeds, -1)
+            for name in ("seed", *_METRICS, "seconds")
         }
-        found[Panel(task, units)][method] = MethodResults(seeds, columns)
     return dict(found)
-
-
-def _place(row: Mapping[str, Any]) -> list[Any]:
-    """Returns task, hidden units, method, seed and iteration."""
-    return [row[name] for name in _KEYS]
 
 
 def _rows(cell: Cell, root: Path) -> list[dict[str, Any]]:

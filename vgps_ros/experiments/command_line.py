@@ -1,28 +1,36 @@
-"""Command lines: flags from settings, defaults in the help, and errors that name what is near."""
+"""Command lines: flags from settings, their defaults from a parameter file, and clear errors."""
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from vgps_ros.core.checks import nearest
+import yaml
+
+from vgps_ros import NODES
+from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 
 Record = TypeVar("Record")
+
+# Parameters that only the nodes heed: no settings of a search, but in its nodes' blocks.
+OF_NODES = {
+    *("task", "method", "demonstration", "checkpoint_folder", "optimizers", "optimizer_timeout"),
+    *("peer_timeout", "wait_timeout", "use_sim_time"),
+}
 
 
 class Parser(argparse.ArgumentParser):
     """A parser whose help shows defaults, and whose errors are one sentence each.
 
     Attributes:
-        words: the words to be parsed, where defaults depend on some of them.
+        words: the words to be parsed, for defaults and errors that depend on them.
     """
 
-    def __init__(self, *, words: Sequence[str] = (), **options: Any):
+    def __init__(self, *, words: Sequence[str], **options: Any):
         self.words = words
-        self._flags: list[str] = []
         super().__init__(allow_abbrev=False, **options)
         self.set_defaults(parser=self, interrupted="interrupted.")
 
@@ -32,13 +40,53 @@ class Parser(argparse.ArgumentParser):
         if default is not False and default not in (None, "", argparse.SUPPRESS):
             shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
             options["help"] += f"; default {shown}"
-        action = super().add_argument(*names, **options)
-        self._flags += action.option_strings
-        return action
+        return super().add_argument(*names, **options)
+
+    def add_settings(self, *settings: Setting, unset: str = "") -> None:
+        """Adds a flag for each setting, for example `--fit-form` for `fit.form`.
+
+        Args:
+            settings: the settings.
+            unset: who chooses a value that is left out; the setting's default if empty.
+        """
+        for s in settings:
+            self.add_argument(
+                "--" + s.name.replace("_", "-").replace(".", "-"),
+                dest=s.name,
+                type=_parser(s),
+                nargs="+" if isinstance(s.default, tuple) else None,
+                default=argparse.SUPPRESS if unset else s.default,
+                metavar="{" + ",".join(s.choices) + "}"
+                if s.choices
+                else s.name.split(".")[-1].upper(),
+                help=s.description
+                + ("" if s.choices else f"; {s.range()}")
+                + (f"; default: {unset}" if unset else ""),
+            ).completer = lambda choices=s.choices, **_: choices or ()  # type: ignore[attr-defined]
+
+    def add_output(self, flag: str, text: str, **options: Any) -> None:
+        """Adds a flag for a path to write, and the one that allows it to be replaced."""
+        self.add_argument(flag, type=Path, help=text, **options)
+        self.add_argument(
+            "--overwrite", action="store_true", help="replace what an earlier run has written"
+        )
+
+    def add_ros_arguments(self) -> None:
+        """Adds the flag after which ROS, which reads them itself, finds its arguments."""
+        self.add_argument(
+            "--ros-args",
+            nargs=argparse.REMAINDER,
+            help="arguments of ROS, such as -r NAME:=NEW_NAME",
+        )
 
     def error(self, message: str) -> NoReturn:
         """Ends the program with one sentence, which names what is nearest to a misspelt word."""
-        word, choices = "", self._flags
+        if message.startswith("the following arguments are required"):
+            for action in self._actions:
+                action.required = False
+            if unknown := self.parse_known_args(self.words)[1]:  # may be one of those, misspelt
+                message = f"unrecognized arguments: {' '.join(unknown)}"
+        word, choices = "", [*self._option_string_actions]
         if found := re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message):
             word, choices = found[1], re.findall(r"[\w-]+", found[2])
         elif found := re.match(r"unrecognized arguments: ([^\s=]+)", message):
@@ -47,47 +95,6 @@ class Parser(argparse.ArgumentParser):
         self.exit(
             2, f"{self.prog}: {message}{end}{nearest(word, choices)} See `{self.prog} --help`.\n"
         )
-
-
-def add_setting(parser: argparse.ArgumentParser, s: Setting, *, unset: str = "") -> None:
-    """Adds the flag of a setting, for example `fit.form` as `--fit-form`.
-
-    Args:
-        parser: of the command.
-        s: the setting.
-        unset: who chooses the value where the flag is left out; the setting's default if empty.
-    """
-    parser.add_argument(
-        "--" + s.name.replace("_", "-").replace(".", "-"),
-        dest=s.name,
-        type=_parser(s),
-        nargs="+" if isinstance(s.default, tuple) else None,
-        default=argparse.SUPPRESS if unset else s.default,
-        metavar="{" + ",".join(s.choices) + "}" if s.choices else s.name.split(".")[-1].upper(),
-        help=s.description
-        + ("" if s.choices else f"; {s.range()}")
-        + (f"; default: {unset}" if unset else ""),
-    ).completer = lambda **_: s.choices or ()  # type: ignore[attr-defined]  # of argcomplete
-
-
-def add_settings(parser: argparse.ArgumentParser, record: Any) -> None:
-    """Adds a flag for each setting of a record."""
-    for s in settings_of(record):
-        add_setting(parser, s)
-
-
-def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """Adds the flag that allows what is there already to be replaced."""
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace what an earlier run has written"
-    )
-
-
-def add_ros_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the flag after which ROS, which reads them itself, finds its arguments."""
-    parser.add_argument(
-        "--ros-args", nargs=argparse.REMAINDER, help="arguments of ROS, such as -r NAME:=NEW_NAME"
-    )
 
 
 def refuse_existing(paths: Sequence[Path], *, overwrite: bool) -> None:
@@ -114,6 +121,73 @@ def settings_from(arguments: argparse.Namespace, record: Record) -> Record:
     return with_values(
         record, {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
     )
+
+
+def parameters_of(node: str, path: Path | None) -> dict[str, Any]:
+    """Returns what a parameter file, if there is one, says for a node, by dotted name.
+
+    Args:
+        node: name of the node's block, which may be missing.
+        path: in the form of ROS 2, NODE: {ros__parameters: {NAME: VALUE}}; the block `/**` is
+            for all nodes.
+
+    Raises:
+        InvalidInputError: the file cannot be read, has another form, or has a block that is no
+            node's.
+    """
+    if path is None:
+        return {}
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(
+            f"'{path}' cannot be read ({error.strerror}); name a parameter file, such as those in "
+            "config/."
+        ) from error
+    try:
+        blocks = {
+            name.rpartition("/")[2]: _flat(block["ros__parameters"])
+            for name, block in yaml.safe_load(text).items()
+        }
+        optimizers = map(str, blocks.get("policy_learner", {}).get("optimizers", ()))
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise InvalidInputError(
+            f"'{path}' is no parameter file: it must have blocks of the form "
+            "NODE: {ros__parameters: {NAME: VALUE}}, as config/swimmer.yaml has."
+        ) from error
+    _check_names(path, "block", blocks, {*NODES, *optimizers, "**"})
+    return blocks.get("**", {}) | blocks.get(node, {})
+
+
+def with_parameters_of(record: Record, node: str, path: Path | None) -> Record:
+    """Returns a settings record with what a parameter file, if there is one, says for a node.
+
+    Raises:
+        InvalidInputError: as above, or a parameter is unknown, or its value is wrong.
+    """
+    given = parameters_of(node, path)
+    known = {s.name for s in settings_of(record)}
+    _check_names(path, "parameter", given, known | OF_NODES)
+    return with_values(record, {name: given[name] for name in known & given.keys()})
+
+
+def _check_names(path: Path | None, kind: str, names: Iterable[str], known: set[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise InvalidInputError(
+                f"'{path}' has the {kind} {quoted(name)}, which is unknown.{nearest(name, known)}"
+            )
+
+
+def _flat(block: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns a nested block by dotted names, lists as tuples."""
+    flat: dict[str, Any] = {}
+    for name, value in block.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = tuple(value) if isinstance(value, list) else value
+    return flat
 
 
 def _parser(s: Setting) -> Callable[[str], Any]:

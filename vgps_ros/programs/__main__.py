@@ -75,7 +75,7 @@ def _parser(words: Sequence[str]) -> "Parser":
     """Returns the parser of all commands, with the arguments of the one that the words name."""
     from vgps_ros.experiments.command_line import Parser
 
-    parser = Parser(prog="vgps", description=__doc__)
+    parser = Parser(prog="vgps", description=__doc__, words=words)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     for name in COMMANDS:
         module = _module(name)

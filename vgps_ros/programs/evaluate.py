@@ -2,39 +2,34 @@
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.markup import escape
-from rich.table import Table
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, add_overwrite, add_setting, refuse_existing
+from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks.settings import TASKS
-from vgps_ros.views.table_console import table_console
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
 
-VELOCITY_PER_POSITION = 10.0  # a start perturbed by 0.01 rad is perturbed by 0.1 rad/s
-
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
-SECONDS = Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5)
-ROLLOUTS = Setting("rollouts", 20, "number of rollouts", minimum=1, maximum=1_000_000)
-PERTURBATION = Setting(
-    "perturbation",
-    0.01,
-    "standard deviation of the first joint angles [rad]; that of their velocities is ten times it",
-    minimum=0.0,
-    maximum=100.0,
-)
+SPREAD: dict[str, Callable[[Array], Any]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "smallest": np.min,
+    "largest": np.max,
+}
+FIGURES = {"time": "time [s]", "distance": "distance [m]", "speed": "speed [m/s]"}
+FIGURES["cost_per_step"] = "cost per step"
 
 
 def evaluate(
@@ -70,7 +65,7 @@ def evaluate(
             f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
         )
     rng = generator(seed, Stream.EVALUATION, 0)
-    scale = perturbation * np.concatenate([task.hinges, VELOCITY_PER_POSITION * task.hinges])
+    scale = perturbation * np.concatenate([task.hinges, 10.0 * task.hinges])
     starts = task.initial_state + scale * rng.standard_normal((rollouts, len(scale)))
 
     def control_law(_: int, x: Array) -> Array:
@@ -87,6 +82,7 @@ def evaluate(
     distance = task.distance(starts, states[np.arange(rollouts), last])
     costs = task.cost(states[:, :-1], controls)
     costs = np.where(np.arange(steps) < lasted[:, None], costs, 0.0).sum(axis=1)
+    figures = zip(FIGURES, (time, distance, distance / time, costs / lasted), strict=True)
     return {
         "task": task.name,
         "seconds": steps * task.dynamics.time_step,
@@ -95,38 +91,27 @@ def evaluate(
         "seed": seed,
         "stochastic": stochastic,
         "survival": float(survived.mean()),
-        "time": _spread(time),
-        "distance": _spread(distance),
-        "speed": _spread(distance / time),
-        "cost_per_step": _spread(costs / lasted),
-    }
-
-
-def _spread(values: Array) -> dict[str, float]:
-    return {
-        "mean": float(values.mean()),
-        "median": float(np.median(values)),
-        "smallest": float(values.min()),
-        "largest": float(values.max()),
+        **{name: {key: float(f(values)) for key, f in SPREAD.items()} for name, values in figures},
     }
 
 
 def show(result: dict[str, Any], *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
+    from rich.markup import escape
+    from rich.table import Column, Table
+
+    from vgps_ros.views.table_console import table_console
+
     kind = "stochastic" if result["stochastic"] else "deterministic"
     survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
     table = Table(
+        "until it falls or time is up" if can_fall else "until time is up",
+        *(Column(column, justify="right") for column in SPREAD),
         title=f"{result['task']}, {kind} policy, {result['rollouts']} rollouts of "
-        f"{result['seconds']:g} s{survival}"
+        f"{result['seconds']:g} s{survival}",
     )
-    names = {"time": "time [s]", "distance": "distance [m]", "speed": "speed [m/s]"}
-    names["cost_per_step"] = "cost per step"
-    columns = ("mean", "median", "smallest", "largest")
-    table.add_column("until it falls or time is up" if can_fall else "until time is up")
-    for column in columns:
-        table.add_column(column, justify="right")
-    for key, name in names.items():
-        table.add_row(escape(name), *(f"{result[key][column]:.3f}" for column in columns))
+    for key, name in FIGURES.items():
+        table.add_row(escape(name), *(f"{value:.3f}" for value in result[key].values()))
     table_console().print(table)
 
 
@@ -137,16 +122,22 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--task", choices=sorted(TASKS), help="refuse a policy that was learned for another task"
     )
-    for setting in (SECONDS, ROLLOUTS, PERTURBATION, SEED):
-        add_setting(parser, setting)
-    parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
-    parser.add_argument(
-        "--json",
-        type=Path,
-        metavar="FILE",
-        help="also write the result to this file; - prints it instead of the table",
+    perturbation = (
+        "standard deviation of the first joint angles [rad]; that of their velocities is ten times "
+        "it"
     )
-    add_overwrite(parser)
+    parser.add_settings(
+        Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5),
+        Setting("rollouts", 20, "number of rollouts", minimum=1, maximum=1_000_000),
+        Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0),
+        SEED,
+    )
+    parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
+    parser.add_output(
+        "--json",
+        "also write the result to this file; - prints it instead of the table",
+        metavar="FILE",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -164,22 +155,13 @@ def run(arguments: argparse.Namespace) -> None:
         raise InvalidInputError(
             f"{path} was learned for the task '{name}', not '{arguments.task}'; leave out --task."
         )
-    from vgps_ros.simulation.warnings import silence_mujoco
     from vgps_ros.tasks import make_task
     from vgps_ros.tasks.task import never
 
-    silence_mujoco()
     task = make_task(name)
     policy.check_fits(task.dynamics.state_dim, task.dynamics.control_dim)
-    result = evaluate(
-        task,
-        policy,
-        seconds=arguments.seconds,
-        rollouts=arguments.rollouts,
-        perturbation=arguments.perturbation,
-        seed=arguments.seed,
-        stochastic=arguments.stochastic,
-    )
+    own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
+    result = evaluate(task, policy, **{name: getattr(arguments, name) for name in own})
     if prints:
         print(json.dumps(result))
         return

@@ -10,25 +10,29 @@ from pathlib import Path
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting, settings_of
-from vgps_ros.experiments.command_line import Parser, add_setting
+from vgps_ros.experiments.command_line import Parser
 from vgps_ros.search.settings import METHOD, SearchSettings
-
-SEEDS = Setting("seeds", 10, "seeds 0 to this number less one", minimum=1, maximum=100_000)
 
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    methods = METHOD.choices or ()
     parser.add_argument(
-        "--panels", nargs="+", default=("all",), help="all, or TASK-UNITS such as walker-10"
+        "--panels", nargs="+", default="all", help="all, or TASK-UNITS such as walker-10"
     )
     parser.add_argument(
-        "--methods", nargs="+", default=("all",), help=f"all, or some of {', '.join(methods)}"
+        "--methods",
+        nargs="+",
+        default="all",
+        help=f"all, or some of {', '.join(METHOD.choices or ())}",
     )
-    add_setting(parser, SEEDS)
-    for setting in settings_of(SearchSettings()):
-        if setting.name in ("iterations", "evaluation_rollouts"):
-            add_setting(parser, replace(setting, description=f"{setting.description}, of a cell"))
+    parser.add_settings(
+        Setting("seeds", 10, "seeds 0 to this number less one", minimum=1, maximum=100_000),
+        *(
+            replace(setting, description=f"{setting.description}, of a cell")
+            for setting in settings_of(SearchSettings())
+            if setting.name in ("iterations", "evaluation_rollouts")
+        ),
+    )
     parser.add_argument("--output", type=Path, required=True, help="folder for all results")
     parser.add_argument(
         "--backend",
@@ -54,15 +58,12 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.experiments.cell_table import TABLE
     from vgps_ros.experiments.cells import PANELS, Panel, Protocol, all_cells
 
-    output, panels = arguments.output, list(arguments.panels)
-    methods = list(arguments.methods)
+    panels = PANELS if arguments.panels in ("all", ["all"]) else arguments.panels
+    methods = METHOD.choices if arguments.methods in ("all", ["all"]) else arguments.methods
+    output = arguments.output
     try:
         failures = run_experiment(
-            all_cells(
-                [Panel.named(name) for name in (PANELS if panels == ["all"] else panels)],
-                METHOD.choices or () if methods == ["all"] else methods,
-                arguments.seeds,
-            ),
+            all_cells([Panel.named(name) for name in panels], methods or (), arguments.seeds),
             Protocol.of(arguments.iterations, arguments.evaluation_rollouts),
             output,
             arguments.backend,

@@ -6,13 +6,13 @@ It writes figure1.png, figure1.svg, the Rerun recording figure1.rrd, and the tab
 import argparse
 from pathlib import Path
 
-from vgps_ros.experiments.command_line import Parser, add_overwrite
+from vgps_ros.experiments.command_line import Parser
 
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("experiment", type=Path, help="output folder of `vgps experiment`")
-    parser.add_argument("--output", type=Path, help="folder for the pictures; default: the same")
+    parser.add_output("--output", "folder for the pictures; default: the same")
     parser.add_argument(
         "--average",
         choices=("mean", "median"),
@@ -20,18 +20,13 @@ def add_arguments(parser: Parser) -> None:
         help="of a policy's stochastic rollouts; a walker that thrashes after its fall outweighs "
         "all others in the mean",
     )
-    add_overwrite(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Draws the experiment that the arguments name."""
-    from vgps_ros.experiments.figure1 import FILES, draw_figure
-    from vgps_ros.experiments.summary import summary_table
-    from vgps_ros.views.table_console import table_console
+    from vgps_ros.experiments.figure1 import draw_figure
 
     output = arguments.output or arguments.experiment
-    rows = draw_figure(
+    draw_figure(
         arguments.experiment, output, average=arguments.average, overwrite=arguments.overwrite
     )
-    table_console(wide=True).print(summary_table(rows))
-    print(f"Wrote {', '.join(FILES)} to {output}.")

@@ -6,36 +6,32 @@ It needs the package `cma`: pip install -r requirements/search.txt.
 import argparse
 import json
 from dataclasses import asdict
-from pathlib import Path
 
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, add_overwrite, add_setting, refuse_existing
+from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
-
-SECONDS = Setting("seconds", 10.0, "length of a rollout [s]", minimum=0.1, maximum=1e4)
-EVALUATIONS = Setting("evaluations", 5000, "rollouts at most", minimum=1, maximum=10_000_000)
 
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    for setting in (SECONDS, EVALUATIONS, SEED):
-        add_setting(parser, setting)
+    parser.add_settings(
+        Setting("seconds", 10.0, "length of a rollout [s]", minimum=0.1, maximum=1e4),
+        Setting("evaluations", 5000, "rollouts at most", minimum=1, maximum=10_000_000),
+        SEED,
+    )
     parser.add_argument(
         "--refine", action="store_true", help="start from the gait in use, not from a stumble"
     )
-    parser.add_argument("--output", type=Path, required=True, help="JSON file for the gait")
-    add_overwrite(parser)
+    parser.add_output("--output", "JSON file for the gait", required=True)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Searches the gait, and writes it."""
     refuse_existing([arguments.output], overwrite=arguments.overwrite)
     from vgps_ros.experiments.gait_search import START, find_gait
-    from vgps_ros.simulation.warnings import silence_mujoco
     from vgps_ros.tasks.simbicon import GAIT
 
-    silence_mujoco()
     gait, cost = find_gait(
         GAIT.to_vector() if arguments.refine else START,
         seconds=arguments.seconds,
