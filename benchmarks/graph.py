@@ -18,7 +18,7 @@ from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import Task, make_task
 
 LOOPS = 3000  # of each lock-step run

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgps_ros.core.ddp import Iteration
+from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search import trajectory_optimization

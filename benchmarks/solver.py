@@ -15,7 +15,8 @@ import numpy as np
 from benchmarks.centred_dynamics import CentredDynamics
 from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
 from benchmarks.timing import Comparison, compare, compare_in_turns
-from vgps_ros.core.ddp import backward_pass, solve
+from vgps_ros.core.ddp.backward_pass import backward_pass
+from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task

@@ -29,8 +29,7 @@ from PIL import Image, ImageSequence
 from vgps_ros.programs.evaluate import evaluate
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
-from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.simbicon import GAIT, walk
 from vgps_ros.views.filmstrip import filmstrip

@@ -15,8 +15,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import compile_model
-from vgps_ros.storage.policy_file import load_policy, save_policy
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
 from vgps_ros.tasks.task import load_model

@@ -12,8 +12,7 @@ from benchmarks import suite
 from benchmarks.centred_dynamics import CentredDynamics
 from benchmarks.problems import linear_quadratic, with_threads
 from benchmarks.timing import Comparison, compare
-from vgps_ros.core.ddp import backward_pass
-from vgps_ros.core.ddp.backward_pass import _recursion
+from vgps_ros.core.ddp.backward_pass import _recursion, backward_pass
 from vgps_ros.search.preparation import prepare
 from vgps_ros.simulation import compiled_loops
 from vgps_ros.tasks import make_task
@@ -106,7 +105,7 @@ def test_after_its_preparation_a_search_compiles_nothing(name):
     )
     linear, _ = task.dynamics.linearize(motion)
     gains = backward_pass(linear, task.cost.expand(motion), 0.1).gains
-    task.dynamics.follow(motion.states[0], motion, gains)
+    list(task.dynamics.follow_each(motion.states[0], [motion], gains))
     assert [len(loop.signatures) for loop in loops] == before
 
 

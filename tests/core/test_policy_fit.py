@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core import policy_fit
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.fit_settings import FitSettings
+from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.policy_fit import (
     Targets,

@@ -25,7 +25,7 @@ from vgps_ros.bags.reindex import reindex
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 

@@ -14,7 +14,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     policy_to_msg,
 )
-from vgps_ros.storage.policy_file import load_policy, save_policy
+from vgps_ros.storage.run_folder import load_policy, save_policy
 
 
 def same_bits(one, other):

@@ -18,7 +18,7 @@ from tests.nodes.test_training import (
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.checkpoints import Run
 from vgps_ros.search.settings import search_settings
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 ROTOR = make_task("rotor")

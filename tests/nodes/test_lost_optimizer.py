@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vgps_msgs.msg import LearningProgress, OptimizerIteration
 
 from tests.nodes.test_training import SHORT, parameters, same_bits, start_training, train_in_process
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import load_policy
 
 # More solver iterations in the first solve, so that there is time to strike in the middle of it.
 SETTINGS = {**parameters(SHORT), "initial_ddp_iterations": 40}

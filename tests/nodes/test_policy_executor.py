@@ -23,7 +23,7 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.ros_runtime.qos import LATCHED
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
 ONES = np.ones(10)

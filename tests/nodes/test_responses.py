@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 from vgps_msgs.srv import GetSimulationState
 
-from vgps_ros.ros_runtime.responses import keep_responses
+from vgps_ros.ros_runtime.services import keep_responses
 
 
 def answer(_, response):

@@ -26,8 +26,8 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.safety import TrainingMarginals
-from vgps_ros.storage.distribution_file import save_distributions
+from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.storage.run_folder import save_distributions
 
 ERROR, WARN, OK = DiagnosticStatus.ERROR, DiagnosticStatus.WARN, DiagnosticStatus.OK
 PERIOD = 20_000_000  # of the swimmer's control [ns]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.action import ActionServer
+from rclpy.action import ActionClient, ActionServer
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
@@ -27,7 +27,7 @@ from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.search.workspace import initial_states
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import Task, make_task
 
 SHORT = SearchSettings(
@@ -281,15 +281,23 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
 
 def test_goals_out_of_range_are_rejected_with_a_sentence_and_leave_no_error(graph, tmp_path):
     learner = graph.start("policy_learner")
-    for change, sentence in (
-        ({"hidden_units": (0,)}, "hidden_units is 0, but it must be from 1 to 10000"),
-        ({"iterations": 0}, "iterations is 0, but it must be from 1 to 100000"),
-        ({"hidden_units": (10_000, 10_000)}, "it must have at most"),
+    client = ActionClient(graph.node, TrainPolicy, "policy_learner/train")
+    graph.spin_until(client.server_is_ready)
+    for goal, sentence in (
+        (TrainPolicy.Goal(hidden_units=[0]), "hidden_units is 0, but it must be from 1 to 10000"),
+        (TrainPolicy.Goal(iterations=[0]), "iterations is 0, but it must be from 1 to 100000"),
     ):
-        program = start_training(graph, replace(SHORT, **change), 0, tmp_path / "out")
-        assert program.wait() == 1
-        assert "refused the goal; the learner's log says why" in program.output
+        sent = client.send_goal_async(goal)
+        graph.spin_until(sent.done)
+        assert not sent.result().accepted
         assert learner.output.count(sentence) == 1
+    client.destroy()
+    program = start_training(
+        graph, replace(SHORT, hidden_units=(10_000, 10_000)), 0, tmp_path / "out"
+    )
+    assert program.wait() == 1
+    assert "refused the goal; the learner's log says why" in program.output
+    assert learner.output.count("it must have at most") == 1
     assert graph.diagnosis("policy_learner", DiagnosticStatus.OK).message != ""
     assert not (tmp_path / "out").exists()
 

@@ -33,7 +33,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 

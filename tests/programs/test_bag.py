@@ -16,7 +16,10 @@ from vgps_ros.bags import BagReader, BagWriter
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
+from vgps_ros.safety.safe_action import safe_torques
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration
 

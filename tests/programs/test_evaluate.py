@@ -7,7 +7,7 @@ import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 ROLLOUTS = ["--seconds", "1", "--rollouts", "3", "--seed", "5"]

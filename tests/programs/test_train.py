@@ -11,8 +11,7 @@ import pytest
 
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.search.metrics import METRICS
-from vgps_ros.storage.distribution_file import load_distributions
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.storage.run_folder import load_distributions, load_policy
 
 QUICK = ["--iterations", "2", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from vgps_ros.safety import SafetySettings, Supervisor, TrainingMarginals
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.supervisor import Supervisor
+from vgps_ros.safety.training_marginals import TrainingMarginals
 
 PERIOD = 20_000_000  # [ns]
 LIMITS = (10.0, 10.0)

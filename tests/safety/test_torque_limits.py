@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vgps_ros.core.dynamics import CONTROL_BOUND
-from vgps_ros.safety import TorqueLimiter
+from vgps_ros.safety.torque_limits import TorqueLimiter
 from vgps_ros.simulation.model import model_torque_limits
 
 PERIOD = 20_000_000  # [ns]

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.safety import SafetySettings, TrainingMarginals, safe_torques
-from vgps_ros.safety.training_marginals import nearest_of
+from vgps_ros.safety.safe_action import safe_torques
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 OBSERVED = (1, 2, 3)  # of four: root x does not count
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vgps_ros.core.ddp import Status
+from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.marginals import Spread, sample_deviations, state_covariances
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost

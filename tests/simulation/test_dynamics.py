@@ -102,7 +102,7 @@ def test_following_is_a_rollout_of_that_feedback(swimmer, rng):
     dynamics, gains = swimmer.dynamics, rng.standard_normal((20, 2, 10))
     nominal = Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
     start = np.full(10, 0.1)
-    followed = dynamics.follow(start, nominal, gains)
+    (followed,) = dynamics.follow_each(start, [nominal], gains)
     rollout = dynamics.rollout(
         start, lambda t, x: nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T, 20
     )
@@ -117,7 +117,9 @@ def test_several_are_followed_as_each_alone_whatever_the_number_of_threads(swimm
         Trajectory(rng.uniform(-0.1, 0.1, (21, 10)), rng.uniform(-30, 30, (20, 2)))
         for _ in range(5)
     ]
-    alone = [swimmer.dynamics.follow(start, nominal, gains) for nominal in nominals[:taken]]
+    alone = [
+        next(swimmer.dynamics.follow_each(start, [nominal], gains)) for nominal in nominals[:taken]
+    ]
     for threads in (1, 2, 3, 8):
         dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
         found = list(islice(dynamics.follow_each(start, nominals, gains), taken))
@@ -129,7 +131,7 @@ def test_several_are_followed_as_each_alone_whatever_the_number_of_threads(swimm
 def test_what_diverges_while_it_follows_is_nan_from_there_on(swimmer, control):
     nominal = Trajectory(np.zeros((11, 10)), np.full((10, 2), 10.0))
     nominal.controls[4] = control
-    followed = swimmer.dynamics.follow(np.zeros(10), nominal, np.zeros((10, 2, 10)))
+    (followed,) = swimmer.dynamics.follow_each(np.zeros(10), [nominal], np.zeros((10, 2, 10)))
     assert np.isfinite(followed.states[:5]).all()
     assert np.isnan(followed.states[5:]).all()
     assert_array_equal(followed.controls[4], nominal.controls[4])

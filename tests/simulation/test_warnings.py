@@ -39,9 +39,9 @@ assert walker.dynamics.warnings()
 """
 _PROGRAM = """
 from contextlib import suppress
-from vgps_ros.programs.{} import main
+from vgps_ros.programs.__main__ import main
 with suppress(SystemExit):
-    main(["--seed", "none"])
+    main({})
 """
 
 
@@ -50,7 +50,14 @@ with suppress(SystemExit):
     [
         ("", ["MUJOCO_LOG.TXT"]),
         ("from vgps_ros.simulation.warnings import silence_mujoco as s; s()", []),
-        *((_PROGRAM.format(name), []) for name in ("train", "evaluate", "find_gait")),
+        *(
+            (_PROGRAM.format(words), [])
+            for words in (
+                ["train", "--output", "nowhere", "--check"],
+                ["evaluate", "nowhere"],
+                ["find-gait", "--output", "/"],
+            )
+        ),
     ],
 )
 def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(

@@ -65,15 +65,15 @@ def test_when_there_is_space_again_it_goes_on_and_nothing_is_lost(tmp_path):
     with limited(1_000_000):
         bag.fill(2000)
         bag.flush()
-        assert bag.fault.number == EFBIG
-        assert bag.fault.path.name == "bag_0.mcap"
-        assert "MB are free there" in bag.fault.reason
-        assert "ulimit -f" in bag.fault.next_step
-        assert bag.backlog > 1_000_000
+        assert bag.disk.fault.number == EFBIG
+        assert bag.disk.fault.path.name == "bag_0.mcap"
+        assert "MB are free there" in bag.disk.fault.reason
+        assert "ulimit -f" in bag.disk.fault.next_step
+        assert bag.disk.backlog > 1_000_000
     bag.fill(1000)
     bag.flush()
-    assert bag.fault is None
-    assert bag.backlog == bag.lost == 0
+    assert bag.disk.fault is None
+    assert bag.disk.backlog == bag.lost == 0
     bag.close()
     assert numbers(bag.path) == list(range(1, 3001))
     assert missing_parts(bag.path) == ""
@@ -127,9 +127,9 @@ def test_a_slow_disk_holds_nothing_up_and_what_is_too_much_is_counted(tmp_path, 
     gate.clear()
     bag.fill(10_000)  # would not return if it waited
     bag.flush(wait=False)
-    assert 5_000_000 < bag.backlog < 6_000_000
+    assert 5_000_000 < bag.disk.backlog < 6_000_000
     assert 4_000 < bag.lost < 5_500
-    assert bag.fault is None
+    assert bag.disk.fault is None
     gate.set()
     bag.flush()
     kept = bag.message_count
@@ -240,10 +240,10 @@ with filler.open("wb", buffering=0) as file:
         pass
 bag.fill(1000)
 bag.flush()
-assert bag.fault.number == errno.ENOSPC and "free some space" in bag.fault.next_step
+assert bag.disk.fault.number == errno.ENOSPC and "free some space" in bag.disk.fault.next_step
 filler.unlink()
 bag.flush()
-assert bag.fault is None and bag.lost == 0
+assert bag.disk.fault is None and bag.lost == 0
 bag.fill(100_000)
 bag.close()
 assert missing_parts(bag.path) == "", missing_parts(bag.path)

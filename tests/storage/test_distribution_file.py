@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.distribution_file import load_distributions, save_distributions
+from vgps_ros.storage.run_folder import load_distributions, save_distributions
 
 
 def arrays_of(q):

@@ -3,8 +3,7 @@
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.storage.run_folder import RunFolder, read_result
+from vgps_ros.storage.run_folder import RunFolder, load_policy, read_result
 
 RESULT = {"task": "rotor", "initial_ddp_cost": 2.0, "iterations": [{"k": 1}]}
 

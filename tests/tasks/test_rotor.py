@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.ddp import DdpSettings, solve
+from vgps_ros.core.ddp.solve import solve
+from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.tasks import make_task
 
 

@@ -152,8 +152,8 @@ def test_a_moving_picture_has_a_frame_for_each_25th_of_a_second(run, tmp_path):
 def test_without_a_way_to_draw_a_sentence_says_what_to_install(run):
     program = (
         "import sys; sys.modules['mujoco.egl'] = None\n"
-        "from vgps_ros.views.filmstrip import open_renderer\n"
-        "with open_renderer(sys.stdin.read(), 10, 10): pass"
+        "from vgps_ros.views.filmstrip import frames\n"
+        "next(frames(sys.stdin.read(), None, 10, 10))"
     )
     environment = {name: text for name, text in os.environ.items() if name != "MUJOCO_GL"}
     failed = subprocess.run(

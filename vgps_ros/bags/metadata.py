@@ -2,37 +2,14 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
-from vgps_ros.bags.storage import Topic
+from vgps_ros.bags.storage import FileSummary, Topic
 from vgps_ros.storage.files import replacing
 
 FILE_NAME = "metadata.yaml"
-
-
-@dataclass(frozen=True)
-class FileSummary:
-    """Describes one file of a bag.
-
-    Attributes:
-        name: name of the file in the folder of the bag.
-        start: time at which its first message was received [ns].
-        end: time at which its last message was received [ns].
-        counts: number of messages of each topic.
-    """
-
-    name: str
-    start: int
-    end: int
-    counts: dict[str, int]
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages in the file."""
-        return sum(self.counts.values())
 
 
 def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:

@@ -7,7 +7,7 @@ delay the next one.
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -48,6 +48,10 @@ class Playback:
         start: time of the bag's start [ns].
         settings: rate, offset and delay of the playback.
 
+    Attributes:
+        paused: True while it waits for `resume` or `step`.
+        ended: True once all messages are played, or `stop` was called.
+
     Raises:
         InvalidInputError: a setting is out of range.
     """
@@ -69,20 +73,10 @@ class Playback:
         self._earliest = 2**62  # monotonic time of the first message [ns]; far off until `run`
         self._position = self._offset  # lower bound of the time since the bag's start [ns]
         self._set_origin()
-        self._paused = settings.start_paused
+        self.paused = settings.start_paused
         self._step_wanted = False
         self._stepped: BagMessage | None = None
-        self._ended = False
-
-    @property
-    def paused(self) -> bool:
-        """True while it waits for `resume` or `step`."""
-        return self._paused
-
-    @property
-    def ended(self) -> bool:
-        """True once all messages are played, or `stop` was called."""
-        return self._ended
+        self.ended = False
 
     @property
     def position(self) -> float:
@@ -100,7 +94,9 @@ class Playback:
             self._set_origin()
         try:
             while self._play_once() and self._settings.loop:
-                self._rewind()
+                with self._changed:  # the next round starts when the last message was due
+                    self._origin += round((self._position - self._offset) / self._settings.rate)
+                    self._position = self._offset
         finally:
             self.stop()
 
@@ -108,14 +104,14 @@ class Playback:
         """Holds all messages until `resume` or `step`."""
         with self._changed:
             self._position = self._now()
-            self._paused = True
+            self.paused = True
             self._changed.notify_all()
 
     def resume(self) -> None:
         """Plays on from the current position."""
         with self._changed:
-            if self._paused:
-                self._paused = False
+            if self.paused:
+                self.paused = False
                 self._set_origin()
                 self._changed.notify_all()
 
@@ -126,42 +122,42 @@ class Playback:
             The message, or None if there is no further message or the playback is not paused.
         """
         with self._changed:
-            if not self._paused or self._ended:
+            if not self.paused or self.ended:
                 return None
             self._step_wanted, self._stepped = True, None
             self._changed.notify_all()
-            self._changed.wait_for(lambda: not self._step_wanted or self._ended)
+            self._changed.wait_for(lambda: not self._step_wanted or self.ended)
             return self._stepped
 
     def stop(self) -> None:
         """Ends the playback at once."""
         with self._changed:
             self._position = self._now()
-            self._ended = True
+            self.ended = True
             self._changed.notify_all()
 
     def _play_once(self) -> bool:
         """Plays all messages once. Returns True if there were any and `stop` was not called."""
         played = False
-        with closing(read_ahead(self._wanted())) as messages:
+        first = self._start + self._offset
+        wanted = (message for message in self._read() if message.stamp >= first)
+        with closing(read_ahead(wanted)) as messages:
             for message in messages:
                 if not self._wait_for(message.stamp - self._start):
                     return False
                 self._publish(message)
                 played = True
                 if self._step_wanted:
-                    self._answer_step(message)
+                    with self._changed:
+                        self._step_wanted, self._stepped = False, message
+                        self._changed.notify_all()
         return played
-
-    def _wanted(self) -> Iterator[BagMessage]:
-        first = self._start + self._offset
-        return (message for message in self._read() if message.stamp >= first)
 
     def _wait_for(self, position: int) -> bool:
         """Waits until a message at this position is due. Returns False after `stop`."""
         with self._changed:
-            while not self._ended:
-                if self._paused:
+            while not self.ended:
+                if self.paused:
                     if self._step_wanted:
                         self._position = max(self._position, position)
                         return True
@@ -175,17 +171,6 @@ class Playback:
                     self._changed.wait(left / _SECOND)
             return False
 
-    def _answer_step(self, message: BagMessage) -> None:
-        with self._changed:
-            self._step_wanted, self._stepped = False, message
-            self._changed.notify_all()
-
-    def _rewind(self) -> None:
-        """Starts the next round, at the moment at which the last message was due."""
-        with self._changed:
-            self._origin += round((self._position - self._offset) / self._settings.rate)
-            self._position = self._offset
-
     def _set_origin(self) -> None:
         """Sets the origin so that playing goes on from the position, now or after the delay."""
         now = max(time.monotonic_ns(), self._earliest)
@@ -194,7 +179,7 @@ class Playback:
 
     def _now(self) -> int:
         """Returns the position at this moment [ns]."""
-        if self._paused or self._ended:
+        if self.paused or self.ended:
             return self._position
         elapsed = time.monotonic_ns() - self._origin
         return max(self._position, round(elapsed * self._settings.rate))

@@ -1,21 +1,17 @@
 """Reads a bag ahead in a thread, so that the decoding of a chunk delays no message.
 
 A chunk of a megabyte takes 2 ms or more to decode, and a disk may take longer. The player must
-publish on time, so it takes its messages from a queue that a thread keeps filled. The queue has a
-largest size, which bounds the memory.
+publish on time, so a thread reads some batches of messages ahead. Their number bounds the memory.
 """
 
-import threading
-from collections.abc import Generator, Iterable
-from contextlib import suppress
-from queue import Empty, Queue
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 from vgps_ros.bags.reader import BagMessage
 
-_BATCHES = 16  # largest number of batches in the queue
+_BATCHES = 16  # number of batches that are read ahead
 _MESSAGES, _BYTES = 250, 2**20  # a batch ends at either size; handing over single ones costs time
-
-_Batches = Queue[list[BagMessage] | Exception | None]
 
 
 def read_ahead(messages: Iterable[BagMessage]) -> Generator[BagMessage, None, None]:
@@ -24,37 +20,28 @@ def read_ahead(messages: Iterable[BagMessage]) -> Generator[BagMessage, None, No
     An error while reading is raised here, after the messages before it. Closing the generator ends
     the thread.
     """
-    batches, stopped = _Batches(_BATCHES), threading.Event()
-    thread = threading.Thread(target=_fill, args=[messages, batches, stopped], daemon=True)
-    thread.start()
+    batches, reader = _batches(messages), ThreadPoolExecutor(1, "read_ahead")
+    coming = deque(reader.submit(next, batches, None) for _ in range(_BATCHES))
     try:
-        while batch := batches.get():
-            if isinstance(batch, Exception):
-                raise batch
+        while batch := coming.popleft().result():
+            coming.append(reader.submit(next, batches, None))
             yield from batch
     finally:
-        stopped.set()
-        with suppress(Empty):  # the thread may be waiting for room in the queue
-            while True:
-                batches.get_nowait()
-        thread.join()
+        reader.shutdown(cancel_futures=True)
 
 
-def _fill(messages: Iterable[BagMessage], batches: _Batches, stopped: threading.Event) -> None:
-    """Puts the messages into the queue in batches, then the error that ended them, or None."""
+def _batches(messages: Iterable[BagMessage]) -> Iterator[list[BagMessage]]:
     batch: list[BagMessage] = []
-    size, end = 0, None
+    size = 0
     try:
         for message in messages:
             batch.append(message)
             size += len(message.data)
             if len(batch) == _MESSAGES or size > _BYTES:
-                batches.put(batch)
+                yield batch
                 batch, size = [], 0
-                if stopped.is_set():
-                    return
-    except Exception as error:
-        end = error
-    if batch:
-        batches.put(batch)
-    batches.put(end)
+    except Exception:
+        if batch:
+            yield batch
+        raise
+    yield batch

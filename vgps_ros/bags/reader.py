@@ -3,12 +3,10 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import Connection
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from vgps_ros.bags.metadata import FILE_NAME
@@ -40,6 +38,14 @@ class BagReader:
     Args:
         path: folder of the bag.
 
+    Attributes:
+        path: folder of the bag.
+        topics: type of each topic.
+        type_hashes: type hash of each topic, in the format RIHS01.
+        counts: number of messages of each topic.
+        start: time at which the first message was received [ns].
+        duration: time from the first message to the last one [ns].
+
     Raises:
         InvalidInputError: the folder is not a bag, or its recorder did not close it.
     """
@@ -58,29 +64,21 @@ class BagReader:
                 or f"'{path}' is not a bag that can be read: {type(error).__name__}: "
                 f"{error!s:.300}."
             ) from error
+        connections = self._reader.connections
+        self.topics = {c.topic: c.msgtype for c in connections}
+        self.type_hashes = {c.topic: c.digest for c in connections}
+        self.counts = {c.topic: c.msgcount for c in connections}
+        self.start = self._reader.start_time
+        # rosbags counts to 1 ns after the last message.
+        self.duration = max(0, self._reader.duration - 1)
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Closes the bag."""
         self._reader.close()
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """The type of each topic."""
-        return {c.topic: c.msgtype for c in self._reader.connections}
-
-    @property
-    def type_hashes(self) -> dict[str, str]:
-        """The type hash of each topic, in the format RIHS01."""
-        return {c.topic: c.digest for c in self._reader.connections}
 
     @property
     def qos(self) -> dict[str, list[dict[str, Any]]]:
@@ -91,25 +89,9 @@ class BagReader:
         }
 
     @property
-    def counts(self) -> dict[str, int]:
-        """The number of messages of each topic."""
-        return {c.topic: c.msgcount for c in self._reader.connections}
-
-    @property
-    def start(self) -> int:
-        """Time at which the first message was received [ns]."""
-        return self._reader.start_time
-
-    @property
-    def duration(self) -> int:
-        """Time from the first message to the last one [ns]."""
-        return max(0, self._reader.duration - 1)  # rosbags counts to 1 ns after the last message
-
-    @property
     def filled_topics(self) -> dict[str, str]:
         """The topics that have messages, by the last part of their names, without namespaces."""
-        counts = self.counts
-        return {topic.rpartition("/")[2]: topic for topic in self.topics if counts[topic]}
+        return {topic.rpartition("/")[2]: topic for topic, n in self.counts.items() if n}
 
     def needed_topic(self, name: str) -> str:
         """Returns the full name of a topic, given the last part of it.
@@ -142,7 +124,11 @@ class BagReader:
         Raises:
             InvalidInputError: a topic is not in the bag.
         """
-        for connection, stamp, data in self._reader.messages(self._connections(topics)):
+        for topic in topics or ():
+            one_of("topic", topic, self.topics)
+        wanted = self.topics if topics is None else topics
+        connections = [c for c in self._reader.connections if c.topic in wanted]
+        for connection, stamp, data in self._reader.messages(connections):
             yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
 
     def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
@@ -166,10 +152,3 @@ class BagReader:
                 f"A message on {message.topic} at {message.stamp} ns is not a "
                 f"valid {message.kind}: {error}."
             ) from error
-
-    def _connections(self, topics: Sequence[str] | None) -> list[Connection]:
-        if topics is None:
-            return self._reader.connections
-        for topic in topics:
-            one_of("topic", topic, self.topics)
-        return [c for c in self._reader.connections if c.topic in topics]

@@ -10,7 +10,10 @@ from vgps_ros.bags import BagReader
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.safety import SafetySettings, TorqueLimiter, TrainingMarginals, safe_torques
+from vgps_ros.safety.safe_action import safe_torques
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.tasks import make_task
 
 
@@ -34,7 +37,9 @@ class RecordedExecutor:
     """
 
     def __init__(self, bag: BagReader, joints: list[str], actuated: list[str]):
-        parameters = _parameters(bag)
+        nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
+        of_nodes: list[dict[str, Any]] = [node["ros__parameters"] for node in nodes.values()]
+        parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
         self.seed = int(parameters.get("seed", 0))
         self._actuated = [joints.index(name) for name in actuated]
         self._task = make_task(parameters["task"]) if "safe_action" in parameters else None
@@ -72,13 +77,3 @@ class RecordedExecutor:
             return True
         safe = (safe_torques(self.settings, state, self._actuated, had) for had in marginals)
         return any(np.array_equal(torques, self.limiter.clipped(each)) for each in safe)
-
-
-def _parameters(bag: BagReader) -> dict[str, Any]:
-    """Returns the executor's parameters, from the parameters of all nodes in the bag."""
-    nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
-    for node in nodes.values():
-        parameters: dict[str, Any] = node["ros__parameters"]
-        if {"seed", "stochastic"} <= set(parameters):
-            return parameters
-    return {}

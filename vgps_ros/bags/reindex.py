@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mcap.records import Attachment
 
-from vgps_ros.bags.metadata import FILE_NAME, FileSummary, bag_information, write_metadata
-from vgps_ros.bags.storage import StorageContent, StorageScan, is_being_written
+from vgps_ros.bags.metadata import FILE_NAME, bag_information, write_metadata
+from vgps_ros.bags.storage import StorageScan, is_being_written
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
 
@@ -35,7 +35,7 @@ def missing_parts(path: Path) -> str:
     Raises:
         InvalidInputError: the folder has no `.mcap` file.
     """
-    contents = {file: StorageScan(file).content() for file in storage_files(path)}
+    contents = {file: StorageScan(file) for file in storage_files(path)}
     lacks = [f"the index of {file.name}" for file, c in contents.items() if not c.is_complete]
     if not (path / FILE_NAME).is_file():
         lacks.insert(0, FILE_NAME)
@@ -43,9 +43,10 @@ def missing_parts(path: Path) -> str:
         return ""
     if any(is_being_written(file) for file in contents):
         return f"The bag '{path}' is still being recorded; end its recorder first."
-    count = sum(sum(content.counts.values()) for content in contents.values())
-    last = max(content.end for content in contents.values())
-    first = min((content.start for content in contents.values() if content.start), default=last)
+    summaries = [content.summary for content in contents.values()]
+    count = sum(summary.message_count for summary in summaries)
+    last = max(summary.end for summary in summaries)
+    first = min((summary.start for summary in summaries if summary.start), default=last)
     return (
         f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
         f"{(last - first) * 1e-9:.3f} s can be read, and all later ones are lost; "
@@ -73,39 +74,30 @@ def reindex(path: Path) -> list[Path]:
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
-    contents = {file: StorageScan(file).content() for file in files}
-    empty = [file for file, content in contents.items() if not content.topics]
-    if len(empty) == len(files):
+    contents = {file: StorageScan(file) for file in files}
+    known = [content for content in contents.values() if content.topics]
+    if not known:
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
-    for file in empty:
-        del contents[file]
-    summaries = [
-        FileSummary(file.name, content.start, content.end, content.counts)
-        for file, content in contents.items()
-    ]
-    topics = {
-        name: topic for content in contents.values() for name, topic in content.topics.items()
-    }
-    information = bag_information(topics.values(), summaries)
-    rebuilt = []
+    topics = {name: topic for content in known for name, topic in content.topics.items()}
+    information = bag_information(topics.values(), [content.summary for content in known])
+    rebuilt = [file for file, c in contents.items() if c.topics and not c.is_complete]
+    for file in rebuilt:
+        _rebuild(file, contents[file], information)
     for file, content in contents.items():
-        if not content.is_complete:
-            _rebuild(file, content, information)
-            rebuilt.append(file)
-    for file in empty:  # the recorder was killed before the first message was on the disk
-        os.replace(file, _unfinished(file))
+        if not content.topics:  # the recorder was killed before the first message was on the disk
+            os.replace(file, _unfinished(file))
     write_metadata(path, information)
     return rebuilt
 
 
-def _rebuild(file: Path, content: StorageContent, information: str) -> None:
+def _rebuild(file: Path, content: StorageScan, information: str) -> None:
     partial = file.with_name(f"{file.name}.partial")
     try:
         with partial.open("wb") as output:
             writer = StorageWriter(output, content.compression)
             for topic in content.topics.values():
                 writer.add_topic(topic)
-            for record in StorageScan(file).records():
+            for record in content.records():
                 if isinstance(record, Attachment):
                     writer.attach(record.name, record.data, record.log_time)
                 else:

@@ -4,6 +4,7 @@ A file whose writer was killed has no index and may end within a record; all bef
 """
 
 import fcntl
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,41 +45,53 @@ def is_being_written(path: Path) -> bool:
 
 
 @dataclass(frozen=True)
-class StorageContent:
-    """The readable content of a file.
+class FileSummary:
+    """Describes one file of a bag.
 
     Attributes:
-        topics: by their names.
-        counts: messages of each topic.
-        start: when the first message was received [ns].
-        end: when the last one was.
-        compression: of its chunks.
-        is_complete: whether it has its index and ends where it should.
+        name: name of the file in the folder of the bag.
+        start: time at which its first message was received [ns].
+        end: time at which its last message was received [ns].
+        counts: number of messages of each topic.
     """
 
-    topics: dict[str, Topic]
-    counts: dict[str, int]
+    name: str
     start: int
     end: int
-    compression: str
-    is_complete: bool
+    counts: dict[str, int]
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages in the file."""
+        return sum(self.counts.values())
 
 
 class StorageScan:
-    """Reads a file from its start, record by record, as far as it is whole.
+    """The content of a file, read from its start record by record, as far as it is whole.
 
     Attributes:
-        topics: those seen so far, by the ids of their channels.
-        compression: of the chunks.
-        is_complete: after `records` has ended, whether the file did so properly.
+        topics: topics of the file by their names.
+        summary: times and counts of its messages.
+        compression: compression of its chunks.
+        is_complete: whether it has its index and ends where it should.
     """
 
     def __init__(self, path: Path):
-        self.topics: dict[int, Topic] = {}
         self.compression = "none"
         self.is_complete = False
         self._path = path
         self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Topic] = {}
+        counts: Counter[str] = Counter()
+        start = end = 0
+        for record in self.records():
+            if not isinstance(record, Attachment):
+                topic, message = record
+                counts[topic.name] += 1
+                start = min(start or message.log_time, message.log_time)
+                end = max(end, message.log_time)
+        self.topics = {topic.name: topic for topic in self._channels.values()}
+        self.summary = FileSummary(path.name, start, end, counts)
 
     def records(self) -> Iterator[tuple[Topic, Message] | Attachment]:
         """Yields messages with their topics, and attachments, in the order of the file."""
@@ -86,31 +99,11 @@ class StorageScan:
             if isinstance(record, Schema):
                 self._schemas[record.id] = record
             elif isinstance(record, Channel):
-                self.topics.setdefault(record.id, self._topic(record))
+                self._channels.setdefault(record.id, self._topic(record))
             elif isinstance(record, Message):
-                yield self.topics[record.channel_id], record
+                yield self._channels[record.channel_id], record
             elif isinstance(record, Attachment):
                 yield record
-
-    def content(self) -> StorageContent:
-        """Reads the whole file and returns what is in it."""
-        counts: dict[str, int] = {}
-        start = end = 0
-        for record in self.records():
-            if not isinstance(record, Attachment):
-                topic, message = record
-                counts[topic.name] = counts.get(topic.name, 0) + 1
-                start = min(start or message.log_time, message.log_time)
-                end = max(end, message.log_time)
-        topics = {topic.name: topic for topic in self.topics.values()}
-        return StorageContent(
-            topics,
-            {name: counts.get(name, 0) for name in topics},
-            start,
-            end,
-            self.compression,
-            self.is_complete,
-        )
 
     def _whole_records(self) -> Iterator[McapRecord]:
         with self._path.open("rb") as file:

@@ -76,11 +76,6 @@ class StorageWriter:
         """Messages of each topic so far."""
         return {topic: self._counts[channel.id] for topic, channel in self._channels.items()}
 
-    @property
-    def size(self) -> int:
-        """Bytes written, without those of the chunk that is still open."""
-        return self._file.tell()
-
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""
         if topic.kind not in self._schemas:

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.execution import executed_control
-from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -27,7 +25,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     state_from_msg,
 )
-from vgps_ros.safety import TrainingMarginals
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model, joint_names
 
 _SLACK = 10**9  # largest delay with which the bag holds a state after its torque [ns]
@@ -106,7 +104,9 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
     for received, message in bag.decoded(topics["joint_states"]):
-        if (state := _usable(message, joints)) is None:
+        try:
+            state = state_from_msg(message, joints)
+        except InvalidInputError:  # noqa: PERF203
             found.unusable += 1
         else:
             states[nanoseconds(message.header.stamp)].add(received, state)
@@ -196,11 +196,3 @@ def _marginals(bag: BagReader, executor: RecordedExecutor) -> _Timeline:
             latest[message.trajectory_index] = executor.marginals(q)
             timeline.add(received, tuple(latest.values()))
     return timeline
-
-
-def _usable(message: JointState, joints: list[str]) -> Array | None:
-    """Returns the state x of a message, or None if no torque may answer it."""
-    try:
-        return state_from_msg(message, joints)
-    except InvalidInputError:
-        return None

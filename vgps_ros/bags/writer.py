@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
-from vgps_ros.bags.metadata import FileSummary, bag_information, write_metadata
-from vgps_ros.bags.storage import Topic
+from vgps_ros.bags.metadata import bag_information, write_metadata
+from vgps_ros.bags.storage import FileSummary, Topic
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage.disk import Disk, DiskFault, DiskFile
+from vgps_ros.storage.disk import Disk, DiskFile
 
 _PATIENCE = 0.8  # with a disk that does not move, at the end [s]
 
@@ -36,7 +36,9 @@ class BagWriter:
 
     Attributes:
         path: the folder.
-        lost: messages that could not be written.
+        topics: topics that messages can be written to, by their names.
+        lost: number of messages that could not be written.
+        disk: the disk, which says what waits for it and why nothing can be written now.
 
     Raises:
         InvalidInputError: the folder exists, cannot be made or cannot be written to.
@@ -53,14 +55,13 @@ class BagWriter:
         min_space: int = 0,
     ):
         self.path = path
+        self.topics: dict[str, Topic] = {}
         self.lost = 0
         self._compression = compression
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
         self._max_backlog = max_backlog
-        self._splits = bool(max_file_size or max_file_duration)
         self._definitions = MessageDefinitions()
-        self._topics: dict[str, Topic] = {}
         self._attachments: dict[str, tuple[bytes, int]] = {}
         self._finished: list[FileSummary] = []  # files that are on the disk as a whole
         self._files: list[_BagFile] = []  # those that are not; the last one takes the messages
@@ -72,11 +73,11 @@ class BagWriter:
             ) from error
         except OSError as error:
             raise InvalidInputError(f"The bag folder '{path}' cannot be made: {error}.") from error
-        self._disk = Disk(min_space)
-        self._file = self._begin_file()
-        self._disk.drain(_PATIENCE)
-        if fault := self._disk.fault:
-            self._disk.stop()
+        self.disk = Disk(min_space)
+        self._begin_file()
+        self.disk.drain(_PATIENCE)
+        if fault := self.disk.fault:
+            self.disk.stop()
             with suppress(OSError):
                 self._file.on_disk.path.unlink(missing_ok=True)
                 path.rmdir()
@@ -86,24 +87,9 @@ class BagWriter:
             )
 
     @property
-    def topics(self) -> list[str]:
-        """Topics that messages can be written to."""
-        return list(self._topics)
-
-    @property
     def message_count(self) -> int:
         """Messages written so far, those included that wait for the disk."""
         return sum(summary.message_count for summary in self._summaries())
-
-    @property
-    def fault(self) -> DiskFault | None:
-        """Why nothing can be written now."""
-        return self._disk.fault
-
-    @property
-    def backlog(self) -> int:
-        """Bytes that wait for the disk."""
-        return self._disk.backlog
 
     def add_topic(
         self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
@@ -114,7 +100,7 @@ class BagWriter:
             InvalidInputError: the type's definition is not installed.
         """
         topic = Topic(name, kind, type_hash, qos, self._definitions.find(kind))
-        self._topics[name] = topic
+        self.topics[name] = topic
         self._file.add_topic(topic)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
@@ -125,11 +111,14 @@ class BagWriter:
             stamp: time at which it was received [ns].
             data: the message as CDR.
         """
-        if self._disk.backlog > self._max_backlog:
+        if self.disk.backlog > self._max_backlog:
             self.lost += 1
             return
-        if self._splits and self._is_full(stamp):
-            self._split()
+        size, duration, file = self._max_file_size, self._max_file_duration, self._file
+        is_long = duration and file.start and stamp - file.start >= duration
+        if is_long or (size and file.on_disk.tell() >= size):
+            file.close(self._information())
+            self._begin_file()
         self._file.write(topic, stamp, data)
 
     def attach(self, name: str, text: str, stamp: int) -> None:
@@ -147,7 +136,7 @@ class BagWriter:
         """
         self._file.flush()
         if wait:
-            self._disk.drain()
+            self.disk.drain()
         while self._files[0].on_disk.is_closed:
             self._finished.append(self._files.pop(0).summary)
 
@@ -164,19 +153,19 @@ class BagWriter:
         """
         self._file.flush()
         try:
-            if not self._disk.drain(_PATIENCE, hurried):
+            if not self.disk.drain(_PATIENCE, hurried):
                 self._give_up_waiting()
-            self._disk.min_space = 0
+            self.disk.min_space = 0
             for file in self._files:
                 if not file.on_disk.is_closed:
                     file.close(self._information())
-            if not self._disk.drain(_PATIENCE, hurried):
+            if not self.disk.drain(_PATIENCE, hurried):
                 raise self._unfinished()
             write_metadata(self.path, self._information())
         except OSError as error:
             raise self._unfinished(f"metadata.yaml cannot be written, {error.strerror}") from error
         finally:
-            self._disk.stop()
+            self.disk.stop()
 
     def _give_up_waiting(self) -> None:
         """Counts what the disk did not take as lost, and goes back to what it took.
@@ -184,18 +173,24 @@ class BagWriter:
         Raises:
             UnfinishedBagError: the disk hangs, so that nothing more can be done.
         """
-        is_idle = self._disk.abandon()
+        is_idle = self.disk.abandon()
         for file in [file for file in self._files if not file.on_disk.is_closed]:
             before = file.summary.message_count
-            is_there = file.go_back_to_disk(cut=is_idle)
-            self.lost += before - (file.summary.message_count if is_there else 0)
-            if not is_there:
+            end = file.go_back(file.on_disk.written)
+            self.lost += before - file.summary.message_count
+            has_header = file.on_disk.written >= file.begin
+            if not has_header:
                 self._files.remove(file)
+            if is_idle and has_header:
+                file.on_disk.cut(end)
+            elif is_idle:
+                with suppress(OSError):
+                    file.on_disk.path.unlink(missing_ok=True)
         if not is_idle:
             raise self._unfinished()
 
     def _unfinished(self, reason: str = "") -> UnfinishedBagError:
-        fault = self._disk.fault
+        fault = self.disk.fault
         reason = reason or (f"{fault.reason}; {fault.next_step}" if fault else "the disk hangs")
         return UnfinishedBagError(
             f"The bag '{self.path}' could not be completed: {reason}. What is there can be read; "
@@ -203,32 +198,21 @@ class BagWriter:
         )
 
     def _information(self) -> str:
-        return bag_information(self._topics.values(), self._summaries())
+        return bag_information(self.topics.values(), self._summaries())
 
     def _summaries(self) -> list[FileSummary]:
         return [*self._finished, *(file.summary for file in self._files)]
 
-    def _is_full(self, stamp: int) -> bool:
-        if self._max_file_size and self._file.size >= self._max_file_size:
-            return True
-        if self._max_file_duration and self._file.start:
-            return stamp - self._file.start >= self._max_file_duration
-        return False
-
-    def _split(self) -> None:
-        self._file.close(self._information())
-        self._file = self._begin_file()
-        for topic in self._topics.values():
-            self._file.add_topic(topic)
-        for name, attachment in self._attachments.items():
-            self._file.attach(name, *attachment)
-
-    def _begin_file(self) -> "_BagFile":
+    def _begin_file(self) -> None:
+        """Begins a file, which has all topics and attachments of those before it."""
         number = len(self._finished) + len(self._files)
         name = f"{self.path.name}_{number}.mcap"  # as rosbag2 counts them
-        file = _BagFile(DiskFile(self._disk, self.path / name), self._compression)
-        self._files.append(file)
-        return file
+        self._file = _BagFile(DiskFile(self.disk, self.path / name), self._compression)
+        self._files.append(self._file)
+        for topic in self.topics.values():
+            self._file.add_topic(topic)
+        for attachment, (data, stamp) in self._attachments.items():
+            self._file.attach(attachment, data, stamp)
 
 
 class _BagFile(StorageWriter):
@@ -242,19 +226,3 @@ class _BagFile(StorageWriter):
     def summary(self) -> FileSummary:
         """Summary of all that was written to the file, whether it is on the disk or not."""
         return FileSummary(self.on_disk.path.name, self.start, self.end, self.counts)
-
-    def go_back_to_disk(self, *, cut: bool) -> bool:
-        """Forgets what is not on the disk; returns whether there is anything.
-
-        Args:
-            cut: whether to cut the file there; a disk that hangs cannot.
-        """
-        if self.on_disk.written < self.begin:
-            if cut:
-                with suppress(OSError):
-                    self.on_disk.path.unlink(missing_ok=True)
-            return False
-        position = self.go_back(self.on_disk.written)
-        if cut:
-            self.on_disk.cut(position)
-        return True

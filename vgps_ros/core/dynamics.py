@@ -32,19 +32,16 @@ class Dynamics(Protocol):
     time_step: float
     substeps: int
 
-    def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
-        """Returns the rollout of u = ū + K (x − x̄) from x_1, with NaN from where it diverges on.
-
-        Args:
-            start: x_1, shape (n_x,).
-            nominal: x̄, ū.
-            gains: K, shape (T, n_u, n_x).
-        """
-
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Yields such a rollout for each of several nominal trajectories, in their order."""
+        """Yields the rollout of u = ū + K (x − x̄) from x_1 for each of several x̄, ū, in order.
+
+        Args:
+            start: x_1, shape (n_x,).
+            nominals: x̄, ū of each; a rollout is NaN from where it diverges on.
+            gains: K, shape (T, n_u, n_x), of all.
+        """
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""

@@ -21,15 +21,7 @@ from numpy.typing import NDArray
 from vgps_ros.core.arrays import Array, Shape, array_shapes
 from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
-
-
-def _softplus(z: Array) -> Array:
-    return np.logaddexp(0.0, z)
-
-
-def _sigmoid(z: Array) -> Array:
-    return 0.5 * (1.0 + np.tanh(0.5 * z))
-
+from vgps_ros.core.seeding import Stream, generator
 
 # A message or goal that asks for more is a mistake, whose fit would take gigabytes.
 MAX_LAYERS = 100
@@ -37,7 +29,7 @@ MAX_PARAMETERS = 1_000_000
 
 # The activation and its derivative, by name.
 ACTIVATIONS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
-    "softplus": (_softplus, _sigmoid),
+    "softplus": (lambda z: np.logaddexp(0.0, z), lambda z: 0.5 * (1.0 + np.tanh(0.5 * z))),
     "tanh": (np.tanh, lambda z: 1.0 - np.tanh(z) ** 2),
     "relu": (lambda z: np.maximum(z, 0.0), lambda z: (z > 0.0).astype(float)),
 }
@@ -215,3 +207,18 @@ class GaussianPolicy:
         z = (controls - self.mean(states)) / self.noise_std
         normaliser = np.sum(np.log(self.noise_std)) + 0.5 * len(self.noise_std) * np.log(2 * np.pi)
         return -0.5 * np.sum(z**2, -1) - normaliser
+
+
+def executed_control(
+    policy: GaussianPolicy, state: Array, stamp: int, seed: int | None = None
+) -> Array:
+    """Returns the control that an executed policy gives, u, shape (n_u,), [N·m].
+
+    It is μ_θ(x), plus noise if a seed is given. The noise depends only on that seed and on the time
+    of the state, `stamp` [ns], at least 0, so that recorded torques can be checked.
+    """
+    mean = policy.mean(state)
+    if seed is None:
+        return mean
+    rng = generator(seed, Stream.EXECUTION, stamp)
+    return mean + policy.noise_std * rng.standard_normal(len(mean))

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.fit_settings import FitSettings
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
+from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution

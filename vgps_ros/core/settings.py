@@ -83,16 +83,8 @@ class Setting:
         return "any value" if self.maximum is None else f"at most {self.maximum:g}"
 
 
-def setting(
-    default: Any,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] | None = None,
-) -> Any:
-    """Declares a field of a settings record; see `Setting`."""
-    limits = {"minimum": minimum, "maximum": maximum, "choices": choices}
+def setting(default: Any, description: str, **limits: Any) -> Any:
+    """Declares a field of a settings record; limits are minimum, maximum, choices of `Setting`."""
     return field(default=default, metadata={"description": description, **limits})
 
 

@@ -36,8 +36,6 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         InvalidInputError: the task is unknown, or a scale is not positive.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
-
     def __init__(
         self,
         task: str,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.ddp import Iteration
+from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
@@ -16,8 +16,7 @@ from vgps_ros.search.trajectory_optimization import (
     OptimizationResult,
     optimize,
 )
-from vgps_ros.storage.distribution_file import save_distributions
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.tasks import Task
 from vgps_ros.views.run_record import RunRecord
 

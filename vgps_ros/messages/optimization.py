@@ -6,7 +6,7 @@ from vgps_msgs.msg import OptimizerIteration, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.checks import finite_array, one_of, quoted
-from vgps_ros.core.ddp import Iteration, Status
+from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
 from vgps_ros.messages.conversions import (
     distribution_from_msg,

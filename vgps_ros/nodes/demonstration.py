@@ -50,7 +50,7 @@ class Demonstration(Node):
                     "diverged; reset the simulation."
                 )
         except InvalidInputError as error:
-            self._health.error(f"Gave no torques: {error}", "state")
+            self._health.report("state", error=f"Gave no torques: {error}")
             return
         self._health.clear("state")
         torques = self._controller.torques(state, self._loads(state))

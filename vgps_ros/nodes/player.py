@@ -1,6 +1,5 @@
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
-import sys
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,8 +16,8 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
-from vgps_ros.ros_runtime.responses import answered
 from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
@@ -35,7 +34,6 @@ CLOCK_RATE = Setting(
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
 _ACKNOWLEDGEMENT_TIMEOUT = 5.0  # at the end [s]
-_SWITCH_INTERVAL = 0.0005  # after which a thread that decodes lets one run that publishes [s]
 
 
 class Player(Node):
@@ -43,10 +41,10 @@ class Player(Node):
 
     def __init__(self) -> None:
         super().__init__("player")
-        path = declare(self, BAG, read_only=True)
+        path = declare(self, BAG)
         self._settings = declare_settings(self, PlaybackSettings())
-        include, exclude = (declare(self, s, read_only=True) for s in (INCLUDE, EXCLUDE))
-        self._clock_rate = declare(self, CLOCK_RATE, read_only=True)
+        include, exclude = (declare(self, s) for s in (INCLUDE, EXCLUDE))
+        self._clock_rate = declare(self, CLOCK_RATE)
         self._health = Health(self)
         if not path:
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")
@@ -94,14 +92,15 @@ class Player(Node):
         left_out = [topic for topic in filled if not topic_filter.wants(topic)]
         if left_out:
             self.get_logger().warning(f"Leaves out {', '.join(sorted(left_out))}, by the patterns.")
+        topics: list[str] = []
         for topic, kind in filled.items():
             if topic in left_out or (topic == CLOCK_TOPIC and self._clock_rate):
                 continue
             try:
                 self._replayed.add(topic, kind, hashes[topic], qos[topic])
+                topics.append(topic)
             except InvalidInputError as error:
                 self.get_logger().warning(f"Does not play {topic}: {error}")
-        topics = self._replayed.topics
         if not topics:
             raise InvalidInputError(
                 f"No topic of '{self._bag.path}' is left to play; it has "
@@ -167,31 +166,28 @@ class Player(Node):
         self._health.set_value("messages", self._replayed.counts.total())
         self._health.set_value("paused", self._playback.paused)
 
-    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _pause(self, *_: object) -> Trigger.Response:
         was_paused = self._playback.paused
         self._playback.pause()
         self._show()
         at = f"at {self._playback.position:.2f} s"
-        return answered(response, not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
+        return answered(not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
 
-    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _resume(self, *_: object) -> Trigger.Response:
         was_paused, at = self._playback.paused, f"at {self._playback.position:.2f} s"
         self._playback.resume()
         self._show()
-        return answered(response, was_paused, f"Goes on {at}.", "It was not paused.")
+        return answered(was_paused, f"Goes on {at}.", "It was not paused.")
 
-    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _step(self, *_: object) -> Trigger.Response:
         if not self._playback.paused:
-            response.message = "It is not paused; call ~/pause first."
-        elif (message := self._playback.step()) is None:
-            response.message = "No message is left."
-        else:
-            response.success, at = True, f"at {self._playback.position:.2f} s"
-            response.message = f"Played a message of {message.topic}, {at}."
-        return response
+            return Trigger.Response(message="It is not paused; call ~/pause first.")
+        if (message := self._playback.step()) is None:
+            return Trigger.Response(message="No message is left.")
+        sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
+        return Trigger.Response(success=True, message=sentence)
 
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    sys.setswitchinterval(_SWITCH_INTERVAL)
     return run(Player, close=Player.close)

@@ -13,8 +13,7 @@ from std_msgs.msg import Float64MultiArray
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.execution import executed_control
-from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
@@ -31,9 +30,10 @@ from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
-from vgps_ros.safety import Command, SafetySettings, Supervisor
+from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.supervisor import Command, Supervisor
 from vgps_ros.simulation.model import model_torque_limits
-from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
@@ -55,15 +55,19 @@ class PolicyExecutor(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("policy_executor")
-        self._task = make_task(declare(self, TASK, read_only=True))
-        self._plain = declare(self, COMMAND_TYPE, read_only=True) == "float64_multi_array"
-        declare(self, SEED)
-        declare(self, STOCHASTIC)
+        self._task = make_task(declare(self, TASK))
+        self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
+        for setting in (SEED, STOCHASTIC):
+            declare(self, setting, may_change=True)
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
-            declare(self, setting, read_only=True)
-        autostart = declare(self, AUTOSTART, read_only=True)
-        self._settings = self._declare_safety(self._task)
-        self._health = Health(self, owns="commands" if self._plain else "joint_command")
+            declare(self, setting)
+        when_alone = self._start if declare(self, AUTOSTART) else lambda: None
+        limits = tuple(model_torque_limits(self._task.dynamics.model).tolist())
+        self._settings = declare_settings(self, SafetySettings(torque_limits=limits))
+        control_dim = self._task.dynamics.control_dim
+        finite_array("torque_limits", self._settings.torque_limits, (control_dim,))
+        topic = "commands" if self._plain else "joint_command"
+        self._health = Health(self, owns=topic, when_alone=when_alone)
         self._active = False
         time_step = self._task.dynamics.time_step
         actuated = [self._task.joint_names.index(n) for n in self._task.actuated_joint_names]
@@ -76,11 +80,8 @@ class PolicyExecutor(LifecycleNode):
             self._supervisor.marginals.__setitem__ if self._settings.needs_distribution else None,
         )
         self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
-        self._commands = (
-            self.create_lifecycle_publisher(Float64MultiArray, "commands", STREAM)
-            if self._plain
-            else self.create_lifecycle_publisher(JointState, "joint_command", STREAM)
-        )
+        kind = Float64MultiArray if self._plain else JointState
+        self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)
         self._watchdog.cancel()  # until there is an answer whose successor can be missed
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
@@ -88,14 +89,6 @@ class PolicyExecutor(LifecycleNode):
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=lambda _: self._supervisor.forget_time(),
         )
-        if autostart:
-            self._health.when_alone(self._start)
-
-    def _declare_safety(self, task: Task) -> SafetySettings:
-        limits = tuple(model_torque_limits(task.dynamics.model).tolist())
-        settings = declare_settings(self, SafetySettings(torque_limits=limits))
-        finite_array("torque_limits", settings.torque_limits, (task.dynamics.control_dim,))
-        return settings
 
     def _start(self) -> None:
         self.trigger_configure()
@@ -124,8 +117,7 @@ class PolicyExecutor(LifecycleNode):
         self._watchdog.cancel()
         self._training.stop_waiting()
         self._health.stop_waiting(_STATE)
-        self._health.clear("state")
-        self._health.clear("distance")
+        self._health.clear("state", "distance")
 
     def _take_state(self, message: JointState) -> None:
         if not self._active:

@@ -30,10 +30,9 @@ from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
-from vgps_ros.search.iteration import SearchIteration, SearchState
+from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
 from vgps_ros.search.methods import search
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.remaining_time import RemainingTime
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK
@@ -57,14 +56,13 @@ class KeptTraining(Checkpoints):
         """Writes a checkpoint if it can."""
         try:
             super().save(run, state)
-        except OSError as error:
-            self._health.error(
-                f"The training goes on, but no checkpoint can be written to '{self.folder}' "
-                f"({error.strerror}): make room, or make it writable.",
-                "checkpoints",
-            )
-        else:
             self._health.clear("checkpoints")
+        except OSError as error:
+            sentence = (
+                f"The training goes on, but no checkpoint can be written to '{self.folder}' "
+                f"({error.strerror}): make room, or make it writable."
+            )
+            self._health.report("checkpoints", error=sentence)
 
 
 class PolicyLearner(Node):
@@ -72,14 +70,12 @@ class PolicyLearner(Node):
 
     def __init__(self) -> None:
         super().__init__("policy_learner")
-        self._task = make_task(
-            declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
-        )
-        self._method = declare(self, METHOD, read_only=True)
+        self._task = make_task(declare(self, TASK), declare(self, DEMONSTRATION))
+        self._method = declare(self, METHOD)
         self._settings = declare_settings(self, search_settings(self._task))
-        self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER, read_only=True)
-        declare(self, OPTIMIZERS, read_only=True)
-        declare(self, OPTIMIZER_TIMEOUT)
+        self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER)
+        declare(self, OPTIMIZERS)
+        declare(self, OPTIMIZER_TIMEOUT, may_change=True)
         prepare(self._task)  # before the node is there: no peer waits for the compiler
         self._health = Health(self, owns="learning_progress")
         self._pool = OptimizerPool(self, self._task, self._health)
@@ -121,7 +117,7 @@ class PolicyLearner(Node):
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
         result = TrainPolicy.Result()
         with self._busy:
-            self._health.clear()
+            self._health.clear("training")
             self._health.set_value(TRAINING, "initial DDP")
             try:
                 self._run(goal, result)
@@ -133,7 +129,7 @@ class PolicyLearner(Node):
                 if not self.context.ok():
                     raise  # nobody can be told any more
                 result.message = self._health.sentence_of(error)
-                self._health.error(f"The training failed: {result.message}")
+                self._health.report("training", error=f"The training failed: {result.message}")
                 goal.abort()
             else:
                 result.success = True

@@ -67,7 +67,7 @@ class Simulation(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation")
-        self._task = make_task(declare(self, TASK, read_only=True))
+        self._task = make_task(declare(self, TASK))
         self._initial_state = Setting(
             "initial_state",
             tuple(self._task.initial_state.tolist()),
@@ -75,11 +75,11 @@ class Simulation(Node):
             minimum=-DIVERGENCE_BOUND,
             maximum=DIVERGENCE_BOUND,
         )
-        start = declare(self, self._initial_state, also_check=self._to_state)
-        self._lock_step = declare(self, MODE, read_only=True) == "lock_step"
-        self._factor = factor = declare(self, REAL_TIME_FACTOR, read_only=True)
-        declare(self, COMMAND_TIMEOUT)
-        self._control = RunControl(paused=declare(self, START_PAUSED, read_only=True))
+        start = declare(self, self._initial_state, may_change=True, also_check=self._to_state)
+        self._lock_step = declare(self, MODE) == "lock_step"
+        self._factor = factor = declare(self, REAL_TIME_FACTOR)
+        declare(self, COMMAND_TIMEOUT, may_change=True)
+        self._control = RunControl(paused=declare(self, START_PAUSED))
         self._health = Health(self, owns="joint_states")
         self._robot = SimulatedRobot(self._task, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
@@ -118,7 +118,7 @@ class Simulation(Node):
             self._robot.advance(command)
         except DivergenceError as error:
             self._report_warnings()
-            self._health.error(str(error), "state")
+            self._health.report("state", error=str(error))
             self._control.interrupt(str(error), pause=True)
             return
         self._publish()
@@ -152,7 +152,7 @@ class Simulation(Node):
                     f"answers, now {self._robot.stamp * 1e-9:g} s."
                 )
         except InvalidInputError as error:
-            self._health.error(f"Ignored a joint_command: {error}", "command")
+            self._health.report("command", error=f"Ignored a joint_command: {error}")
             return
         self._health.arrived(_COMMAND)
         self._health.clear("command")
@@ -176,11 +176,11 @@ class Simulation(Node):
             self._health.wait_for(_COMMAND)
         elif time.monotonic() - self._held_since > timeout:
             self._held = np.zeros_like(self._held)
-            self._health.error(
+            sentence = (
                 f"No joint_command for {timeout:g} s, so the torques are zero: is policy_executor "
-                "running and active?",
-                "command",
+                "running and active?"
             )
+            self._health.report("command", error=sentence)
         self._advance(self._held)
 
     def _repeat(self) -> None:
@@ -194,29 +194,25 @@ class Simulation(Node):
 
     # Services
 
-    def _reset(
-        self, request: ResetSimulation.Request, response: ResetSimulation.Response
-    ) -> ResetSimulation.Response:
+    def _reset(self, request: ResetSimulation.Request, _: object) -> ResetSimulation.Response:
         scope = request.scope or request.SCOPE_ALL
         if scope not in (*range(_SCOPE_BITS + 1), request.SCOPE_ALL):
-            response.result = refused(
-                Result.RESULT_FEATURE_UNSUPPORTED,
-                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state).",
+            sentence = (
+                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state)."
             )
-            return response
+            result = refused(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
+            return ResetSimulation.Response(result=result)
         self._control.interrupt("The simulation was reset before the last step.")
         self._restart(
             time_too=bool(scope & request.SCOPE_TIME), state_too=bool(scope & request.SCOPE_STATE)
         )
-        response.result = ok()
-        return response
+        return ResetSimulation.Response(result=ok())
 
     def _restart(self, *, time_too: bool = True, state_too: bool = True) -> None:
         state = self._to_state(value(self, self._initial_state)) if state_too else None
         self._robot.reset(state, time=time_too)
         self._forget_command()
-        self._health.clear("state")
-        self._health.clear("simulator")
+        self._health.clear("state", "simulator")
         self._publish()
 
     def _forget_command(self) -> None:
@@ -238,21 +234,14 @@ class Simulation(Node):
                 self._publish()
         return response
 
-    def _get_state(
-        self, _: GetSimulationState.Request, response: GetSimulationState.Response
-    ) -> GetSimulationState.Response:
-        response.state = self._control.state
-        response.result = ok()
-        return response
+    def _get_state(self, *_: object) -> GetSimulationState.Response:
+        return GetSimulationState.Response(state=self._control.state, result=ok())
 
-    def _do_steps(
-        self, request: StepSimulation.Request, response: StepSimulation.Response
-    ) -> Future:
+    def _do_steps(self, request: StepSimulation.Request, _: object) -> Future:
         answer = Future()
 
         def done(result: Result) -> None:
-            response.result = result
-            answer.set_result(response)
+            answer.set_result(StepSimulation.Response(result=result))
 
         if self._control.begin_steps(request.steps, done):
             self._forget_command()

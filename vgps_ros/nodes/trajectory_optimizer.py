@@ -10,7 +10,7 @@ from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
-from vgps_ros.core.ddp import Iteration, Status
+from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.messages.optimization import (
     ENDING,
@@ -37,9 +37,7 @@ class TrajectoryOptimizerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("trajectory_optimizer")
-        task = make_task(
-            declare(self, TASK, read_only=True), declare(self, DEMONSTRATION, read_only=True)
-        )
+        task = make_task(declare(self, TASK), declare(self, DEMONSTRATION))
         task = replace(task, optimizer=declare_settings(self, task.optimizer))
         prepare(task)  # before the node is there: no request and no peer waits for the compiler
         self._task = task
@@ -101,10 +99,8 @@ class TrajectoryOptimizerNode(Node):
         )
         stamp = self.get_clock().now().to_msg()
         response = result_to_msg(result, request, self._task, stamp)
-        self._health.clear()
         self._health.set_value("last status", response.status)
-        trouble = response.message if result.status in TROUBLE else ""
-        self._health.report("solve", warning=trouble)
+        self._health.report("solve", warning=response.message if result.status in TROUBLE else "")
         self._health.set_value("MuJoCo warnings", in_words(self._task.dynamics.warnings()))
         if result.status is not Status.CANCELLED:
             self._distributions.publish(response.distribution)
@@ -114,16 +110,14 @@ class TrajectoryOptimizerNode(Node):
         sentence = self._health.sentence_of(error)
         status = error.status if isinstance(error, DivergenceError) else "refused"
         self._health.set_value("last status", status)
-        self._health.error(f"Refused a request: {sentence}")
+        self._health.report("solve", error=f"Refused a request: {sentence}")
         return OptimizeTrajectory.Response(status=status, message=sentence)
 
-    def _cancel(
-        self, _: CancelOptimization.Request, response: CancelOptimization.Response
-    ) -> CancelOptimization.Response:
-        response.success = self._solving.is_set()
+    def _cancel(self, *_: object) -> CancelOptimization.Response:
+        is_solving = self._solving.is_set()
         self._cancelled.set()
-        response.message = "Cancelling the solve." if response.success else "No solve is running."
-        return response
+        message = "Cancelling the solve." if is_solving else "No solve is running."
+        return CancelOptimization.Response(success=is_solving, message=message)
 
 
 def main() -> int:

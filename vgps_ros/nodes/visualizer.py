@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ class Visualizer(Node):
 
     def __init__(self) -> None:
         super().__init__("visualizer")
-        path = Path(declare(self, OUTPUT, read_only=True))
+        path = Path(declare(self, OUTPUT))
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
         self._health.wait_for(f"{_STATES} from simulation")
@@ -53,33 +54,24 @@ class Visualizer(Node):
 
     def _listen(self, topic: str, kind: str) -> None:
         qos = LATCHED if topic in _LATCHED else STREAM
-        self.create_subscription(message_type(kind), topic, self._show(topic), qos)
+        self.create_subscription(message_type(kind), topic, partial(self._show, topic), qos)
 
-    def _show(self, topic: str) -> Callable[[Any], None]:
-        def show(message: Any) -> None:
-            if self._scene.recording.backlog <= _MAX_BACKLOG:
-                self._scene.show(topic, message)
-            else:
-                self._left_out += 1
-
-        return show
+    def _show(self, topic: str, message: Any) -> None:
+        if self._scene.recording.disk.backlog <= _MAX_BACKLOG:
+            self._scene.show(topic, message)
+        else:
+            self._left_out += 1
 
     def _report(self, topic: str, sentence: str | None) -> None:
-        if sentence:
-            self._health.error(sentence, topic)
-            return
-        self._health.clear(topic)
-        if topic == _STATES:
+        self._health.report(topic, error=sentence or "")
+        if topic == _STATES and not sentence:
             self._health.arrived(f"{_STATES} from simulation")
 
     def _look(self) -> None:
         self._health.set_value("messages_left_out", self._left_out)
-        fault = self._scene.recording.fault
+        fault = self._scene.recording.disk.fault
         self._health.report("disk", error=fault.sentence if fault else "")
-        self._find_solvers()
-
-    def _find_solvers(self) -> None:
-        """Listens to every optimizer there is, whatever its name."""
+        # Every optimizer is listened to, whatever its name.
         for topic, kinds in self.get_topic_names_and_types():
             if is_drawn(topic, kinds[0]) and topic.endswith(_SOLVES) and topic not in self._shown:
                 self._shown.add(topic)

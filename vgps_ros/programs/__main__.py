@@ -60,7 +60,10 @@ def _run(words: Sequence[str]) -> None:
         parsed, unknown = parser.parse_known_args(words)
         if unknown:
             parsed.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        from vgps_ros.simulation.warnings import silence_mujoco
+
         name, sentence = parsed.parser.prog, parsed.interrupted
+        silence_mujoco()
         _module(parsed.command).run(parsed)
     except (VgpsError, OSError) as error:
         sys.exit(f"{name}: {error}")

@@ -54,8 +54,9 @@ def info(arguments: argparse.Namespace) -> None:
         *(Column(name, overflow="fold") for name in ("topic", "type")),  # which cuts no name
         *(Column(name, justify="right") for name in ("messages", "per second")),
     )
-    for name, kind, messages, rate in (topic.values() for topic in topics):
-        table.add_row(name, kind, str(messages), "" if rate is None else f"{rate:.1f}")
+    for topic in topics:
+        rate = "" if topic["rate"] is None else f"{topic['rate']:.1f}"
+        table.add_row(topic["name"], topic["type"], str(topic["messages"]), rate)
     console.print(table)
     for name, text in content["attachments"].items():
         console.print(f"\n[bold]{name}[/bold]")

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +15,14 @@ from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import load_policy
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks.settings import TASKS
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
 
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
-SPREAD: dict[str, Any] = {
+SPREAD: dict[str, Callable[[Array], Any]] = {
     "mean": np.mean,
     "median": np.median,
     "smallest": np.min,
@@ -155,11 +155,9 @@ def run(arguments: argparse.Namespace) -> None:
         raise InvalidInputError(
             f"{path} was learned for the task '{name}', not '{arguments.task}'; leave out --task."
         )
-    from vgps_ros.simulation.warnings import silence_mujoco
     from vgps_ros.tasks import make_task
     from vgps_ros.tasks.task import never
 
-    silence_mujoco()
     task = make_task(name)
     policy.check_fits(task.dynamics.state_dim, task.dynamics.control_dim)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")

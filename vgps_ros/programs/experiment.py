@@ -17,12 +17,12 @@ from vgps_ros.search.settings import METHOD, SearchSettings
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument(
-        "--panels", nargs="+", default=("all",), help="all, or TASK-UNITS such as walker-10"
+        "--panels", nargs="+", default="all", help="all, or TASK-UNITS such as walker-10"
     )
     parser.add_argument(
         "--methods",
         nargs="+",
-        default=("all",),
+        default="all",
         help=f"all, or some of {', '.join(METHOD.choices or ())}",
     )
     parser.add_settings(
@@ -58,8 +58,8 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.experiments.cell_table import TABLE
     from vgps_ros.experiments.cells import PANELS, Panel, Protocol, all_cells
 
-    panels = PANELS if [*arguments.panels] == ["all"] else arguments.panels
-    methods = METHOD.choices if [*arguments.methods] == ["all"] else arguments.methods
+    panels = PANELS if arguments.panels in ("all", ["all"]) else arguments.panels
+    methods = METHOD.choices if arguments.methods in ("all", ["all"]) else arguments.methods
     output = arguments.output
     try:
         failures = run_experiment(

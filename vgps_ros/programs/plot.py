@@ -5,9 +5,7 @@ motion with the paths of the centre of mass. Example: vgps plot recordings/sampl
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.command_line import Parser, refuse_existing
@@ -20,6 +18,7 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
     Raises:
         VgpsError: the source cannot be read, has nothing to draw, or a picture is there already.
     """
+    from matplotlib.figure import Figure
     from rich.console import Console
     from rich.progress import Progress
 
@@ -39,7 +38,7 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
 
         run = read_run(source)
     moving = "motion.gif"
-    pictures: dict[str, Callable[[], Any]] = {
+    pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
         "trajectory": lambda: trajectory(run),
         "motion": lambda: motion(run),
@@ -59,8 +58,9 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
             try:
                 if drawn := draw():
                     written += names[name]
-                    for file in names[name] if name != moving else ():
-                        save(drawn, output / file)
+                    if isinstance(drawn, Figure):
+                        for file in names[name]:
+                            save(drawn, output / file)
             except RenderingError as error:
                 notes.append(f"No {name}: {error}")
             progress.advance(bar)

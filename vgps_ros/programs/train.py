@@ -65,13 +65,11 @@ def run(arguments: argparse.Namespace) -> None:
         return
     from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
-    from vgps_ros.search.remaining_time import RemainingTime
-    from vgps_ros.simulation.warnings import silence_mujoco
+    from vgps_ros.search.iteration import RemainingTime
     from vgps_ros.tasks import make_task
     from vgps_ros.views.plots import learning_curve, save
     from vgps_ros.views.training_progress import TrainingProgress
 
-    silence_mujoco()
     task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.initial_ddp_iterations) as progress:

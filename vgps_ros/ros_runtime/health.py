@@ -3,13 +3,15 @@
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
+from operator import itemgetter
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.ros_runtime.parameters import declare, refuse_unknown
+from vgps_ros.ros_runtime.parameters import declare, refuse_unknown, value
 from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -30,6 +32,13 @@ WAIT_TIMEOUT = Setting(
 )
 
 
+@dataclass
+class _Wait:
+    since: float  # [s], by the steady clock
+    meanwhile: str
+    is_late: bool = False
+
+
 class Health:
     """Publishes one DiagnosticStatus a second on /diagnostics, and a fault at once.
 
@@ -40,31 +49,28 @@ class Health:
         node: the node, which has declared all its other parameters.
         owns: topic that only one node of the graph may publish. Of two that say so the one that
             was started later ends with a sentence.
+        when_alone: called once it is clear that no other node owns the same topic.
 
     Attributes:
         peers: the other nodes.
     """
 
-    def __init__(self, node: Node, *, owns: str = ""):
+    def __init__(
+        self, node: Node, *, owns: str = "", when_alone: Callable[[], object] = lambda: None
+    ):
         self._node = node
         self.peers = Peers(node, owns)
-        self._timeout = declare(node, WAIT_TIMEOUT)
+        declare(node, WAIT_TIMEOUT, may_change=True)
         refuse_unknown(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self._waiting: dict[str, float] = {}
-        self._signs: dict[str, str] = {}
-        self._late: set[str] = set()
+        self._waiting: dict[str, _Wait] = {}
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()
         self._said: dict[str, tuple[str, float]] = {}
         self._values = {INSTANCE: self.peers.instance, OWNS: self.peers.owns}
         self._ticks = 0
-        self._when_alone: Callable[[], None] = lambda: None
+        self._when_alone = when_alone
         self._timer = steady_timer(node, _FIRST_PERIOD, self._tick)
-
-    def when_alone(self, callback: Callable[[], None]) -> None:
-        """Sets what is called once it is clear that no other node owns the same topic."""
-        self._when_alone = callback
 
     def wait_for(self, what: str, *, meanwhile: str = "") -> None:
         """Notes that the node waits, and says so once.
@@ -75,29 +81,19 @@ class Health:
                 what is waited for; as long as one does, the wait does not become an error.
         """
         if what not in self._waiting:
-            self._waiting[what] = time.monotonic()
-            self._signs[what] = meanwhile
+            self._waiting[what] = _Wait(time.monotonic(), meanwhile)
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
         """Notes that the node no longer waits for it, since it came."""
-        if what in self._late:
+        wait = self._waiting.pop(what, None)
+        if wait and wait.is_late:
             self._node.get_logger().info(f"Here now: {what}.")
-        self.stop_waiting(what)
 
-    def stop_waiting(self, what: str) -> None:
-        """Notes that the node no longer needs it."""
-        self._waiting.pop(what, None)
-        self._late.discard(what)
-
-    def error(self, sentence: str, about: str = "") -> None:
-        """Reports a fault: on /diagnostics until it is cleared, and in the log, but not often.
-
-        Args:
-            sentence: what is wrong, and what would be right.
-            about: faults about different things are reported and cleared on their own.
-        """
-        self._report(DiagnosticStatus.ERROR, sentence, about)
+    def stop_waiting(self, *whats: str) -> None:
+        """Notes that the node no longer needs these."""
+        for what in whats:
+            self._waiting.pop(what, None)
 
     def sentence_of(self, error: Exception) -> str:
         """Returns what an error says; of one that was not foreseen the traceback is in the log."""
@@ -107,16 +103,16 @@ class Health:
         return f"{type(error).__name__}: {error}"
 
     def report(self, about: str, *, error: str = "", warning: str = "") -> None:
-        """Reports how something stands: its fault, else its warning, else that it is well."""
-        if error or warning:
-            level = DiagnosticStatus.ERROR if error else DiagnosticStatus.WARN
-            self._report(level, error or warning, about)
-        else:
-            self.clear(about)
+        """Reports how one thing stands: its fault, else its warning, else that it is well.
 
-    def _report(self, level: bytes, sentence: str, about: str) -> None:
+        What is wrong is on /diagnostics until it is cleared, and in the log, but not often.
+        """
+        if not (error or warning):
+            self.clear(about)
+            return
+        level = DiagnosticStatus.ERROR if error else DiagnosticStatus.WARN
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
-        self._faults[about] = (level, sentence)
+        self._faults[about] = (level, error or warning)
         self._over.discard(about)
         self._log(about, is_new=before != level)
         if before != level:
@@ -137,10 +133,9 @@ class Health:
             self._node.get_logger().warning(sentence)
         self._said[about] = (sentence, now)
 
-    def clear(self, about: str = "") -> None:
-        """Reports that a fault is over; /diagnostics shows it once, however short it was."""
-        if about in self._faults:
-            self._over.add(about)
+    def clear(self, *abouts: str) -> None:
+        """Reports that faults are over; /diagnostics shows each once, however short it was."""
+        self._over.update(about for about in abouts if about in self._faults)
 
     def set_value(self, key: str, value: object) -> None:
         """Shows a figure beside the status."""
@@ -151,14 +146,14 @@ class Health:
         if self._ticks == _FIRST_COUNT:
             self._timer.timer_period_ns = round(_PERIOD * 1e9)
             self._when_alone()
-        for what, since in list(self._waiting.items()):
-            if self.peers.show(self._signs[what]):
-                self._waiting[what] = time.monotonic()
-                self._late.discard(what)
-            elif time.monotonic() - since > self._timeout and what not in self._late:
-                self._late.add(what)
+        timeout = value(self._node, WAIT_TIMEOUT)
+        for what, wait in list(self._waiting.items()):
+            if self.peers.show(wait.meanwhile):
+                wait.since, wait.is_late = time.monotonic(), False
+            elif time.monotonic() - wait.since > timeout and not wait.is_late:
+                wait.is_late = True
                 self._node.get_logger().error(
-                    f"Still waiting for {what} after {self._timeout:g} s; is it running?"
+                    f"Still waiting for {what} after {timeout:g} s; is it running?"
                 )
         for about in list(self._faults):
             self._log(about)  # what came too soon after another line
@@ -184,13 +179,13 @@ class Health:
         """The worst level, and all sentences on what is wrong, the worst first."""
         said = list(self._faults.values())
         said += [(DiagnosticStatus.WARN, sentence) for sentence in self.peers.look()]
-        for what in list(self._waiting):
-            if what in self._late:
+        for what, wait in list(self._waiting.items()):
+            if wait.is_late:
                 sentence = f"Still waiting for {what}; is it running?"
                 said.append((DiagnosticStatus.ERROR, sentence))
             else:
                 said.append((DiagnosticStatus.OK, f"Waiting for {what}."))
-        level = max((level for level, _ in said), default=DiagnosticStatus.OK)
-        wrong = [(own, sentence) for own, sentence in said if own != DiagnosticStatus.OK]
-        worst_first = sorted(wrong or said, key=lambda pair: pair[0], reverse=True)
-        return level, " ".join(sentence for _, sentence in worst_first) or "Running."
+        well = DiagnosticStatus.OK
+        said = sorted(said, key=itemgetter(0), reverse=True) or [(well, "Running.")]
+        worst = said[0][0]
+        return worst, " ".join(words for level, words in said if level != well or worst == well)

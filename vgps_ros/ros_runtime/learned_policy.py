@@ -22,9 +22,8 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
-from vgps_ros.safety import TrainingMarginals
-from vgps_ros.storage.distribution_file import load_distributions
-from vgps_ros.storage.policy_file import load_policy
+from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.storage.run_folder import load_distributions, load_policy
 from vgps_ros.tasks import Task
 
 POLICY_FILE = Setting(
@@ -48,8 +47,8 @@ class TrainingResults:
 
     Args:
         node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
-        task: that they must be for.
-        health: of the node.
+        task: the task that the results must be for.
+        health: the node's diagnostics.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
             needed.
 
@@ -72,15 +71,11 @@ class TrainingResults:
         self._task = task
         self._health = health
         self._take_marginals = take_marginals or (lambda *_: None)
+        self._waits_for_distribution = take_marginals is not None
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if take_marginals:
-            node.create_subscription(
-                TrajectoryDistributionMsg,
-                "trajectory_distribution",
-                self._take_distribution,
-                LATCHED,
-            )
-        self._waits_for_distribution = take_marginals is not None
+            topic, take = "trajectory_distribution", self._take_distribution
+            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
         if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
         if distribution_file := value(node, DISTRIBUTION_FILE):
@@ -95,15 +90,14 @@ class TrainingResults:
 
     def stop_waiting(self) -> None:
         """Says that nothing is needed for now."""
-        self._health.stop_waiting(POLICY)
-        self._health.stop_waiting(DISTRIBUTION)
+        self._health.stop_waiting(POLICY, DISTRIBUTION)
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
             policy = self._checked(policy_from_msg(message), message.task)
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
-            self._health.error(f"Refused a policy, and {kept}: {error}", "policy")
+            self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
             return
         self.policy = policy
         self._health.arrived(POLICY)
@@ -114,9 +108,8 @@ class TrainingResults:
         try:
             self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
         except InvalidInputError as error:
-            self._health.error(
-                f"Refused a trajectory_distribution; any before it stays: {error}", "distribution"
-            )
+            sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
+            self._health.report("distribution", error=sentence)
             return
         self._health.clear("distribution")
 

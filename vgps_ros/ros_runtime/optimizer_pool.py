@@ -43,12 +43,15 @@ class CancelledError(VgpsError):
 
 
 @dataclass
-class _Solve:
-    """A request that an optimizer works on: its place, and the run of the node that has it."""
+class _Optimizer:
+    """An optimizer node's clients, and the request that it works on."""
 
-    index: int
-    future: Future
-    instance: str
+    name: str
+    client: Client
+    canceller: Client
+    index: int = -1  # the request's place
+    instance: str = ""  # the run of the node that has it
+    future: Future | None = None  # its answer; None where the node has nothing to do
 
 
 class OptimizerPool:
@@ -57,26 +60,22 @@ class OptimizerPool:
     A request whose optimizer was killed, restarted or hangs goes to another one, or waits until one
     is there. Results do not depend on who solved what.
 
-    Args:
-        node: the node, which has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
-        task: whose trajectories are optimised.
-        health: of the node.
+    The node has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
     """
 
     def __init__(self, node: Node, task: Task, health: Health):
-        names = value(node, OPTIMIZERS)
-        self._timeout = value(node, OPTIMIZER_TIMEOUT)
         self._node = node
         self._task = task
         self._health = health
+        names = value(node, OPTIMIZERS)
         self._awaited = "the service of " + " or ".join(names)
         group = ReentrantCallbackGroup()
-        self._clients = [
-            node.create_client(OptimizeTrajectory, f"{name}/optimize", callback_group=group)
-            for name in names
-        ]
-        self._cancel_clients = [
-            node.create_client(CancelOptimization, f"{name}/cancel", callback_group=group)
+        self._optimizers = [
+            _Optimizer(
+                node.resolve_service_name(f"{name}/optimize").rpartition("/")[0],
+                node.create_client(OptimizeTrajectory, f"{name}/optimize", callback_group=group),
+                node.create_client(CancelOptimization, f"{name}/cancel", callback_group=group),
+            )
             for name in names
         ]
         steady_timer(node, 1.0, self._ready)
@@ -91,7 +90,6 @@ class OptimizerPool:
             VgpsError: an optimizer refused a request, or none is there for too long.
         """
         waiting = deque(range(len(requests)))
-        running: dict[Client, _Solve] = {}
         results: dict[int, OptimizationResult] = {}
         wake = threading.Event()
         looked = there = time.monotonic()
@@ -102,87 +100,77 @@ class OptimizerPool:
                 wake.clear()
                 asleep = time.monotonic() - looked > _ASLEEP
                 looked = time.monotonic()
-                self._collect(requests, running, results, waiting, asleep=asleep)
+                for optimizer in self._optimizers:
+                    if answer := self._answer(optimizer, waiting, asleep=asleep):
+                        request = requests[optimizer.index]
+                        results[optimizer.index] = result_from_msg(answer, request, self._task)
                 ready = self._ready()
                 there = looked if ready or asleep else there
-                if self._timeout and looked - there > self._timeout:
+                timeout = value(self._node, OPTIMIZER_TIMEOUT)
+                if timeout and looked - there > timeout:
                     raise VgpsError(
-                        f"No optimizer was there for {self._timeout:g} s; start {self._awaited}, "
+                        f"No optimizer was there for {timeout:g} s; start {self._awaited}, "
                         "and train again."
                     )
-                self._send(ready, requests, waiting, running, wake)
+                for optimizer in ready:
+                    if waiting and not optimizer.future:
+                        index = waiting.popleft()
+                        self._send(optimizer, index, requests[index], wake)
                 wake.wait(_POLL)
         finally:
-            self._abandon(running)
+            self._abandon()
         return [results[i] for i in range(len(requests))]
 
-    def _collect(
-        self,
-        requests: Sequence[OptimizationRequest],
-        running: dict[Client, _Solve],
-        results: dict[int, OptimizationResult],
-        waiting: deque[int],
-        *,
-        asleep: bool,
-    ) -> None:
-        for client, solve in list(running.items()):
-            answer = solve.future.result() if solve.future.done() else None
-            if answer and answer.status != ENDING:
-                results[solve.index] = result_from_msg(answer, requests[solve.index], self._task)
-            elif answer or asleep or self._is_lost(client, solve):
-                client.remove_pending_request(solve.future)
-                waiting.appendleft(solve.index)
-                self._node.get_logger().warning(
-                    f"{self._server(client)} is lost with a solve, which is done again."
-                )
-            else:
-                continue
-            del running[client]
+    def _answer(
+        self, optimizer: _Optimizer, waiting: deque[int], *, asleep: bool
+    ) -> OptimizeTrajectory.Response | None:
+        """Returns an optimizer's answer if it is there; a request that was lost waits again."""
+        if not (future := optimizer.future):
+            return None
+        answer = future.result() if future.done() else None
+        if answer and answer.status != ENDING:
+            optimizer.future = None
+            return answer
+        if answer or asleep or self._is_lost(optimizer):
+            optimizer.future = None
+            optimizer.client.remove_pending_request(future)
+            waiting.appendleft(optimizer.index)
+            sentence = f"{optimizer.name} is lost with a solve, which is done again."
+            self._node.get_logger().warning(sentence)
+        return None
 
-    def _is_lost(self, client: Client, solve: _Solve) -> bool:
-        name, peers = self._server(client), self._health.peers
-        solve.instance = solve.instance or peers.instance_of(name)
-        restarted = solve.instance != peers.instance_of(name)
-        return restarted or peers.is_silent(name) or not client.service_is_ready()
+    def _is_lost(self, optimizer: _Optimizer) -> bool:
+        instance = self._health.peers.instance_of(optimizer.name)
+        optimizer.instance = optimizer.instance or instance
+        return optimizer.instance != instance or not self._is_well(optimizer)
 
     def _send(
-        self,
-        ready: list[Client],
-        requests: Sequence[OptimizationRequest],
-        waiting: deque[int],
-        running: dict[Client, _Solve],
-        wake: threading.Event,
+        self, optimizer: _Optimizer, index: int, request: OptimizationRequest, wake: threading.Event
     ) -> None:
-        for client in ready:
-            if waiting and client not in running:
-                index = waiting.popleft()
-                instance = self._health.peers.instance_of(self._server(client))
-                stamp = self._node.get_clock().now().to_msg()
-                future = client.call_async(request_to_msg(requests[index], self._task, stamp))
-                future.add_done_callback(lambda _: wake.set())
-                running[client] = _Solve(index, future, instance)
+        optimizer.index = index
+        optimizer.instance = self._health.peers.instance_of(optimizer.name)
+        stamp = self._node.get_clock().now().to_msg()
+        optimizer.future = optimizer.client.call_async(request_to_msg(request, self._task, stamp))
+        optimizer.future.add_done_callback(lambda _: wake.set())
 
-    def _server(self, client: Client) -> str:
-        """The full name of the node that serves."""
-        return client.service_name.rpartition("/")[0]
+    def _is_well(self, optimizer: _Optimizer) -> bool:
+        silent = self._health.peers.is_silent(optimizer.name)
+        return optimizer.client.service_is_ready() and not silent
 
-    def _ready(self) -> list[Client]:
-        """Clients whose optimizer is there and well; says so if there is none."""
-        ready = [
-            client
-            for client in self._clients
-            if client.service_is_ready() and not self._health.peers.is_silent(self._server(client))
-        ]
+    def _ready(self) -> list[_Optimizer]:
+        """Returns the optimizers that are there and well; says so if there is none."""
+        ready = [optimizer for optimizer in self._optimizers if self._is_well(optimizer)]
         if ready:
             self._health.arrived(self._awaited)
         else:
             self._health.wait_for(self._awaited)
         return ready
 
-    def _abandon(self, running: dict[Client, _Solve]) -> None:
+    def _abandon(self) -> None:
         """Cancels solves whose results nobody waits for any more."""
-        for client, solve in running.items():
-            client.remove_pending_request(solve.future)
-            canceller = self._cancel_clients[self._clients.index(client)]
-            if self._node.context.ok() and canceller.service_is_ready():
-                canceller.call_async(CancelOptimization.Request())
+        for optimizer in self._optimizers:
+            if future := optimizer.future:
+                optimizer.future = None
+                optimizer.client.remove_pending_request(future)
+                if self._node.context.ok() and optimizer.canceller.service_is_ready():
+                    optimizer.canceller.call_async(CancelOptimization.Request())

@@ -34,7 +34,7 @@ def declare(
     node: Node,
     setting: Setting,
     *,
-    read_only: bool = False,
+    may_change: bool = False,
     also_check: Callable[[Any], object] | None = None,
 ) -> Any:
     """Declares one parameter and returns its value.
@@ -44,20 +44,21 @@ def declare(
     Args:
         node: the node.
         setting: name, default, description and range.
-        read_only: whether the parameter is fixed at start.
+        may_change: whether the parameter may change while the node runs.
         also_check: raises InvalidInputError for a value that is wrong for another reason.
 
     Raises:
         InvalidInputError: the value that the node was started with is wrong.
     """
+    default = list(setting.default) if isinstance(setting.default, tuple) else setting.default
     descriptor = ParameterDescriptor(
         name=setting.name,
         description=f"{setting.description} ({setting.range()})",
-        read_only=read_only,
+        read_only=not may_change,
         integer_range=_range(setting, IntegerRange, int, _INTEGER_LIMIT),
         floating_point_range=_range(setting, FloatingPointRange, float, _FLOAT_LIMIT),
     )
-    DECLARED.append((descriptor, _to_ros(setting.default)))
+    DECLARED.append((descriptor, default))
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
         """Refuses a wrong value of this parameter with a sentence."""
@@ -74,7 +75,7 @@ def declare(
 
     node.add_on_set_parameters_callback(check)
     try:
-        node.declare_parameter(setting.name, _to_ros(setting.default), descriptor)
+        node.declare_parameter(setting.name, default, descriptor)
     except InvalidParameterValueException as error:
         reason = str(error).partition(" Reason: ")[2].removesuffix(f": {setting.name}")
         raise InvalidInputError(reason) from error
@@ -91,20 +92,12 @@ def value(node: Node, setting: Setting) -> Any:
 
 
 def declare_settings(node: Node, record: Record) -> Record:
-    """Declares all settings of a record as parameters that are fixed at start.
-
-    Args:
-        node: the node.
-        record: defaults.
-
-    Returns:
-        The record with the values that the node was started with.
+    """Declares all settings of a record, and returns it with the values of the node's start.
 
     Raises:
         InvalidInputError: one of them is wrong.
     """
-    values = {s.name: declare(node, s, read_only=True) for s in settings_of(record)}
-    return with_values(record, values)
+    return with_values(record, {s.name: declare(node, s) for s in settings_of(record)})
 
 
 def refuse_unknown(node: Node) -> None:
@@ -154,10 +147,6 @@ def _range(setting: Setting, message: type, kind: type, limit: float) -> list[An
     low = -limit if setting.minimum is None else setting.minimum
     high = limit if setting.maximum is None else setting.maximum
     return [message(from_value=kind(low), to_value=kind(high))]
-
-
-def _to_ros(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _from_ros(value: Any, setting: Setting) -> Any:

@@ -60,7 +60,7 @@ class Peers:
     def __init__(self, node: Node, owns: str):
         self._node = node
         self._name = node.get_fully_qualified_name()
-        self._timeout = declare(node, PEER_TIMEOUT, read_only=True)
+        self._timeout = declare(node, PEER_TIMEOUT)
         self.owns = node.resolve_topic_name(owns) if owns else ""
         self.instance = f"{time.time_ns()}-{socket.gethostname()}-{os.getpid()}"
         self._peers: dict[str, _Peer] = {}

@@ -42,14 +42,10 @@ class PolicyRun(Node):
         self.create_subscription(JointState, "joint_states", self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_subscription(GaussianPolicyMsg, "policy", self._policies.append, LATCHED)
-        self._set_state, self._reset, self._step = (
-            self.create_client(kind, f"{simulation}/{name}")
-            for kind, name in (
-                (SetSimulationState, "set_simulation_state"),
-                (ResetSimulation, "reset_simulation"),
-                (StepSimulation, "step_simulation"),
-            )
-        )
+        name = f"{simulation}/set_simulation_state"
+        self._set_state = self.create_client(SetSimulationState, name)
+        self._reset = self.create_client(ResetSimulation, f"{simulation}/reset_simulation")
+        self._step = self.create_client(StepSimulation, f"{simulation}/step_simulation")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 

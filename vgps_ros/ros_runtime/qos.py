@@ -1,36 +1,20 @@
-"""The quality-of-service profiles of the graph, by name."""
+"""The quality-of-service profiles of the graph, by name: reliable, if not said otherwise."""
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # Data that flows: states, commands, progress. Deep, so that a listener on a loaded machine may fall
 # behind for a moment and still gets every message.
-STREAM = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
-)
+STREAM = QoSProfile(depth=1000)
 
 # The other end of a stream of states, for a controller: it acts on the newest, never on a backlog.
-NEWEST = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
-)
+NEWEST = QoSProfile(depth=1)
 
 # Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
 # follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
-SIGNS_OF_LIFE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
-)
+SIGNS_OF_LIFE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # The last values matter, also to nodes that start later: the distributions of several trajectories.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # The publisher's end of a latched topic of which only the newest value matters: policy, robot.
-LATEST = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

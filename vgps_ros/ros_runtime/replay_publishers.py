@@ -31,11 +31,6 @@ class ReplayPublishers:
         self._outlets: dict[str, _Outlet] = {}
         self.counts: Counter[str] = Counter()
 
-    @property
-    def topics(self) -> list[str]:
-        """Topics that can be published."""
-        return list(self._outlets)
-
     def add(
         self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
     ) -> None:
@@ -69,21 +64,18 @@ class ReplayPublishers:
     def wait_for_acknowledgements(self, timeout: float) -> bool:
         """Waits until subscribers have all messages; returns whether they have.
 
-        INT and TERM end the wait. A subscriber acknowledges the last messages when the middleware
-        asks it the next time, which may take seconds.
-
-        Args:
-            timeout: longest wait [s].
+        INT and TERM end the wait, and so does the timeout [s]. A subscriber acknowledges the last
+        messages when the middleware asks it the next time, which may take seconds.
         """
-        return _poll(self._all_acknowledged, timeout, 20 * _POLL_PERIOD)
-
-    def _all_acknowledged(self) -> bool:
+        is_open, outlets = self._node.context.ok, self._outlets.values()
         try:
-            return not self._node.context.ok() or all(
-                outlet.is_acknowledged() for outlet in self._outlets.values()
+            return _poll(
+                lambda: not is_open() or all(outlet.is_acknowledged() for outlet in outlets),
+                timeout,
+                20 * _POLL_PERIOD,
             )
         except RuntimeError:
-            if self._node.context.ok():
+            if is_open():
                 raise
             return True
 

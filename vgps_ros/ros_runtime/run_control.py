@@ -56,42 +56,32 @@ class RunControl:
         """Ends steps that are under way; their caller gets the sentence."""
         if pause:
             self._state = SimulationState.STATE_PAUSED
-        if self._stepping is not None:
-            self._end_steps(refused(Result.RESULT_OPERATION_FAILED, sentence))
+        self._end_steps(refused(Result.RESULT_OPERATION_FAILED, sentence))
 
     def begin_steps(self, steps: int, done: Callable[[Result], None]) -> bool:
         """Begins a number of steps; returns whether it may.
 
-        Args:
-            steps: their number.
-            done: called with the outcome after the last step, or at once if there is none.
+        `done` is called with the outcome after the last step, or at once if there is none.
         """
-        refusal = self._refusal(steps)
-        if refusal:
-            done(refusal)
-            return False
-        self._steps_left = steps
-        self._stepping = done
-        return True
-
-    def _refusal(self, steps: int) -> Result | None:
         if steps < 1:
-            return refused(
-                Result.RESULT_OPERATION_FAILED, f"steps is {steps}, but it must be at least 1."
-            )
+            sentence = f"steps is {steps}, but it must be at least 1."
+            done(refused(Result.RESULT_OPERATION_FAILED, sentence))
+            return False
         if self.running or self._state != SimulationState.STATE_PAUSED:
             doing = "stepping already" if self._stepping else _SETTABLE[self._state]
-            return refused(
-                Result.RESULT_INCORRECT_STATE,
+            sentence = (
                 f"The simulation is {doing}; it must be paused before it can step: set its state "
-                f"to {SimulationState.STATE_PAUSED}.",
+                f"to {SimulationState.STATE_PAUSED}."
             )
-        return None
+            done(refused(Result.RESULT_INCORRECT_STATE, sentence))
+            return False
+        self._steps_left, self._stepping = steps, done
+        return True
 
     def step_done(self) -> None:
         """Counts a step."""
         self._steps_left -= 1
-        if self._stepping is not None and self._steps_left == 0:
+        if self._steps_left == 0:
             self._end_steps(ok())
 
     def _end_steps(self, result: Result) -> None:

@@ -1,10 +1,13 @@
-"""The function that runs every node and ends it."""
+"""The function that runs every node and ends it, or prints its `--help`."""
 
 import gc
+import os
 import sys
 import traceback
 from collections.abc import Callable
+from contextlib import chdir, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import rclpy
@@ -12,14 +15,16 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+from rich import box
+from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.exit_timer import exit_after
-from vgps_ros.ros_runtime.parameter_help import show_help
-from vgps_ros.ros_runtime.responses import keep_responses
-from vgps_ros.ros_runtime.service_guard import guard_services
+from vgps_ros.ros_runtime.parameters import DECLARED
+from vgps_ros.ros_runtime.services import guard_services, keep_responses
 from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.views.table_console import table_console
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -56,7 +61,7 @@ def run(
         print(f"{name} cannot start: {' '.join(words.split())}.", file=sys.stderr)
         return 1
     if {"-h", "--help"} & set(arguments):
-        show_help(make_node, name)
+        _show_help(make_node, name)
         return 0
     if arguments:
         print(
@@ -99,3 +104,30 @@ def run(
     del node, executor
     gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
     return code
+
+
+def _show_help(make_node: Callable[[], Node], name: str) -> None:
+    """Prints a node's description and parameters.
+
+    The node is built with its defaults, in a graph that nobody discovers and in an empty folder, so
+    that its parameters need not be listed a second time.
+    """
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
+    with TemporaryDirectory(prefix="vgps_ros_help_") as folder, chdir(folder):
+        rclpy.init(
+            args=["--ros-args", "--log-level", "fatal"],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
+            make_node().destroy_node()
+        rclpy.try_shutdown()
+        gc.collect()  # what such a node, or one with a lifecycle, still holds
+    table = Table(box=box.SIMPLE)
+    for heading in ("parameter", "default", "what it does (valid values)"):
+        table.add_column(heading, overflow="fold")
+    for descriptor, default in DECLARED:
+        changes = "" if descriptor.read_only else " [may change while it runs]"
+        table.add_row(descriptor.name, str(default), descriptor.description + changes)
+    print(f"usage: ros2 run vgps_ros {name} [--ros-args -p PARAMETER:=VALUE ...]\n")
+    print(sys.modules[make_node.__module__].__doc__)
+    table_console().print(table, markup=False, highlight=False)

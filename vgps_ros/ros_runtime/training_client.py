@@ -1,7 +1,8 @@
-"""Client of policy_learner's action: follows a training, through deaths of the learner."""
+"""A client of policy_learner's action."""
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -50,6 +51,10 @@ class TrainingClient(Node):
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
         self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
         self._lost_timeout = lost_timeout
+        self._nobody = (
+            f"There was no policy_learner for {lost_timeout:g} s; start one, and give this command "
+            "again."
+        )
         self._peers = Peers(self, owns="")
         self._sent_before = False  # to a learner that may be at it
 
@@ -85,14 +90,15 @@ class TrainingClient(Node):
 
         find_solvers()
         self.create_timer(_WAKE_PERIOD, find_solvers)
+        request = partial(self.action.send_goal_async, goal, feedback_callback=show_iteration)
         result = None
         while result is None:
             instance = self._peers.instance_of(self._learner)
             try:
-                result = self._result(self._send(goal, show_iteration, instance), instance)
+                result = self._result(self._send(request, instance), instance)
             except LostError as error:
                 progress.say(str(error))
-                self._wait_for_learner(self._lost_timeout, self._nobody())
+                self._wait_for_learner(self._lost_timeout, self._nobody)
                 self._sent_before = True
         if not result.success:
             raise VgpsError(f"The training ended early: {result.message}")
@@ -103,11 +109,7 @@ class TrainingClient(Node):
         self.interrupts += 1
 
     def _wait_for_learner(self, timeout: float, sentence: str) -> None:
-        """Waits until a learner is there and heard.
-
-        Raises:
-            VgpsError: none came in time.
-        """
+        """Waits until a learner is there and heard; raises the sentence if none comes in time."""
         end = time.monotonic() + timeout
         while (
             not self.action.server_is_ready()
@@ -120,13 +122,10 @@ class TrainingClient(Node):
             self._spin()
 
     def _result(self, handle: ClientGoalHandle, instance: str) -> TrainPolicy.Result:
-        """Asks for the result until the learner that has the goal gives it.
+        """Asks for the result until the learner that has the goal gives it, or is lost.
 
         A request may be lost; or a second learner, which is about to be refused, is faster to say
         that it does not know the goal.
-
-        Raises:
-            LostError: the learner does not know the goal either.
         """
         end = float("inf")
         while time.monotonic() < end:
@@ -142,47 +141,31 @@ class TrainingClient(Node):
                     self._spin()
         raise LostError("The policy_learner does not know the goal any more; it is sent again.")
 
-    def _send(
-        self, goal: TrainPolicy.Goal, show_iteration: Callable[[Any], None], instance: str
-    ) -> ClientGoalHandle:
-        """Sends the goal until it is accepted.
-
-        Raises:
-            LostError: the learner died.
-            VgpsError: it is busy with another training, or refuses the goal's values.
-        """
+    def _send(self, request: Callable[[], Future], instance: str) -> ClientGoalHandle:
+        """Sends the goal until a learner accepts it, dies, or refuses it."""
         while True:
-            sent = self.action.send_goal_async(goal, feedback_callback=show_iteration)
-            handle = self._wait(sent, instance, _ANSWER_TIMEOUT)
+            handle = self._wait(request(), instance, _ANSWER_TIMEOUT)
             if handle and handle.accepted:
                 return handle
             if handle and not self._sent_before:
-                if self._peers.show(TRAINING, self._learner):
-                    reason = "is busy with another training; wait for its end."
-                else:
-                    reason = "refused the goal; the learner's log says why."
-                raise VgpsError(f"The policy_learner {reason}")
+                is_busy = self._peers.show(TRAINING, self._learner)
+                busy = "is busy with another training; wait for its end."
+                refused = "refused the goal; the learner's log says why."
+                raise VgpsError(f"The policy_learner {busy if is_busy else refused}")
             # It went to the one that died; or this one is at it already, but its answer was lost.
             self._sent_before = True
             self._wait(Future(), instance, _RETRY_PERIOD)
 
     def _wait(
-        self,
-        future: Future,
-        instance: str,
-        timeout: float,
-        cancels: ClientGoalHandle | None = None,
+        self, future: Future, instance: str, timeout: float, goal: ClientGoalHandle | None = None
     ) -> Any:
-        """Spins until the future is done; an interrupt cancels the goal first.
+        """Returns the learner's answer; an interrupt cancels the goal, where one is given, first.
 
         Args:
-            future: an answer of the learner.
+            future: the answer.
             instance: the run of the learner that is to answer.
-            timeout: longest time without an answer of a learner that is well [s].
-            cancels: the goal that an interrupt cancels.
-
-        Returns:
-            The answer; None if it did not come in time.
+            timeout: time without an answer of a learner that is well, after which None comes [s].
+            goal: the one that an interrupt cancels.
 
         Raises:
             LostError: that learner will not answer any more.
@@ -198,11 +181,11 @@ class TrainingClient(Node):
             if self._peers.instance_of(self._learner) != instance:
                 raise LostError("The policy_learner has died; its goal is for the next one.")
             if silent > self._lost_timeout:
-                raise VgpsError(self._nobody())
+                raise VgpsError(self._nobody)
             if waited > timeout:
                 return None
-            if self.interrupts and cancels and not silent:
-                self._cancel(cancels, future)
+            if self.interrupts and goal and not silent:
+                self._cancel(goal, future)
             else:
                 self._check_interrupt()
         return future.result()
@@ -224,12 +207,6 @@ class TrainingClient(Node):
         self._peers.look()
         # Where this process was stopped meanwhile, nobody is to blame for the silence.
         return min(time.monotonic() - began, 5 * _WAKE_PERIOD)
-
-    def _nobody(self) -> str:
-        return (
-            f"There was no policy_learner for {self._lost_timeout:g} s; start one, and give this "
-            "command again."
-        )
 
     def _check_interrupt(self) -> None:
         if self.interrupts:

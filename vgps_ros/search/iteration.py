@@ -1,5 +1,6 @@
-"""What is known of an iteration of a policy search as it ends."""
+"""The state and the outcome of a policy search as an iteration ends, and the time that is left."""
 
+import time
 from dataclasses import dataclass
 
 from vgps_ros.core.policy import GaussianPolicy
@@ -67,3 +68,21 @@ class SearchIteration(IterationMetrics):
             history=state.history,
             warnings=warnings,
         )
+
+
+class RemainingTime:
+    """Estimates the time left from the pace so far; the initial solve does not count."""
+
+    def __init__(self, iterations: int):
+        self._iterations = iterations
+        self._first: tuple[int, float] | None = None  # k and time of the first call
+
+    def after(self, iteration: IterationMetrics) -> float:
+        """Returns the time left [s]; call it once as each iteration ends."""
+        now = time.monotonic()
+        left = self._iterations - iteration.k
+        if self._first is None:
+            self._first = (iteration.k, now)
+            return left * (iteration.q_step_seconds + iteration.m_step_seconds)
+        k, began = self._first
+        return left * (now - began) / (iteration.k - k)

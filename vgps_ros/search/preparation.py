@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from vgps_ros.core.ddp import backward_pass
+from vgps_ros.core.ddp.backward_pass import backward_pass
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.tasks import Task
 
@@ -35,7 +35,7 @@ def _run_each_loop(task: Task) -> None:
     dynamics = task.dynamics
     motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
     local = backward_pass(dynamics.linearize(motion)[0], task.cost.expand(motion), 1.0)
-    dynamics.follow(task.initial_state, motion, local.gains)
+    list(dynamics.follow_each(task.initial_state, [motion], local.gains))
     shape = Architecture(task.observed, (1,), dynamics.control_dim)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
     dynamics.execute(policy, motion.states[:1], np.zeros((1, 1, dynamics.control_dim)))

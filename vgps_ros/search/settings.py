@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.fit_settings import FitSettings
+from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.settings import Setting, setting, with_values
 

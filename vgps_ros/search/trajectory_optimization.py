@@ -11,10 +11,11 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array, check_record, positive
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp import DdpSettings, Iteration, Solution, Status, solve
+from vgps_ros.core.ddp.solve import Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import sample_deviations, state_covariances
+from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution

@@ -137,20 +137,13 @@ class Dynamics:
         states, controls, _ = self.rollouts(initial_state[None], control_law, horizon)
         return Trajectory(states[0], controls[0])
 
-    def follow(self, start: Array, nominal: Trajectory, gains: Array) -> Trajectory:
-        """Runs one rollout of u = ū + K (x − x̄), many times faster than under a Python law.
-
-        Args:
-            start: x_1, shape (n_x,).
-            nominal: x̄, ū.
-            gains: K, shape (T, n_u, n_x).
-        """
-        return next(self.follow_each(start, [nominal], gains))
-
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Does the same for several nominal trajectories, as many at once as there are threads."""
+        """Yields rollouts of u = ū + K (x − x̄), many times faster than under a Python law.
+
+        As many run at once as there are threads. See `core.dynamics` for the arguments.
+        """
         for first in range(0, len(nominals), self.threads):
             batch = nominals[first : first + self.threads]
 

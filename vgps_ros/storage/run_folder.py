@@ -1,13 +1,24 @@
-"""The folder that a training leaves: the names of its files, and how they are written and read."""
+"""The folder that a training leaves: the names of its files, and how they are written and read.
+
+Loading a file can run no code. A policy is JSON text that a person can read: the keys are the names
+of the record's fields, and numbers have the shortest digits that read back to the same bits.
+"""
 
 import json
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_arrays
+from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import save_policy
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.records import TrajectoryDistribution
+from vgps_ros.storage.files import read_archive, write_archive, write_json
+from vgps_ros.storage.record_tree import from_entries
 
 
 class RunFolder:
@@ -52,3 +63,69 @@ def read_result(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise InvalidInputError(f"'{path}' is not a result.json of a training: {error}.") from error
     return content
+
+
+def save_policy(policy: GaussianPolicy, task: str, path: Path) -> None:
+    """Writes a policy that `load_policy` reads back bit for bit."""
+    arrays = {name: values.tolist() for name, values in arrays_of(policy).items()}
+    write_json(path, {"task": task, **asdict(policy.architecture), **arrays})
+
+
+def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
+    """Reads a policy and the name of its task.
+
+    Raises:
+        InvalidInputError: the file is missing, is not a policy, or its values do not fit.
+    """
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInputError(
+            f"{path} is not a readable policy file ({error}); name the policy.json of a run."
+        ) from error
+    try:
+        shape = from_entries(Architecture, content, {})
+        arrays = {name: content[name] for name in declared_shapes(GaussianPolicy)}
+        return GaussianPolicy(shape, **arrays), str(content["task"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError(
+            f"{path} is not a policy of vgps_ros ({error}); name the policy.json of a run."
+        ) from error
+
+
+def save_distributions(
+    distributions: Sequence[TrajectoryDistribution], task: str, path: Path
+) -> None:
+    """Writes distributions of one horizon in one piece; they are read back bit for bit."""
+    found = [arrays_of(q) for q in distributions]
+    stacked = {_key(name): np.stack([arrays[name] for arrays in found]) for name in found[0]}
+    write_archive(path, {"task": np.array(task), **stacked})
+
+
+def load_distributions(path: Path) -> tuple[list[TrajectoryDistribution], str]:
+    """Reads distributions and the name of their task.
+
+    Raises:
+        InvalidInputError: the file is missing, holds no distributions, or its arrays do not fit.
+    """
+    try:
+        file = read_archive(path)
+        (count, horizon, n_u), n_x = file["controls"].shape, file["states"].shape[-1]
+        shapes = array_shapes(TrajectoryDistribution, T=horizon, n_x=n_x, n_u=n_u)
+        arrays = {name: file[_key(name)].astype(float) for name in shapes}
+        for name, shape in shapes.items():
+            check_array(_key(name), arrays[name], (count, *shape))
+        task = str(file["task"])
+    except OSError as error:
+        raise InvalidInputError(f"{path} is not a readable distribution file: {error}.") from error
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InvalidInputError(f"{path} holds no distributions of vgps_ros: {error}.") from error
+    return [
+        from_arrays(TrajectoryDistribution, {name: arrays[name][i] for name in shapes})
+        for i in range(count)
+    ], task
+
+
+def _key(name: str) -> str:
+    """Returns an array's name in the file, which is that of its own record's field."""
+    return name.rpartition(".")[2]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
@@ -78,7 +77,6 @@ def comparison(
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(5.2 * columns + 4.2, 1.2 + 3.4 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     grid_spec = figure.add_gridspec(1, 2, width_ratios=[5.2 * columns, 4.2])
     left, right = (figure.add_subfigure(grid_spec[i]) for i in (0, 1))
     grid = left.subplots(rows, columns, squeeze=False)

@@ -8,6 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from matplotlib.colors import to_rgb
 
+from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.views.comparison import ComparisonPanel, colours
 from vgps_ros.views.recording import ITERATION, Recording
@@ -28,27 +29,15 @@ def record_comparison(
     recording = Recording(path)
     colour_of = colours(panels)
     for panel in panels:
-        iterations = np.zeros(0, dtype=int)
         for method, curve in panel.curves.items():
-            iterations = np.arange(1, curve.stochastic.shape[1] + 1)
-            for name, costs in (
-                ("stochastic", curve.stochastic),
-                ("deterministic", curve.deterministic),
-            ):
-                entity = f"{panel.entity}/{method}/{name}"
-                width = 2.0 if name == "stochastic" else 1.0
-                recording.log_static(
-                    entity,
-                    rr.SeriesLines(
-                        colors=[rgb(colour_of[method])], names=f"{method} {name}", widths=width
-                    ),
-                )
-                median = np.median(np.minimum(costs, panel.ceiling), axis=0)
-                recording.send_by_iteration(entity, iterations, median)
-        entity = f"{panel.entity}/initial_ddp"
+            colour = [round(255 * part) for part in to_rgb(colour_of[method])]
+            for name, width in (("stochastic", 2.0), ("deterministic", 1.0)):
+                median = np.median(np.minimum(getattr(curve, name), panel.ceiling), axis=0)
+                line = rr.SeriesLines(colors=[colour], names=f"{method} {name}", widths=width)
+                _record_costs(recording, f"{panel.entity}/{method}/{name}", line, median)
         line = rr.SeriesLines(colors=[(0, 0, 0)], names="initial DDP solution")
-        recording.log_static(entity, line)
-        recording.send_by_iteration(entity, iterations, np.full(len(iterations), panel.ddp_cost))
+        costs = np.full(len(median), panel.ddp_cost)
+        _record_costs(recording, f"{panel.entity}/initial_ddp", line, costs)
     names = [_record_paths(recording, run) for run in runs]
     views = [
         rrb.TimeSeriesView(
@@ -67,9 +56,10 @@ def record_comparison(
     recording.close()
 
 
-def rgb(colour: str) -> tuple[int, ...]:
-    """Returns the red, green and blue parts of a matplotlib colour, from 0 to 255."""
-    return tuple(round(255 * part) for part in to_rgb(colour))
+def _record_costs(recording: Recording, entity: str, line: rr.SeriesLines, costs: Array) -> None:
+    recording.log_static(entity, line)
+    times = rr.TimeColumn(ITERATION, sequence=np.arange(1, len(costs) + 1))
+    recording.send_series(entity, times, costs[:, None])
 
 
 def _record_paths(recording: Recording, run: RunRecord) -> str:

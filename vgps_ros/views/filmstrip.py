@@ -6,13 +6,11 @@ model has none.
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
@@ -35,50 +33,10 @@ class RenderingError(VgpsError):
     """Raised when MuJoCo cannot draw on this machine."""
 
 
-class Renderer:
-    """Renders states of a robot. `open_renderer` makes one and closes it."""
+def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDArray[np.uint8]]:
+    """Yields a picture of the robot in each state, shape (height, width, 3).
 
-    def __init__(self, mjcf: str, height: int, width: int):
-        self._model = _with_surroundings(mjcf)
-        self._shape = RobotShape(self._model)
-        self._renderer = mujoco.Renderer(self._model, height, width)
-        self._camera = mujoco.MjvCamera()
-        seen_from_above = self._shape.plane == (0, 1)
-        self._camera.azimuth, self._camera.elevation = 90, -89 if seen_from_above else -8
-
-    def frame(self, state: NDArray, distance: float) -> NDArray[np.uint8]:
-        """Returns a picture, shape (height, width, 3), centred on the centre of mass."""
-        self._camera.lookat[:] = self._shape.centre_of_mass(state)
-        mujoco.mj_forward(self._model, self._shape.data)
-        self._camera.distance = distance
-        self._renderer.update_scene(self._shape.data, self._camera)
-        # Shadows take long to compute without a graphics card.
-        self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-        picture: NDArray[np.uint8] = self._renderer.render().copy()
-        return picture
-
-    def distance(self, states: NDArray) -> float:
-        """Returns a camera distance that shows the whole robot in each of the states [m]."""
-        plane = list(self._shape.plane)
-        wide, high = np.max(
-            [
-                np.abs(self._shape.axes(x) - self._shape.centre_of_mass(x))[:, :, plane].max((0, 1))
-                for x in states[:: max(1, len(states) // 50)]
-            ],
-            axis=0,
-        )
-        aspect = self._renderer.width / self._renderer.height
-        half_view = np.tan(np.deg2rad(self._model.vis.global_.fovy) / 2)
-        return float(_MARGIN * max(high, wide / aspect) / half_view)
-
-    def close(self) -> None:
-        """Frees the drawing context."""
-        self._renderer.close()
-
-
-@contextmanager
-def open_renderer(mjcf: str, height: int, width: int) -> Iterator[Renderer]:
-    """Opens a renderer for a robot's MJCF, and closes it at the end of a `with` statement.
+    The camera follows the centre of mass, at a distance that shows the whole robot in all states.
 
     Raises:
         RenderingError: MuJoCo cannot draw without a screen here.
@@ -87,16 +45,38 @@ def open_renderer(mjcf: str, height: int, width: int) -> Iterator[Renderer]:
     try:
         if not chosen:  # MuJoCo's own default would need a screen
             gl_context.GLContext = import_module("mujoco.egl").GLContext
-        renderer = Renderer(mjcf, height, width)
+        model = _with_surroundings(mjcf)
+        renderer = mujoco.Renderer(model, height, width)
     except (AttributeError, ImportError, RuntimeError, ValueError, mujoco.FatalError) as error:
         raise RenderingError(
             f"MuJoCo cannot draw here with MUJOCO_GL={chosen or 'egl'}; install libegl1, "
             f"or libosmesa6 and set MUJOCO_GL=osmesa: {error}"
         ) from error
-    try:
-        yield renderer
-    finally:
-        renderer.close()
+    with renderer:
+        shape, camera = RobotShape(model), mujoco.MjvCamera()
+        camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
+        half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
+        camera.distance = _MARGIN * _extent(shape, states, width / height) / half_view
+        for state in states:
+            camera.lookat[:] = shape.centre_of_mass(state)
+            mujoco.mj_forward(model, shape.data)
+            renderer.update_scene(shape.data, camera)
+            # Shadows take long to compute without a graphics card.
+            renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+            yield renderer.render()
+
+
+def _extent(shape: RobotShape, states: NDArray, aspect: float) -> float:
+    """Returns half the height of a view that shows the robot in each of the states [m]."""
+    plane = list(shape.plane)
+    wide, high = np.max(
+        [
+            np.abs(shape.axes(x) - shape.centre_of_mass(x))[:, :, plane].max((0, 1))
+            for x in states[:: max(1, len(states) // 50)]
+        ],
+        axis=0,
+    )
+    return float(max(high, wide / aspect))
 
 
 def filmstrip(run: RunRecord) -> Figure | None:
@@ -111,14 +91,10 @@ def filmstrip(run: RunRecord) -> Figure | None:
     if run.executed_states is None:
         return None
     steps = np.linspace(0, len(run.executed_states) - 1, _FRAMES).astype(int)
-    states = run.executed_states[steps]
-    with open_renderer(run.mjcf, *_SIZE) as renderer:
-        distance = renderer.distance(states)
-        frames = [renderer.frame(state, distance) for state in states]
+    pictures = frames(run.mjcf, run.executed_states[steps], *_SIZE)
     figure = Figure(figsize=(2.4 * _FRAMES, 2.1), layout="constrained")
-    FigureCanvasAgg(figure)
-    for axes, frame, step in zip(figure.subplots(1, _FRAMES), frames, steps, strict=True):
-        axes.imshow(frame)
+    for axes, picture, step in zip(figure.subplots(1, _FRAMES), pictures, steps, strict=True):
+        axes.imshow(picture)
         axes.set_title(f"{step * run.time_step:.1f} s", fontsize=10)
         axes.set_axis_off()
     return figure
@@ -137,12 +113,10 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
         return False
     stride = max(1, round(1.0 / (_RATE * run.time_step)))
     states = run.executed_states[::stride]
-    with open_renderer(run.mjcf, *_GIF_SIZE) as renderer:
-        distance = renderer.distance(states)
-        frames = [Image.fromarray(renderer.frame(state, distance)) for state in states]
+    pictures = [Image.fromarray(each) for each in frames(run.mjcf, states, *_GIF_SIZE)]
     # All frames share one palette, since colours that change between frames would flicker.
-    palette = frames[len(frames) // 2].quantize(_COLOURS)
-    first, *rest = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    palette = pictures[len(pictures) // 2].quantize(_COLOURS)
+    first, *rest = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     duration = round(1000 * stride * run.time_step)
     first.save(path, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
     return True
@@ -164,11 +138,8 @@ def _with_surroundings(mjcf: str) -> mujoco.MjModel:
         )
     planes = [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
     if not planes:
-        planes = [
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, -_DEPTH]
-            )
-        ]
+        ground = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0, 0, 1], "pos": [0, 0, -_DEPTH]}
+        planes = [spec.worldbody.add_geom(**ground)]
     spec.add_texture(
         name="chequers",
         type=mujoco.mjtTexture.mjTEXTURE_2D,

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
@@ -28,7 +27,6 @@ def learning_curve(result: dict[str, Any]) -> Figure:
         return np.array([np.nan if e[name] is None else e[name] for e in entries], dtype=float)
 
     figure = Figure(figsize=(7, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
     costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
     is_short = len(k) <= _MARKED  # then each point is marked: a single one has no line
     for name, label, colour, line, marker in (
@@ -84,7 +82,6 @@ def trajectory(run: RunRecord) -> Figure | None:
     model = compile_model(run.mjcf)
     names, hinges = joint_names(model), hinge_names(model)
     figure = Figure(figsize=(7, 1.2 + 1.3 * len(hinges)), layout="constrained")
-    FigureCanvasAgg(figure)
     rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(rows, hinges, strict=True):
         _draw_angle(axes, run, names.index(name))
@@ -126,7 +123,6 @@ def motion(run: RunRecord) -> Figure | None:
     if run.executed_states is None:
         return None
     figure = Figure(figsize=(9, 2.3), layout="constrained")
-    FigureCanvasAgg(figure)
     draw_motion(figure.subplots(), run, run.executed_states)
     figure.legend(frameon=False, ncols=2, loc="outside upper center")
     return figure

@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage.disk import Disk, DiskFault, DiskFile
+from vgps_ros.storage.disk import Disk, DiskFile
 
 TIME = "ros2_timestamp"  # timeline of message stamps, named as in Rerun's own MCAP reader
 WALL_TIME = "wall_time"  # timeline of the stamps that are not in the robot's time
@@ -37,6 +37,9 @@ class Recording:
     Args:
         path: the file, which must not exist yet.
 
+    Attributes:
+        disk: the disk, which says what waits for it and why nothing can be written now.
+
     Raises:
         InvalidInputError: the file exists, or cannot be written.
     """
@@ -53,8 +56,8 @@ class Recording:
             raise InvalidInputError(
                 f"The recording '{path}' cannot be written: {error}."
             ) from error
-        self._disk = Disk()
-        self._file = DiskFile(self._disk, path)
+        self.disk = Disk()
+        self._file = DiskFile(self.disk, path)
         self._stream = rr.RecordingStream("vgps_ros", batcher_config=_BATCHES)
         # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
         # pipe, from which our thread writes to the disk.
@@ -64,16 +67,6 @@ class Recording:
         self._flushed = time.monotonic()
         self._pump = threading.Thread(target=self._take, args=[source], name="pump", daemon=True)
         self._pump.start()
-
-    @property
-    def fault(self) -> DiskFault | None:
-        """The reason why nothing can be written now, or None."""
-        return self._disk.fault
-
-    @property
-    def backlog(self) -> int:
-        """Number of bytes that wait for the disk."""
-        return self._disk.backlog
 
     def log(self, entity: str, *what: Any) -> None:
         """Adds components to an entity at the time that was set last."""
@@ -103,16 +96,10 @@ class Recording:
         self._stream.set_time(ITERATION, sequence=iteration)
         self._stream.set_time(WALL_TIME, timestamp=np.datetime64(stamp, "ns"))
 
-    def send_series(self, entity: str, stamps: np.ndarray, values: np.ndarray) -> None:
-        """Adds values, shape (N, M), at the robot's times `stamps`, shape (N,) [ns]."""
-        times = rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))
+    def send_series(self, entity: str, times: rr.TimeColumn, values: np.ndarray) -> None:
+        """Adds values, shape (N, M), at N times or iterations."""
         columns = rr.Scalars.columns(scalars=values).partition([values.shape[1]] * len(values))
         self._stream.send_columns(entity, [times], columns)
-
-    def send_by_iteration(self, entity: str, iterations: np.ndarray, values: np.ndarray) -> None:
-        """Adds values, shape (N,), at iterations of a search, shape (N,)."""
-        times = rr.TimeColumn(ITERATION, sequence=iterations)
-        self._stream.send_columns(entity, [times], rr.Scalars.columns(scalars=values))
 
     def lay_out(self, blueprint: rrb.Blueprint) -> None:
         """Sets the layout in which a viewer shows the file."""
@@ -130,8 +117,8 @@ class Recording:
         self._stream.flush()
         self._stream.disconnect()
         self._pump.join()
-        is_whole, fault = self._disk.drain(_PATIENCE, hurried), self._disk.fault
-        self._disk.stop()
+        is_whole, fault = self.disk.drain(_PATIENCE, hurried), self.disk.fault
+        self.disk.stop()
         if not is_whole:
             reason = f"{fault.reason}; {fault.next_step}" if fault else "the disk does not respond"
             raise UnfinishedRecordingError(

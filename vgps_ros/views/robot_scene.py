@@ -11,7 +11,7 @@ import rerun as rr
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.simulation.model import actuated_joint_names, compile_model, hinge_names, joint_names
 from vgps_ros.views.geometry import geometries
-from vgps_ros.views.recording import Recording
+from vgps_ros.views.recording import TIME, Recording
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
@@ -37,8 +37,7 @@ class RobotScene:
 
     def __init__(self, recording: Recording, mjcf: str):
         self._recording = recording
-        model = compile_model(mjcf)
-        self._model = model
+        self._model = model = compile_model(mjcf)
         self._shape = RobotShape(model)
         self._geometries = geometries(model)
         self._centre: Array | None = None
@@ -48,15 +47,20 @@ class RobotScene:
         self.actuated_joint_names = actuated_joint_names(model)
         disabled = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.has_contacts = not disabled and bool(np.any(model.geom_contype))
-        self._log_static()
+        recording.log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        for quantity in ("position", "velocity", "effort"):
+            recording.name_series(f"joint_states/{quantity}", self.joint_names)
+        recording.name_series("joint_command/effort", self.actuated_joint_names)
+        recording.name_series("policy/noise_std", self.actuated_joint_names)
+        for name in self.hinge_names:
+            recording.name_series(f"trajectory_distribution/{name}/executed", ["executed"])
+        for name, (_, picture) in self._geometries.items():
+            recording.log_static(f"world/robot/{name}", picture)
 
     def log_state(self, stamp: int, state: Array, efforts: Array | None = None) -> None:
-        """Draws the robot in a state at a time [ns].
+        """Draws the robot in a state x, shape (n_x,), at a time [ns].
 
-        Args:
-            stamp: time [ns].
-            state: x, shape (n_x,).
-            efforts: torques at the joints, shape (n_q,) [N·m], if they are known.
+        The efforts are the torques at the joints, shape (n_q,) [N·m], if they are known.
         """
         self._recording.set_time(stamp)
         half = len(state) // 2
@@ -72,7 +76,10 @@ class RobotScene:
             rotation = data.geom_xmat[i].reshape(3, 3)
             pose = rr.Transform3D(translation=data.geom_xpos[i], mat3x3=rotation)
             self._recording.log(f"world/robot/{name}", pose)
-        self._log_centre(centre)
+        if self._centre is not None:
+            step = rr.LineStrips3D([[self._centre, centre]], colors=_LEARNED, radii=0.015)
+            self._recording.log("world/centre_of_mass", step)
+        self._centre = centre
         if self.has_contacts:
             self._log_contacts(state, efforts)
 
@@ -98,19 +105,14 @@ class RobotScene:
         """Plots two standard deviations around the mean of each angle, for each q(ζ) kept."""
         for index, (q, time_step) in self._solutions.items():
             stamps = np.arange(len(q.mean.states)) * round(time_step * 1e9)
+            times = rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))
             deviations = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2).clip(0.0))
             for name in self.hinge_names:
                 i = self.joint_names.index(name)
                 tube = q.mean.states[:, i, None] + np.outer(deviations[:, i], [-2.0, 0.0, 2.0])
                 entity = f"trajectory_distribution/{name}/{index}"
                 self._recording.name_series(entity, ["mean − 2 sd", "mean", "mean + 2 sd"])
-                self._recording.send_series(entity, stamps, tube)
-
-    def _log_centre(self, centre: Array) -> None:
-        if self._centre is not None:
-            step = rr.LineStrips3D([[self._centre, centre]], colors=_LEARNED, radii=0.015)
-            self._recording.log("world/centre_of_mass", step)
-        self._centre = centre
+                self._recording.send_series(entity, times, tube)
 
     def _log_contacts(self, state: Array, efforts: Array | None) -> None:
         """Draws the contact forces in this state as arrows."""
@@ -128,14 +130,3 @@ class RobotScene:
             vectors[i] = data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
         arrows = rr.Arrows3D(origins=origins, vectors=_FORCE_SCALE * vectors, colors=_FORCE)
         self._recording.log("world/contact_forces", arrows)
-
-    def _log_static(self) -> None:
-        self._recording.log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        for quantity in ("position", "velocity", "effort"):
-            self._recording.name_series(f"joint_states/{quantity}", self.joint_names)
-        self._recording.name_series("joint_command/effort", self.actuated_joint_names)
-        self._recording.name_series("policy/noise_std", self.actuated_joint_names)
-        for name in self.hinge_names:
-            self._recording.name_series(f"trajectory_distribution/{name}/executed", ["executed"])
-        for name, (_, picture) in self._geometries.items():
-            self._recording.log_static(f"world/robot/{name}", picture)

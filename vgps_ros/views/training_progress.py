@@ -1,7 +1,6 @@
 """Live progress of a training run on the terminal: a table that grows, and a bar with time left."""
 
 import math
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -12,41 +11,27 @@ _ROW = "{:>9}  {:>6}  {:>10}  {:>13}  {:>8}  {:>11}  {:>9}"
 _HEADER = ("iteration", "alpha", "stochastic", "deterministic", "DDP", "initial DDP", "time left")
 
 
-class TrainingProgress:
+class TrainingProgress(Progress):
     """One line an iteration; on a terminal also a bar, which moves during the first solve too."""
 
     def __init__(self, initial_ddp_iterations: int):
-        self._console = Console()
-        self._bar = Progress(
+        console = Console()
+        super().__init__(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            console=self._console,
-            disable=not self._console.is_terminal,
+            console=console,
+            disable=not console.is_terminal,
             transient=True,
         )
-        self._initial = self._bar.add_task("initial DDP", total=initial_ddp_iterations)
-        self._learning = self._bar.add_task("learning", total=None, visible=False)
+        self._initial = self.add_task("initial DDP", total=initial_ddp_iterations)
+        self._learning = self.add_task("learning", total=None, visible=False)
         self._has_header = False
-
-    def __enter__(self) -> "TrainingProgress":
-        """Starts the display."""
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Takes the bar away; the table stays."""
-        self._bar.stop()
 
     def ddp_iteration(self, index: int) -> None:
         """Shows an iteration of the initial solve."""
-        self._bar.update(self._initial, completed=index)
+        self.update(self._initial, completed=index)
 
     def iteration(self, metrics: IterationMetrics, iterations: int, remaining: float) -> None:
         """Shows one of so many iterations of Algorithm 1, and the time left [s]."""
@@ -67,13 +52,13 @@ class TrainingProgress:
                 f"{remaining:.0f} s",
             )
         )
-        self._bar.update(self._initial, visible=False)
-        self._bar.update(self._learning, completed=metrics.k, total=iterations, visible=True)
+        self.update(self._initial, visible=False)
+        self.update(self._learning, completed=metrics.k, total=iterations, visible=True)
 
     def say(self, line: str) -> None:
         """Prints a line above the bar."""
         # Not the console's own print, which would wrap lines where a log is narrow.
-        if self._console.is_terminal:
-            self._console.print(line, highlight=False, soft_wrap=True)
+        if self.console.is_terminal:
+            self.console.print(line, highlight=False, soft_wrap=True)
         else:
             print(line, flush=True)

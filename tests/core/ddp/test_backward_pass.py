@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 
-from vgps_ros.core.ddp import backward_pass
+from vgps_ros.core.ddp.backward_pass import backward_pass
 
 
 def solve_kkt(problem, start):

@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
-from vgps_ros.core.ddp import DdpSettings, Status, backward_pass, solve
+from vgps_ros.core.ddp.backward_pass import backward_pass
+from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
+from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.settings import check_settings
 

@@ -45,7 +45,7 @@ def track(
     )
     linear, steps = dynamics.linearize(demonstration)
     gains = backward_pass(linear, expansion, REGULARIZATION).gains
-    rollout = dynamics.follow(start, demonstration, gains)
+    (rollout,) = dynamics.follow_each(start, [demonstration], gains)
     error = np.abs(rollout.states - demonstration.states)[:, : n_x // 2]
     away = np.argwhere(~(error <= tolerance))  # written so that NaN counts as away
     if away.size:
