@@ -11,7 +11,7 @@ from vgps_ros.core.settings import setting
 
 @dataclass(frozen=True)
 class DdpSettings:
-    """How a solve regularises, searches along a line, and stops.
+    """Settings by which a solve regularises, searches along a line, and stops.
 
     The state regularisation μ of B'(V + μI)B follows Tassa, Erez and Todorov (IROS 2012): it grows
     and shrinks by a factor that itself grows while the direction stays the same.

@@ -87,7 +87,7 @@ class Architecture:
 
     @property
     def biased(self) -> tuple[bool, ...]:
-        """Whether each layer has bias terms."""
+        """True for each layer that has bias terms."""
         return (*[self.hidden_bias] * len(self.hidden_units), self.output_bias)
 
     @property

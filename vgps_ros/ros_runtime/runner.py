@@ -29,7 +29,7 @@ from vgps_ros.views.table_console import table_console
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 # Callbacks must return and the middleware must close within this time: of 387 nodes that were ended
-# without a limit, the middleware of one waited for its own threads for ever [s].
+# without a limit, one never ended; the cause is not known [s].
 _PATIENCE = 1.5
 
 # rclpy raises these where the context ends between two of its calls.

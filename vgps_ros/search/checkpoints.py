@@ -34,7 +34,7 @@ _CONTENT = "content"  # name of the JSON text in the archive
 
 @dataclass(frozen=True)
 class Run:
-    """What a checkpoint belongs to."""
+    """The training that a checkpoint belongs to."""
 
     method: str
     task: Task

@@ -81,7 +81,7 @@ class Task:
 
     @cached_property
     def hinges(self) -> NDArray[np.bool_]:
-        """Whether each position is an angle, shape (n_x / 2,)."""
+        """Mask of the positions that are angles, shape (n_x / 2,)."""
         types = self.dynamics.model.jnt_type
         return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
 
