@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import threading
 
 import pytest
 import rclpy
@@ -9,7 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from std_srvs.srv import Trigger
 
-from vgps_ros.ros_runtime.rclpy_internals import wrap_callback, wrap_sender
+from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor, wrap_callback, wrap_sender
 from vgps_ros.ros_runtime.shared_memory import files_of, is_port, owned_segments
 
 
@@ -31,6 +32,17 @@ def test_rclpys_executors_read_a_services_callback_and_sender_for_each_request(g
     assert calls == ["callback", "sender"], (
         "rclpy does not read a service's callback and send_response any more: see rclpy_internals"
     )
+
+
+def test_the_threads_of_an_executor_end_with_it(graph):
+    before = set(threading.enumerate())
+    executor = ThreadedExecutor(2, context=graph.node.context)
+    executor.create_task(lambda: None)
+    executor.spin_once(timeout_sec=1.0)
+    assert set(threading.enumerate()) > before
+    executor.shutdown()
+    left = set(threading.enumerate()) - before
+    assert not left, "rclpy keeps an executor's threads elsewhere now: see rclpy_internals"
 
 
 def test_fast_dds_locks_a_file_of_each_segment(graph):

@@ -8,7 +8,6 @@ from pathlib import Path
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -28,6 +27,7 @@ from vgps_ros.ros_runtime.optimizer_pool import (
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATEST, STREAM
+from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
@@ -205,4 +205,4 @@ class PolicyLearner(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyLearner, partial(MultiThreadedExecutor, 4))
+    return run(PolicyLearner, partial(ThreadedExecutor, 4))

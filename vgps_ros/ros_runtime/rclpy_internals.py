@@ -6,6 +6,8 @@
   later, but the events executor does not await it: it fails with a TypeError.
 - The events executor is still in `rclpy.experimental`. For each message the public executors ask
   for all services, timers and topics of a node, which takes three times as long.
+- `MultiThreadedExecutor._executor` is the pool of threads, which rclpy leaves to the end of Python.
+  A thread that still holds a node keeps its shared memory, which then stays behind.
 
 tests/nodes/test_private_names.py tells when a release of rclpy no longer works in this way.
 """
@@ -13,7 +15,7 @@ tests/nodes/test_private_names.py tells when a release of rclpy no longer works 
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.service import Service
 
 Function = Callable[..., Any]
@@ -27,6 +29,16 @@ def wrap_callback(service: Service, wrap: Callable[[Function], Function]) -> Non
 def wrap_sender(service: Service, wrap: Callable[[Function], Function]) -> None:
     """Puts a function of what sends the service's responses in its place."""
     service.send_response = wrap(service.send_response)  # type: ignore[method-assign]
+
+
+class ThreadedExecutor(MultiThreadedExecutor):
+    """An executor of several threads, which ends them when it is shut down."""
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Ends the executor; returns whether its callbacks have ended."""
+        ended = super().shutdown(timeout_sec)
+        self._executor.shutdown()
+        return ended
 
 
 def streaming_executor() -> Executor:
