@@ -112,7 +112,7 @@ def ddp_iteration() -> Iterator[Comparison]:
 
         def floor(task=single, motion=motion, gains=gains, steps=steps) -> None:  # type: ignore[no-untyped-def]
             for _ in range(steps // motion.horizon):
-                task.dynamics.follow(motion.states[0], motion, gains)
+                next(iter(task.dynamics.follow_each(motion.states[0], [motion], gains)))
 
         yield compare(
             f"{name}: DDP iteration, one thread / simulator steps of centred differences",

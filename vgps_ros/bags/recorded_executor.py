@@ -1,19 +1,25 @@
 """Repeats what a recorded policy_executor did, as its recorded parameters describe it."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import yaml
 
 from vgps_ros.bags import BagReader
 from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.torque_limits import TorqueLimiter
 from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.simulation.model import driven_velocities, state_names
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.simulation.simulations import Simulations
 from vgps_ros.tasks import make_task
 
 
@@ -24,8 +30,7 @@ class RecordedExecutor:
 
     Args:
         bag: bag with the parameters of all nodes.
-        joints: names of all joints, in the order of the state.
-        actuated: names of the joints that the torques drive.
+        model: the robot.
 
     Attributes:
         seed: seed of the policy's noise.
@@ -36,14 +41,16 @@ class RecordedExecutor:
         InvalidInputError: a recorded parameter has a value that no executor accepts.
     """
 
-    def __init__(self, bag: BagReader, joints: list[str], actuated: list[str]):
+    def __init__(self, bag: BagReader, model: mujoco.MjModel):
         nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
         of_nodes: list[dict[str, Any]] = [node["ros__parameters"] for node in nodes.values()]
         parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
         self.seed = int(parameters.get("seed", 0))
-        self._actuated = [joints.index(name) for name in actuated]
+        self._velocities, self._state_names = driven_velocities(model), state_names(model)
+        self._simulations = Simulations(model, threads=1)
+        self._readings: dict[tuple[str, ...], Readings] = {}
         self._task = make_task(parameters["task"]) if "safe_action" in parameters else None
-        defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * len(actuated))
+        defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
         if "torque_limits" in values:
@@ -55,11 +62,24 @@ class RecordedExecutor:
             self._task.dynamics.time_step if self._task else 0.0,
         )
 
+    def named(self, policy: GaussianPolicy) -> GaussianPolicy:
+        """Returns the policy with the names of what it reads; old bags have a state's indices."""
+        given: tuple[Any, ...] = policy.architecture.observed
+        observed = tuple(self._state_names[n] if isinstance(n, int) else n for n in given)
+        return replace(policy, architecture=replace(policy.architecture, observed=observed))
+
+    def inputs(self, policy: GaussianPolicy, state: Array) -> Array:
+        """Returns what the policy reads of a state, shape (n_o,)."""
+        names = policy.architecture.observed
+        if names not in self._readings:
+            self._readings[names] = Readings(self._simulations, names)
+        return self._readings[names](state)
+
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
         """Returns the training marginals that the executor computed from a distribution."""
         assert self._task is not None
-        dims = (self._task.dynamics.state_dim, self._task.dynamics.control_dim)
-        return TrainingMarginals(distribution.first(self._task.horizon), self._task.observed, dims)
+        task, scored = self._task, distribution.first(self._task.horizon)
+        return TrainingMarginals(scored, task.observation, task.dynamics.control_dim)
 
     def is_safe(
         self, torques: Array, state: Array, marginals: Iterable[Iterable[TrainingMarginals]]
@@ -75,5 +95,5 @@ class RecordedExecutor:
             return False
         if not torques.any():
             return True
-        safe = (safe_torques(self.settings, state, self._actuated, had) for had in marginals)
+        safe = (safe_torques(self.settings, state, self._velocities, had) for had in marginals)
         return any(np.array_equal(torques, self.limiter.clipped(each)) for each in safe)

@@ -95,11 +95,11 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     """
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
     model = compile_model(next(bag.decoded(topics["robot_description"]))[1].data)
+    executor = RecordedExecutor(bag, model)
     policies = _Timeline()
     for received, message in bag.decoded(topics["policy"]):
-        policies.add(received, (message.iteration, policy_from_msg(message)))
+        policies.add(received, (message.iteration, executor.named(policy_from_msg(message))))
     joints, actuated = joint_names(model), actuated_joint_names(model)
-    executor = RecordedExecutor(bag, joints, actuated)
     marginals = _marginals(bag, executor)
     found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
@@ -155,7 +155,8 @@ def _compare(
     for state in sent.states:
         for _, policy in sent.policies:
             for seed in (None, executor.seed):
-                wanted = executed_control(policy, state, sent.stamp, seed)
+                inputs = executor.inputs(policy, state)
+                wanted = executed_control(policy, inputs, sent.stamp, seed)
                 if not np.array_equal(sent.torques, limiter.limited(wanted, sent.stamp)):
                     continue
                 if seed is None:
@@ -175,7 +176,8 @@ def _compare(
     found.different += 1
     if not found.first_difference:
         iteration, policy = sent.policies[0]
-        wanted = executed_control(policy, sent.states[0], sent.stamp)
+        inputs = executor.inputs(policy, sent.states[0])
+        wanted = executed_control(policy, inputs, sent.stamp)
         expected = limiter.limited(wanted, sent.stamp)
         joint = int(np.argmax(sent.torques != expected))
         found.first_difference = (

@@ -7,30 +7,27 @@ from vgps_ros.core.compilation import compiled
 from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
 from vgps_ros.core.records import Array
 
-CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int, NDArray[np.int64]]
+CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int]
 
 _ACTIVATIONS = tuple(ACTIVATIONS)
 _SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
 
 
 def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
-    """Returns θ, the layers' sizes, which have biases, the activation, and the inputs' indices."""
+    """Returns θ, the layers' sizes, which of them have biases, and the activation."""
     shape = policy.architecture
     return (
         np.array(policy.parameters),
         np.array(shape.layer_sizes),
         np.array(shape.biased),
         _ACTIVATIONS.index(shape.activation),
-        np.array(shape.observed),
     )
 
 
 @compiled
-def network_output(network, x, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes μ_θ(x) to the beginning of a; a and z must be as long as the widest layer."""
-    parameters, sizes, biased, activation, observed = network
-    for i in range(len(observed)):
-        a[i] = x[observed[i]]
+def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes μ_θ(o) over o, the beginning of a; a and z must be as long as the widest layer."""
+    parameters, sizes, biased, activation = network
     start = 0
     for layer in range(len(biased)):
         n_in, n_out = sizes[layer], sizes[layer + 1]

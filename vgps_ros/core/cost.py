@@ -1,11 +1,12 @@
-"""The form of cost that the paper's tasks share, and the protocol that DDP needs of any cost.
+"""The form of cost that all tasks share, and the protocol that DDP needs of any cost.
 
-    c(x, u) = w_u ‖u‖² + Σ_i (r_i(x) − r_i*)²
+    c_t(x, u) = Σ_i w_ti ρ_i(r_i(x, u) − r*_ti) + Σ_j w_j u_j²
 
-The Hessian in x is Gauss-Newton's, 2 JᵀJ, which is never indefinite.
+where r are readings of the state, such as a velocity or a height, and ρ is a norm: e², or the
+smooth absolute value √(e² + s²) − s, which grows only linearly for |e| above s. Gauss-Newton's
+Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,8 +14,15 @@ import numpy as np
 
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
-Features = Callable[[Array], tuple[Array, Array]]
-"""Maps states (..., n_x) to features r (..., m) and their Jacobian (..., m, n_x)."""
+
+class Features(Protocol):
+    """r(x, u) with its derivatives; `vgps_ros.simulation.readings` has one for MuJoCo models."""
+
+    def __call__(self, states: Array, controls: Array) -> Array:
+        """Returns r, shape (..., m), for states (..., n_x) and controls (..., n_u)."""
+
+    def linearize(self, states: Array, controls: Array) -> tuple[Array, Array, Array]:
+        """Returns r (..., m), and its derivatives (..., m, n_dx) and (..., m, n_u)."""
 
 
 class TrajectoryCost(Protocol):
@@ -29,27 +37,37 @@ class TrajectoryCost(Protocol):
 
 @dataclass(frozen=True)
 class FeatureCost:
-    """w_u ‖u‖² + ‖r(x) − r*‖², dimensionless.
+    """c_t(x, u), dimensionless.
 
     Attributes:
-        features: r and its Jacobian.
-        targets: r*, shape (m,), in the units of r.
-        control_weight: w_u [1/(N²·m²)].
+        features: r.
+        targets: r*, shape (m,), or (T, m) where they change with time, in the units of r.
+        weights: w, shape (m,) or (T, m).
+        smooth: s of each reading whose norm is the smooth absolute value, shape (m,); 0 where the
+            norm is e².
+        control_weights: w_j, shape (n_u,) [1/(N²·m²) for motors].
     """
 
     features: Features
     targets: Array
-    control_weight: float
+    weights: Array
+    smooth: Array
+    control_weights: Array
 
-    def __call__(self, states: Array, controls: Array) -> Array:
-        """Returns c(x, u), shape (...,), for states (..., n_x) and controls (..., n_u)."""
-        residuals = self.features(states)[0] - self.targets
-        return self.control_weight * np.sum(controls**2, -1) + np.sum(residuals**2, -1)
+    def __call__(self, states: Array, controls: Array, first: int = 0) -> Array:
+        """Returns the cost of each step, shape (..., T).
 
-    @property
-    def rest(self) -> float:
-        """Cost of a step in which features and controls are zero, ‖r*‖²."""
-        return float(np.sum(self.targets**2))
+        Args:
+            states: shape (..., T, n_x).
+            controls: shape (..., T, n_u).
+            first: place of the first step in the task's horizon.
+        """
+        readings = self.features(states, controls)
+        return self._of_readings(readings, first) + (controls**2) @ self.control_weights
+
+    def rest(self, steps: int, first: int = 0) -> Array:
+        """Returns the cost of steps in which all readings and controls are zero, shape (T,)."""
+        return self._of_readings(np.zeros((steps, len(self.smooth))), first)
 
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""
@@ -58,14 +76,34 @@ class FeatureCost:
     def expand(self, trajectory: Trajectory) -> CostExpansion:
         """Returns values and Gauss-Newton derivatives of each step."""
         states, controls = trajectory.states[:-1], trajectory.controls
-        (horizon, n_x), n_u = states.shape, controls.shape[1]
-        features, jacobians = self.features(states)
-        residuals = features - self.targets
+        readings, j_x, j_u = self.features.linearize(states, controls)
+        targets, weights = self._at(0, len(states))
+        e = readings - targets
+        root = np.sqrt(e**2 + self.smooth**2)
+        smooth = self.smooth > 0.0
+        safe = np.where(smooth, root, 1.0)
+        slope = weights * np.where(smooth, e / safe, 2 * e)  # w ρ'
+        curvature = weights * np.where(smooth, self.smooth**2 / safe**3, 2.0)  # w ρ''
+        c_j = curvature[..., None] * j_x
         return CostExpansion(
-            c=self.values(trajectory),
-            c_x=2 * np.einsum("tmx,tm->tx", jacobians, residuals),
-            c_u=2 * self.control_weight * controls,
-            c_xx=2 * np.einsum("tmx,tmy->txy", jacobians, jacobians),
-            c_uu=np.tile(2 * self.control_weight * np.eye(n_u), (horizon, 1, 1)),
-            c_ux=np.zeros((horizon, n_u, n_x)),
+            c=self._of_readings(readings, 0) + (controls**2) @ self.control_weights,
+            c_x=np.einsum("tmx,tm->tx", j_x, slope),
+            c_u=np.einsum("tmu,tm->tu", j_u, slope) + 2 * self.control_weights * controls,
+            c_xx=np.swapaxes(j_x, 1, 2) @ c_j,
+            c_uu=np.swapaxes(j_u, 1, 2) @ (curvature[..., None] * j_u)
+            + np.diag(2 * self.control_weights),
+            c_ux=np.swapaxes(j_u, 1, 2) @ c_j,
         )
+
+    def _of_readings(self, readings: Array, first: int) -> Array:
+        """Returns Σ_i w ρ(r_i − r*_i), shape (..., T), for readings (..., T, m)."""
+        targets, weights = self._at(first, readings.shape[-2])
+        e = readings - targets
+        norms = np.where(self.smooth > 0.0, np.sqrt(e**2 + self.smooth**2) - self.smooth, e**2)
+        return np.sum(weights * norms, axis=-1)
+
+    def _at(self, first: int, steps: int) -> tuple[Array, Array]:
+        """Returns r* and w of some steps, (T, m), or (m,) where they do not change."""
+        cut = (slice(first, first + steps),)
+        targets, weights = (a[cut] if a.ndim == 2 else a for a in (self.targets, self.weights))
+        return targets, weights

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.state_space import StateSpace
 
 # A state beyond this magnitude has diverged [m, rad, m/s, rad/s]; no sound motion comes near it.
 DIVERGENCE_BOUND = 1e4
@@ -21,13 +22,13 @@ class Dynamics(Protocol):
     """x' = f(x, u) with its derivatives.
 
     Attributes:
-        state_dim: n_x.
+        space: space of the states.
         control_dim: n_u.
         time_step: time for which one control is held [s].
         substeps: simulator steps in that time.
     """
 
-    state_dim: int
+    space: StateSpace
     control_dim: int
     time_step: float
     substeps: int
@@ -35,12 +36,12 @@ class Dynamics(Protocol):
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Yields the rollout of u = ū + K (x − x̄) from x_1 for each of several x̄, ū, in order.
+        """Yields the rollout of u = ū + K (x ⊖ x̄) from x_1 for each of several x̄, ū, in order.
 
         Args:
             start: x_1, shape (n_x,).
             nominals: x̄, ū of each; a rollout is NaN from where it diverges on.
-            gains: K, shape (T, n_u, n_x), of all.
+            gains: K, shape (T, n_u, n_dx), of all.
         """
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:

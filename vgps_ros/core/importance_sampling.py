@@ -28,13 +28,13 @@ class ImportanceSamples:
     """Rollouts and the density that they were drawn with.
 
     Attributes:
-        states: x_1 … x_T, shape (N, T, n_x).
+        inputs: what the policy reads of x_1 … x_T, shape (N, T, n_o).
         controls: shape (N, T, n_u), [N·m].
         costs: c(x_t, u_t), shape (N, T).
         log_density: log q(ζ_i,1:t) without the dynamics [nat], shape (N, T).
     """
 
-    states: Array
+    inputs: Array
     controls: Array
     costs: Array
     log_density: Array
@@ -54,7 +54,7 @@ def mixture_log_density(log_densities: Sequence[Array], counts: Sequence[int]) -
 
 def log_weights(policy: GaussianPolicy, samples: ImportanceSamples) -> Array:
     """Returns log w_it(θ) [nat], shape (N, T)."""
-    densities = policy.log_density(samples.states, samples.controls)
+    densities = policy.log_density(samples.inputs, samples.controls)
     return np.cumsum(densities, axis=1) - samples.log_density
 
 
@@ -110,7 +110,7 @@ def _loss(
     samples: ImportanceSamples, regularization: float, scaling: Standardization, count: int
 ) -> Callable[[torch.Tensor], torch.Tensor]:
     """Returns −Φ ÷ T of (θ, log σ), all in standardised units."""
-    x, u = scaling.inputs(samples.states), scaling.controls(samples.controls)
+    x, u = scaling.inputs(samples.inputs), scaling.controls(samples.controls)
     costs, log_q = torch.from_numpy(samples.costs), torch.from_numpy(samples.log_density)
     constant = np.log(scaling.output_scale).sum() + 0.5 * len(u) * np.log(2 * np.pi)
 

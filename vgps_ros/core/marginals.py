@@ -1,6 +1,6 @@
 """The marginals of the Gaussian trajectory distribution q(ζ) (section 4).
 
-In deviations from the trajectory, δx = x − x̄ and δu = u − ū:
+In deviations from the trajectory, δx = x ⊖ x̄ and δu = u − ū:
 
     δu = K δx + noise of covariance Quu⁻¹,    δx' = f_x δx + f_u δu + ε,  ε ~ N(0, Σ_f).
 
@@ -17,9 +17,6 @@ from vgps_ros.core.gaussians import log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 from vgps_ros.core.settings import setting
 
-# Least standard deviation in each direction where a density or distance needs an inverse, since a
-# coordinate of x_1 may be exact [m, rad, m/s, rad/s].
-LOWEST_STD = 0.01
 # A linearisation means nothing for states spread beyond it [m, rad, m/s, rad/s].
 STD_BOUND = 1e6
 
@@ -29,9 +26,9 @@ class Spread:
     """The sources and the limit of the states' spread.
 
     Attributes:
-        initial_std: standard deviation of x_1, shape (n_x,).
-        dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_x,).
-        std_limit: largest standard deviation of each coordinate, shape (n_x,); inf for none. It
+        initial_std: standard deviation of x_1, shape (n_dx,).
+        dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_dx,).
+        std_limit: largest standard deviation of each coordinate, shape (n_dx,); inf for none. It
             keeps linearised covariances inside the region where they mean something, and the
             policy's fit to states near the trajectory.
     """
@@ -63,18 +60,22 @@ class MarginalSettings:
         maximum=10.0,
     )
 
-    def spread(self, initial_std: Array, std_limit: Array, alpha: float) -> Spread:
+    def spread(
+        self, initial_std: Array, std_limit: Array, velocities: slice, alpha: float
+    ) -> Spread:
         """Returns the spread at α.
 
         Args:
-            initial_std: the task's, shape (n_x,): positions, then as many velocities.
-            std_limit: the task's, at α = 1, shape (n_x,).
+            initial_std: the task's, shape (n_dx,).
+            std_limit: the task's, at α = 1, shape (n_dx,).
+            velocities: where the velocities stand in a deviation.
             alpha: α, the cost's scale.
         """
-        n_v = initial_std.size // 2
+        noise = np.zeros_like(initial_std)
+        noise[velocities] = self.velocity_noise
         return Spread(
             self.initial_std_factor * initial_std,
-            np.repeat([0.0, self.velocity_noise], n_v),
+            noise,
             alpha**self.std_limit_annealing * std_limit,
         )
 
@@ -82,14 +83,14 @@ class MarginalSettings:
 def state_covariances(
     linear: LinearDynamics, gains: Array, control_covariances: Array, spread: Spread
 ) -> Array:
-    """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_x, n_x), by the recursion of section 4.
+    """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_dx, n_dx), by the recursion of section 4.
 
     Raises:
         DivergenceError: a standard deviation passes STD_BOUND.
     """
-    horizon, n_x, _ = linear.f_x.shape
+    horizon, n_dx, _ = linear.f_x.shape
     sigma_f = np.diag(spread.dynamics_std**2)
-    sigma = np.empty((horizon + 1, n_x, n_x))
+    sigma = np.empty((horizon + 1, n_dx, n_dx))
     sigma[0] = _capped(np.diag(spread.initial_std**2), spread.std_limit)
     for t in range(horizon):
         f_u = linear.f_u[t]
@@ -113,7 +114,7 @@ def state_covariances(
 def sample_deviations(
     distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
 ) -> Array:
-    """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_x).
+    """Draws δx from the marginals q(x_t), t = 1 … T; returns shape (count, T, n_dx).
 
     Samples come in pairs ±δ: for an even count their mean is exactly zero, so that averages over
     them carry no noise of first order.
@@ -133,22 +134,19 @@ def sample_rollout_noise(
     return np.einsum("tuv,stv->stu", roots, noise)
 
 
-def observed_covariances(distribution: TrajectoryDistribution, observed: tuple[int, ...]) -> Array:
-    """Returns Σ_1 … Σ_T of n coordinates, shape (T, n, n), widened by LOWEST_STD."""
-    chosen = np.ix_(range(distribution.mean.horizon), observed, observed)
-    return distribution.state_covariances[chosen] + LOWEST_STD**2 * np.eye(len(observed))
-
-
 def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:
-    """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_x)."""
+    """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_dx)."""
     return distribution.mean.controls + np.einsum("tux,stx->stu", distribution.gains, deviations)
 
 
 def control_log_density(
-    distribution: TrajectoryDistribution, states: Array, controls: Array
+    distribution: TrajectoryDistribution, deviations: Array, controls: Array
 ) -> Array:
-    """Returns log q(u_t|x_t) [nat], shape (S, T), for states (S, T, n_x), controls (S, T, n_u)."""
-    means = control_means(distribution, states - distribution.mean.states[:-1])
+    """Returns log q(u_t|x_t) [nat], shape (S, T), of controls (S, T, n_u).
+
+    The states are given as deviations from the mean, shape (S, T, n_dx).
+    """
+    means = control_means(distribution, deviations)
     return log_density(controls - means, distribution.control_covariances)
 
 

@@ -1,7 +1,7 @@
-"""The Gaussian network policy π_θ(u|x) = N(μ_θ(x), diag(σ)²) (section 6).
+"""The Gaussian network policy π_θ(u|x) = N(μ_θ(o), diag(σ)²), o = h(x) (section 6).
 
-μ_θ is a multilayer perceptron that reads some coordinates of the state. By default it has one
-hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers. The number of
+μ_θ is a multilayer perceptron of what it reads of the state (see `observation`). By default it has
+one hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both layers. The number of
 parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vgps_ros.core.arrays import Array, Shape, array_shapes
 from vgps_ros.core.checks import finite_array, one_of, positive, quoted
@@ -40,7 +39,7 @@ class Architecture:
     """Shape of the network.
 
     Attributes:
-        observed: indices of the state's coordinates that the network reads.
+        observed: names of what the network reads, its inputs.
         hidden_units: width of each hidden layer.
         control_dim: n_u.
         activation: softplus, tanh or relu.
@@ -48,11 +47,11 @@ class Architecture:
         output_bias: true if the output layer has bias terms.
 
     Raises:
-        InvalidInputError: a layer has no units, the activation is unknown, a coordinate is read
+        InvalidInputError: a layer has no units, the activation is unknown, an input is named
             twice, or the network is larger than MAX_LAYERS and MAX_PARAMETERS allow.
     """
 
-    observed: tuple[int, ...]
+    observed: tuple[str, ...]
     hidden_units: tuple[int, ...]
     control_dim: int
     activation: str = "softplus"
@@ -76,8 +75,7 @@ class Architecture:
             )
         if len(set(self.observed)) != len(self.observed):
             raise InvalidInputError(
-                f"The policy reads the coordinates {quoted(list(self.observed))}, but it may read "
-                "each only once."
+                f"The policy reads {quoted(list(self.observed))}, but it may read each only once."
             )
 
     @property
@@ -120,7 +118,7 @@ class Architecture:
 
 @dataclass(frozen=True)
 class GaussianPolicy:
-    """π_θ(u|x) = N(μ_θ(x), diag(σ)²).
+    """π_θ(u|x) = N(μ_θ(o), diag(σ)²).
 
     The arrays may be given as any sequences of numbers.
 
@@ -148,22 +146,25 @@ class GaussianPolicy:
         for std in self.noise_std:
             positive("policy.noise_std", std)
 
-    def check_fits(self, state_dim: int, control_dim: int) -> None:
-        """Checks that the policy can drive a robot of these dimensions.
+    def check_fits(self, observed: tuple[str, ...], control_dim: int) -> None:
+        """Checks that the policy can drive a robot.
+
+        Args:
+            observed: names of what a policy of its task reads.
+            control_dim: n_u.
 
         Raises:
-            InvalidInputError: it reads coordinates that the state lacks, or has other controls.
+            InvalidInputError: it reads something else, or has other controls.
         """
         if self.architecture.control_dim != control_dim:
             raise InvalidInputError(
                 f"The policy has {self.architecture.control_dim} controls, but the task has "
                 f"{control_dim}; use a policy that was learned for this task."
             )
-        outside = [i for i in self.architecture.observed if not 0 <= i < state_dim]
-        if outside:
+        if self.architecture.observed != observed:
             raise InvalidInputError(
-                f"The policy reads coordinate {outside[0]} of the state, but the task's state has "
-                f"coordinates 0 to {state_dim - 1}; use a policy that was learned for this task."
+                f"The policy reads {quoted(list(self.architecture.observed))}, but the task's "
+                f"policies read {', '.join(observed)}; use a policy that was learned for this task."
             )
 
     @cached_property
@@ -171,53 +172,52 @@ class GaussianPolicy:
         """Weight, shape (n_out, n_in), and bias, shape (n_out,) or 0.0, of each layer."""
         return self.architecture.unpack(self.parameters)
 
-    @cached_property
-    def _observed(self) -> NDArray[np.intp]:
-        return np.array(self.architecture.observed, dtype=np.intp)
+    def mean(self, inputs: Array) -> Array:
+        """Returns μ_θ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o)."""
+        return self._forward(inputs)[0]
 
-    def mean(self, states: Array) -> Array:
-        """Returns μ_θ(x), shape (..., n_u), [N·m], for states of shape (..., n_x)."""
-        return self._forward(states)[0]
-
-    def linearize(self, states: Array) -> tuple[Array, Array]:
-        """Returns μ_θ(x), shape (..., n_u), and ∂μ/∂x, shape (..., n_u, n_x)."""
+    def linearize(self, inputs: Array) -> tuple[Array, Array]:
+        """Returns μ_θ(o), shape (..., n_u), and ∂μ/∂o, shape (..., n_u, n_o)."""
         derivative = ACTIVATIONS[self.architecture.activation][1]
-        mean, inputs = self._forward(states)
+        mean, sums = self._forward(inputs)
         jacobian = np.eye(len(self.architecture.observed))
         *hidden, (weight, _) = self.layers
-        for (w, _), z in zip(hidden, inputs, strict=True):
+        for (w, _), z in zip(hidden, sums, strict=True):
             jacobian = derivative(z)[..., None] * (w @ jacobian)
-        full = np.zeros((*states.shape[:-1], self.architecture.control_dim, states.shape[-1]))
-        full[..., self.architecture.observed] = weight @ jacobian
-        return mean, full
+        jacobian = weight @ jacobian
+        return mean, np.broadcast_to(jacobian, (*inputs.shape[:-1], *jacobian.shape[-2:]))
 
-    def _forward(self, states: Array) -> tuple[Array, list[Array]]:
-        """Returns μ_θ(x) and the input of each hidden layer's activation, shape (..., n_out)."""
+    def _forward(self, inputs: Array) -> tuple[Array, list[Array]]:
+        """Returns μ_θ(o) and the input of each hidden layer's activation, shape (..., n_out)."""
         activation = ACTIVATIONS[self.architecture.activation][0]
-        a, inputs = states[..., self._observed], []
+        a, sums = inputs, []
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:
             z = a @ w.T + b
-            inputs.append(z)
+            sums.append(z)
             a = activation(z)
-        return a @ weight.T + bias, inputs
+        return a @ weight.T + bias, sums
 
-    def log_density(self, states: Array, controls: Array) -> Array:
-        """Returns log π_θ(u|x) [nat], shape (...,)."""
-        z = (controls - self.mean(states)) / self.noise_std
+    def log_density(self, inputs: Array, controls: Array) -> Array:
+        """Returns log π_θ(u|o) [nat], shape (...,), of controls (..., n_u) for o (..., n_o)."""
+        return self.log_density_around(self.mean(inputs), controls)
+
+    def log_density_around(self, mean: Array, controls: Array) -> Array:
+        """Returns log π_θ(u|o) [nat], shape (...,), where μ_θ(o), shape (..., n_u), is known."""
+        z = (controls - mean) / self.noise_std
         normaliser = np.sum(np.log(self.noise_std)) + 0.5 * len(self.noise_std) * np.log(2 * np.pi)
         return -0.5 * np.sum(z**2, -1) - normaliser
 
 
 def executed_control(
-    policy: GaussianPolicy, state: Array, stamp: int, seed: int | None = None
+    policy: GaussianPolicy, inputs: Array, stamp: int, seed: int | None = None
 ) -> Array:
     """Returns the control that an executed policy gives, u, shape (n_u,), [N·m].
 
-    It is μ_θ(x), plus noise if a seed is given. The noise depends only on that seed and on the time
+    It is μ_θ(o), plus noise if a seed is given. The noise depends only on that seed and on the time
     of the state, `stamp` [ns], at least 0, so that recorded torques can be checked.
     """
-    mean = policy.mean(state)
+    mean = policy.mean(inputs)
     if seed is None:
         return mean
     rng = generator(seed, Stream.EXECUTION, stamp)

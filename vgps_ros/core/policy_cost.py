@@ -1,7 +1,7 @@
 """The modified cost c̄ = α c − log π_θ of section 4, averaged over samples of the marginals.
 
 log π_θ can be jagged, so its values and derivatives are averaged over samples drawn from q. State
-and action are drawn jointly, (x̄ + δ, ū + K δ), and the deviations δ stay fixed within one solve:
+and action are drawn jointly, (x̄ ⊕ δ, ū + K δ), and the deviations δ stay fixed within one solve:
 the line search judges the same averaged cost whose derivatives were used.
 """
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
@@ -34,36 +35,41 @@ class ScaledCost:
 
 @dataclass(frozen=True)
 class PolicyCost:
-    """c̄(x, u) = α c(x, u) − mean over s of log π_θ(u + K δ_s | x + δ_s).
+    """c̄(x, u) = α c(x, u) − mean over s of log π_θ(u + K δ_s | h(x ⊕ δ_s)).
 
     Attributes:
         scaled: α c.
         policy: π_θ.
-        deviations: δ, shape (S, T, n_x); a single zero sample gives the point cost.
-        gains: K, shape (T, n_u, n_x).
+        observation: h, what the policy reads of a state.
+        deviations: δ, shape (S, T, n_dx); a single zero sample gives the point cost.
+        gains: K, shape (T, n_u, n_dx).
     """
 
     scaled: ScaledCost
     policy: GaussianPolicy
+    observation: Observation
     deviations: Array
     gains: Array
 
     def values(self, trajectory: Trajectory) -> Array:
         """Returns c̄ of each step, shape (T,)."""
-        log_density = self.policy.log_density(*self._samples(trajectory))
+        states, controls = self._samples(trajectory)
+        log_density = self.policy.log_density(self.observation(states), controls)
         return self.scaled.values(trajectory) - log_density.mean(axis=0)
 
     def expand(self, trajectory: Trajectory) -> CostExpansion:
         """Returns c̄ and its Gauss-Newton derivatives, which are never indefinite."""
         states, controls = self._samples(trajectory)
-        mean, jacobian = self.policy.linearize(states)
+        mean, by_inputs = self.policy.linearize(self.observation(states))
+        jacobian = self.observation.pull_back(by_inputs, states)  # J, at x ⊕ δ_s
+        jacobian = self.observation.space.carried_back(jacobian, self.deviations)
         precision = 1.0 / self.policy.noise_std**2  # P = Σ⁻¹, diagonal
         p_r = precision * (controls - mean)  # P r
         p_j = precision[:, None] * jacobian  # P J
         count = len(states)
         e = self.scaled.expand(trajectory)
         return CostExpansion(
-            c=e.c - self.policy.log_density(states, controls).mean(axis=0),
+            c=e.c - self.policy.log_density_around(mean, controls).mean(axis=0),
             c_x=e.c_x - np.einsum("stux,stu->tx", jacobian, p_r) / count,  # −Jᵀ P r
             c_u=e.c_u + p_r.mean(axis=0),  # P r
             c_xx=e.c_xx + _products(jacobian, p_j) / count,  # Jᵀ P J
@@ -72,9 +78,10 @@ class PolicyCost:
         )
 
     def _samples(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Returns x + δ_s and u + K δ_s, shapes (S, T, n_x) and (S, T, n_u)."""
+        """Returns x ⊕ δ_s and u + K δ_s, shapes (S, T, n_x) and (S, T, n_u)."""
         shift = np.einsum("tux,stx->stu", self.gains, self.deviations)
-        return trajectory.states[:-1] + self.deviations, trajectory.controls + shift
+        states = self.observation.space.add(trajectory.states[:-1], self.deviations)
+        return states, trajectory.controls + shift
 
 
 def _products(left: Array, right: Array) -> Array:

@@ -20,8 +20,9 @@ import torch
 
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
@@ -31,18 +32,19 @@ class Targets:
     """Supervision of the fit, N samples pooled over steps and trajectories.
 
     Attributes:
-        states: shape (N, n_x).
+        inputs: what the policy reads, shape (N, n_o).
         means: μ_q, or drawn actions, shape (N, n_u), [N·m].
         variances: diagonal of Σ_q, or zero for drawn actions, shape (N, n_u), [N²·m²].
     """
 
-    states: Array
+    inputs: Array
     means: Array
     variances: Array
 
 
 def draw_targets(
     distributions: Sequence[TrajectoryDistribution],
+    observation: Observation,
     form: str,
     samples_per_step: int,
     rng: np.random.Generator,
@@ -58,12 +60,13 @@ def draw_targets(
         if form == "sampled":
             means = means + sample_rollout_noise(q, samples_per_step, rng)
             variances = np.zeros_like(means)
-        parts.append((q.mean.states[:-1] + deviations, means, variances))
-    states, means, variances = (
+        states = observation.space.add(q.mean.states[:-1], deviations)
+        parts.append((observation(states), means, variances))
+    inputs, means, variances = (
         np.concatenate([part.reshape(-1, part.shape[-1]) for part in column])
         for column in zip(*parts, strict=True)
     )
-    return Targets(states, means, variances)
+    return Targets(inputs, means, variances)
 
 
 def resampled(
@@ -78,25 +81,21 @@ def resampled(
         rng: source of the draws.
     """
     while True:
-        chosen = rng.choice(len(targets.states), count, p=probabilities)
-        yield Targets(targets.states[chosen], targets.means[chosen], targets.variances[chosen])
+        chosen = rng.choice(len(targets.inputs), count, p=probabilities)
+        yield Targets(targets.inputs[chosen], targets.means[chosen], targets.variances[chosen])
 
 
 def objective(policy: GaussianPolicy, targets: Targets) -> float:
     """Returns L(q, θ) ÷ (M T) [nat], with the constant −½ n_u log 2π included."""
-    squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
+    squares = (policy.mean(targets.inputs) - targets.means) ** 2 + targets.variances
     log_sigma = np.log(policy.noise_std).sum()
     constant = 0.5 * len(policy.noise_std) * np.log(2 * np.pi)
     return float(-0.5 * (squares / policy.noise_std**2).sum(1).mean() - log_sigma - constant)
 
 
-def initial_policy(
-    architecture: Architecture,
-    distributions: Sequence[TrajectoryDistribution],
-    rng: np.random.Generator,
-) -> GaussianPolicy:
-    """Draws a network whose units are spread over the states that the distributions visit."""
-    scaling = Standardization.of(architecture, distributions)
+def initial_policy(scaling: Standardization, rng: np.random.Generator) -> GaussianPolicy:
+    """Draws a network whose units are spread over the inputs that the scaling suits."""
+    architecture = scaling.architecture
     parameters = np.zeros(architecture.num_parameters)
     for weight, bias in architecture.unpack(parameters):
         weight[:] = rng.standard_normal(weight.shape) / np.sqrt(weight.shape[1])
@@ -107,6 +106,7 @@ def initial_policy(
 
 def fit_policy(
     policy: GaussianPolicy,
+    observation: Observation,
     distributions: Sequence[TrajectoryDistribution],
     settings: FitSettings,
     rng: np.random.Generator,
@@ -121,9 +121,11 @@ def fit_policy(
 
     def samples() -> Iterator[Targets]:
         while True:
-            yield draw_targets(distributions, settings.form, settings.samples_per_step, rng)
+            yield draw_targets(
+                distributions, observation, settings.form, settings.samples_per_step, rng
+            )
 
-    scaling = Standardization.of(policy.architecture, distributions)
+    scaling = Standardization.of(policy.architecture, observation, distributions)
     return fit_to_targets(policy, samples(), scaling, settings)
 
 
@@ -169,7 +171,7 @@ def fit_to_targets(
 
 def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
     """Returns the policy with the σ that maximises L(q, θ) for its network."""
-    squares = (policy.mean(targets.states) - targets.means) ** 2 + targets.variances
+    squares = (policy.mean(targets.inputs) - targets.means) ** 2 + targets.variances
     return replace(policy, noise_std=np.sqrt(squares.mean(axis=0)))
 
 
@@ -189,7 +191,7 @@ def _fit_gradient(
 
 def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
     """Returns the profiled objective as a function of θ in standardised units."""
-    x, mu_q = scaling.inputs(targets.states), scaling.controls(targets.means)
+    x, mu_q = scaling.inputs(targets.inputs), scaling.controls(targets.means)
     sigma_q = torch.from_numpy((targets.variances / scaling.output_scale**2).mean(axis=0))
 
     def profiled(theta: torch.Tensor) -> torch.Tensor:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
+from vgps_ros.core.observation import Observation, observed_marginals
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
@@ -31,8 +32,8 @@ class Standardization:
 
     Attributes:
         architecture: shape of the network.
-        input_shift: shape (n_observed,).
-        input_scale: shape (n_observed,).
+        input_shift: shape (n_o,).
+        input_scale: shape (n_o,).
         output_shift: shape (n_u,), [N·m].
         output_scale: shape (n_u,), [N·m].
     """
@@ -45,21 +46,22 @@ class Standardization:
 
     @classmethod
     def of(
-        cls, architecture: Architecture, distributions: Sequence[TrajectoryDistribution]
+        cls,
+        architecture: Architecture,
+        observation: Observation,
+        distributions: Sequence[TrajectoryDistribution],
     ) -> "Standardization":
-        """Returns the units that suit the states and controls of distributions."""
-        states = np.concatenate([q.mean.states[:-1] for q in distributions])
+        """Returns the units that suit the observations and controls of distributions."""
+        marginals = [observed_marginals(q, observation) for q in distributions]
+        inputs = np.concatenate([means for means, _ in marginals])
+        spread = np.concatenate([np.diagonal(c, axis1=1, axis2=2) for _, c in marginals])
         controls = np.concatenate([q.mean.controls for q in distributions])
-        spread = np.concatenate(
-            [np.diagonal(q.state_covariances[:-1], axis1=1, axis2=2) for q in distributions]
-        ).mean(axis=0)
-        observed = list(architecture.observed)
         first_bias = architecture.hidden_bias if architecture.hidden_units else False
         shift_in, shift_out = float(first_bias), float(architecture.output_bias)
         return cls(
             architecture,
-            shift_in * states.mean(axis=0)[observed],
-            np.maximum(np.sqrt(states.var(axis=0) + spread)[observed], 1e-3),
+            shift_in * inputs.mean(axis=0),
+            np.maximum(np.sqrt(inputs.var(axis=0) + spread.mean(axis=0)), 1e-3),
             shift_out * controls.mean(axis=0),
             np.maximum(controls.std(axis=0), 1e-3),
         )
@@ -90,10 +92,9 @@ class Standardization:
         last_weight /= self.output_scale[:, None]
         return standard
 
-    def inputs(self, states: Array) -> torch.Tensor:
-        """Returns the inputs that N states (..., n_x) give, standardised, shape (n_observed, N)."""
-        observed = states[..., self.architecture.observed]
-        return _columns((observed - self.input_shift) / self.input_scale)
+    def inputs(self, inputs: Array) -> torch.Tensor:
+        """Returns N inputs (..., n_o), standardised, shape (n_o, N)."""
+        return _columns((inputs - self.input_shift) / self.input_scale)
 
     def controls(self, controls: Array) -> torch.Tensor:
         """Returns N controls (..., n_u), standardised, shape (n_u, N)."""

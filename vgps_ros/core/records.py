@@ -2,7 +2,8 @@
 
 Indices run over steps first: `states[t]` is x_{t+1} of the paper, which counts from 1. A trajectory
 of T controls has T + 1 states; the last one carries no cost. The shape of an array stands where its
-field is declared, and files, messages and checks derive from there.
+field is declared, and files, messages and checks derive from there. Derivatives, gains and
+covariances are over deviations of the state, of which there are n_dx (see `state_space`).
 """
 
 from dataclasses import dataclass
@@ -19,8 +20,8 @@ class Trajectory:
     """A sequence of states and controls.
 
     Attributes:
-        states: generalized positions [m, rad], then velocities [m/s, rad/s].
-        controls: joint torques [N·m].
+        states: positions [m, rad, quaternions], velocities [m/s, rad/s], then activations.
+        controls: of the actuators, joint torques [N·m] for motors.
     """
 
     states: Annotated[Array, Shape("T+1", "n_x")]
@@ -38,10 +39,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class LinearDynamics:
-    """Derivatives of x' = f(x, u) along a trajectory."""
+    """Derivatives of x' = f(x, u) along a trajectory, over deviations."""
 
-    f_x: Annotated[Array, Shape("T", "n_x", "n_x")]
-    f_u: Annotated[Array, Shape("T", "n_x", "n_u")]
+    f_x: Annotated[Array, Shape("T", "n_dx", "n_dx")]
+    f_u: Annotated[Array, Shape("T", "n_dx", "n_u")]
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class CostExpansion:
     """Value, gradient and Hessian of a cost along a trajectory (section 4)."""
 
     c: Annotated[Array, Shape("T")]
-    c_x: Annotated[Array, Shape("T", "n_x")]
+    c_x: Annotated[Array, Shape("T", "n_dx")]
     c_u: Annotated[Array, Shape("T", "n_u")]
-    c_xx: Annotated[Array, Shape("T", "n_x", "n_x")]
+    c_xx: Annotated[Array, Shape("T", "n_dx", "n_dx")]
     c_uu: Annotated[Array, Shape("T", "n_u", "n_u")]
-    c_ux: Annotated[Array, Shape("T", "n_u", "n_x")]
+    c_ux: Annotated[Array, Shape("T", "n_u", "n_dx")]
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,14 @@ class TrajectoryDistribution:
     """
 
     mean: Trajectory
-    gains: Annotated[Array, Shape("T", "n_u", "n_x")]
+    gains: Annotated[Array, Shape("T", "n_u", "n_dx")]
     control_covariances: Annotated[Array, Shape("T", "n_u", "n_u", is_covariance=True)]
     linear_dynamics: LinearDynamics
-    state_covariances: Annotated[Array, Shape("T+1", "n_x", "n_x", is_covariance=True)]
+    state_covariances: Annotated[Array, Shape("T+1", "n_dx", "n_dx", is_covariance=True)]
 
     @cached_property
     def state_roots(self) -> Array:
-        """R_t with R_t R_tᵀ = Σ_t at t = 1 … T, shape (T, n_x, n_x)."""
+        """R_t with R_t R_tᵀ = Σ_t at t = 1 … T, shape (T, n_dx, n_dx)."""
         eigenvalues, eigenvectors = np.linalg.eigh(self.state_covariances[: self.mean.horizon])
         # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
         return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]

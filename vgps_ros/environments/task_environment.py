@@ -48,10 +48,9 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         self._torque_scale = positive("torque_scale", own if torque_scale is None else torque_scale)
         self._reward_scale = positive("reward_scale", reward_scale)
         self.render_mode = render_mode
-        self._observed = list(self._task.observed)
         n_u = self._task.dynamics.control_dim
         self.observation_space = Box(
-            -DIVERGENCE_BOUND, DIVERGENCE_BOUND, (len(self._observed),), np.float64
+            -DIVERGENCE_BOUND, DIVERGENCE_BOUND, (len(self._task.observation.names),), np.float64
         )
         self.action_space = Box(-1.0, 1.0, (n_u,), np.float64)
         self.state = self._task.initial_state.copy()
@@ -64,16 +63,17 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         super().reset(seed=seed)
         self.state = self._task.initial_state.copy()
         if not (options or {}).get("exact", False):
-            noise = self.np_random.standard_normal(self.state.shape)
-            self.state += self._task.initial_std * noise
+            task = self._task
+            noise = self.np_random.standard_normal(task.initial_std.shape)
+            self.state = task.dynamics.space.add(self.state, task.initial_std * noise)
         self._t = 0
-        return self.state[self._observed], {}
+        return self._task.observation(self.state), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Applies torques for one step of the task."""
         task = self._task
         torques = self._torque_scale * np.asarray(action, dtype=float)
-        cost = float(task.cost(self.state, torques))
+        cost = float(task.cost(self.state[None], torques[None], self._t)[0])
         following = task.dynamics.step(self.state, torques)
         self._t += 1
         diverged = not np.all(np.abs(following) < DIVERGENCE_BOUND)
@@ -81,6 +81,6 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
             self.state = following
         terminated = diverged or bool(task.fallen(self.state))
         truncated = not terminated and self._t >= task.horizon
-        charged = cost + (task.horizon - self._t) * task.cost.rest * terminated
+        charged = cost + task.cost.rest(task.horizon - self._t, self._t).sum() * terminated
         reward = -self._reward_scale * charged
-        return self.state[self._observed], reward, terminated, truncated, {"cost": cost}
+        return self._task.observation(self.state), reward, terminated, truncated, {"cost": cost}

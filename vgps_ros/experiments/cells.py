@@ -141,7 +141,7 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
         # The name is unique: a worker of an experiment that was killed may still train this cell.
         unfinished = Path(tempfile.mkdtemp(prefix=folder.name + _UNFINISHED, dir=folder.parent))
         task = make_task(cell.panel.task)
-        task.dynamics.threads = 1
+        task.dynamics.simulations.threads = 1
         settings = replace(
             search_settings(task),
             iterations=protocol.iterations,

@@ -27,7 +27,7 @@ def gait_cost(dynamics: Dynamics, gait: Gait, seconds: float) -> float:
     """Returns what a gait costs over a rollout from a stand; less is better."""
     steps = round(seconds / dynamics.time_step)
     walking = walk(dynamics, gait, steps)
-    down = fallen(walking.states) | ~np.isfinite(walking.states).all(axis=1)
+    down = fallen(dynamics)(walking.states) | ~np.isfinite(walking.states).all(axis=1)
     lasted = int(down.argmax()) if down.any() else steps
     if not lasted:
         return FALLING

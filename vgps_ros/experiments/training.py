@@ -79,10 +79,10 @@ def _save_motions(
         for solutions in (iteration.initial_solutions, iteration.solutions)
     )
     executed = task.dynamics.rollout(
-        initial.mean.states[0], lambda t, x: policy.mean(x), task.horizon
+        initial.mean.states[0], lambda t, x: policy.mean(task.observation(x)), task.horizon
     )
     RunRecord(
-        task.model_path.read_text(),
+        task.mjcf,
         task.dynamics.time_step,
         content,
         initial.mean.states,

@@ -41,8 +41,9 @@ def pack(values: Array) -> array:
 
 
 def plain(value: Any) -> Any:
-    """Returns a message's list of numbers as a tuple of Python's, and any other value as it is."""
-    return tuple(value.tolist()) if hasattr(value, "tolist") else value
+    """Returns a message's list as a tuple of Python's values, and any other value as it is."""
+    values = value.tolist() if hasattr(value, "tolist") else value
+    return tuple(values) if isinstance(values, list) else values
 
 
 def to_message(kind: type[Kind], *sources: Any, **given: Any) -> Kind:
@@ -93,7 +94,7 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
     if len(sizes) < 2 or sizes[0] != len(message.observed):
         raise InvalidInputError(
             f"The policy's layer_sizes are {quoted(sizes)}, but they must start with the number of "
-            f"observed coordinates, {len(message.observed)}, and end with the number of controls."
+            f"numbers that it reads, {len(message.observed)}, and end with the number of controls."
         )
     units = {"hidden_units": tuple(sizes[1:-1]), "control_dim": sizes[-1]}
     arrays = {name: getattr(message, name) for name in declared_shapes(GaussianPolicy)}
@@ -131,8 +132,9 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
             f"The trajectory has n_x={n_x} and n_u={n_u} and {len(message.mean.controls)} control "
             "values, but both must be above 0, and there must be the controls of a step at least."
         )
-    arrays = {}
-    for name, shape in array_shapes(TrajectoryDistribution, T=horizon, n_x=n_x, n_u=n_u).items():
+    arrays, n_dx = {}, len(message.gains) // (horizon * n_u)
+    sizes = {"T": horizon, "n_x": n_x, "n_dx": n_dx, "n_u": n_u}
+    for name, shape in array_shapes(TrajectoryDistribution, **sizes).items():
         field = _MESSAGE_NAMES.get(name, name)
         arrays[name] = finite_array(field, attrgetter(field)(message), shape)
     return from_arrays(TrajectoryDistribution, arrays)

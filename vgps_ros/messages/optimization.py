@@ -39,7 +39,7 @@ def request_to_msg(
     request: OptimizationRequest, task: Task, stamp: Time
 ) -> OptimizeTrajectory.Request:
     """Returns the request as a message."""
-    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
+    n_x, n_u = task.dims["n_x"], task.dims["n_u"]
     guess, previous, policy, k = request.guess, request.previous, request.policy, request.iteration
     place = (request.trajectory_index, max(k - 1, 0))
     return to_message(
@@ -63,8 +63,8 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
             f"The request is for the task {quoted(message.task)}, but this optimizer solves "
             f"'{task.name}'."
         )
-    shape = (task.planned_horizon, task.dynamics.control_dim)
-    guess, start = message.guess, (task.dynamics.state_dim,)
+    shape = (task.planned_horizon, task.dims["n_u"])
+    guess, start = message.guess, (task.dims["n_x"],)
     return from_message(
         OptimizationRequest,
         message,

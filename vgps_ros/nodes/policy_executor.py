@@ -32,7 +32,7 @@ from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
-from vgps_ros.simulation.model import model_torque_limits
+from vgps_ros.simulation.model import driven_velocities, model_torque_limits
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
 
@@ -70,8 +70,8 @@ class PolicyExecutor(LifecycleNode):
         self._health = Health(self, owns=topic, when_alone=when_alone)
         self._active = False
         time_step = self._task.dynamics.time_step
-        actuated = [self._task.joint_names.index(n) for n in self._task.actuated_joint_names]
-        self._supervisor = Supervisor(self._settings, actuated, time_step)
+        velocities = driven_velocities(self._task.dynamics.model)
+        self._supervisor = Supervisor(self._settings, velocities, time_step)
         # A policy that comes before activation is kept for it.
         self._training = TrainingResults(
             self,
@@ -144,7 +144,7 @@ class PolicyExecutor(LifecycleNode):
             stamp,
             lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
             time.monotonic(),
-            lambda: executed_control(policy, state, stamp, seed),
+            lambda: executed_control(policy, self._task.observation(state), stamp, seed),
         )
 
     def _watch(self) -> None:

@@ -105,7 +105,7 @@ class Simulation(Node):
         self._publish()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:
-        return finite_array("initial_state", values, (self._task.dynamics.state_dim,))
+        return finite_array("initial_state", values, (self._task.dims["n_x"],))
 
     def _publish(self) -> None:
         stamp = stamp_of(self._robot.stamp)

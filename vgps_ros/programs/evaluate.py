@@ -65,11 +65,14 @@ def evaluate(
             f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
         )
     rng = generator(seed, Stream.EVALUATION, 0)
-    scale = perturbation * np.concatenate([task.hinges, 10.0 * task.hinges])
-    starts = task.initial_state + scale * rng.standard_normal((rollouts, len(scale)))
+    space = task.dynamics.space
+    scale = np.zeros(space.tangent_dim)
+    scale[: len(task.angles)] = perturbation * task.angles
+    scale[task.velocities] = 10.0 * perturbation * task.angles
+    starts = space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
 
     def control_law(_: int, x: Array) -> Array:
-        mean = policy.mean(x)
+        mean = policy.mean(task.observation(x))
         return mean + policy.noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
     states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
@@ -156,15 +159,14 @@ def run(arguments: argparse.Namespace) -> None:
             f"{path} was learned for the task '{name}', not '{arguments.task}'; leave out --task."
         )
     from vgps_ros.tasks import make_task
-    from vgps_ros.tasks.task import never
 
     task = make_task(name)
-    policy.check_fits(task.dynamics.state_dim, task.dynamics.control_dim)
+    policy.check_fits(task.observation.names, task.dynamics.control_dim)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
     result = evaluate(task, policy, **{name: getattr(arguments, name) for name in own})
     if prints:
         print(json.dumps(result))
         return
-    show(result, can_fall=task.fallen is not never)
+    show(result, can_fall=bool(task.fallen.lowest.size))
     if arguments.json:
         write_json(arguments.json, result)

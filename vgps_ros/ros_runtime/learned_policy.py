@@ -132,14 +132,13 @@ class TrainingResults:
 
     def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
         one_of("the policy's task", task, [self._task.name])
-        policy.check_fits(self._task.dynamics.state_dim, self._task.dynamics.control_dim)
+        policy.check_fits(self._task.observation.names, self._task.dynamics.control_dim)
         return policy
 
     def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
         """Hands on the marginals of the steps that a policy is trained on."""
         one_of("the distribution's task", task, [self._task.name])
-        dims = (self._task.dynamics.state_dim, self._task.dynamics.control_dim)
-        trained = q.first(self._task.horizon)
-        self._take_marginals(index, TrainingMarginals(trained, self._task.observed, dims))
+        trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
+        self._take_marginals(index, TrainingMarginals(trained, self._task.observation, n_u))
         self._waits_for_distribution = False
         self._health.arrived(DISTRIBUTION)

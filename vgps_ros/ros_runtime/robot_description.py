@@ -10,4 +10,4 @@ from vgps_ros.tasks import Task
 def publish_robot_description(node: Node, task: Task) -> None:
     """Publishes the MJCF of the task's robot once; nodes that start later get it too."""
     publisher = node.create_publisher(String, "robot_description", LATEST)
-    publisher.publish(String(data=task.model_path.read_text()))
+    publisher.publish(String(data=task.mjcf))

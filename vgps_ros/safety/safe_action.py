@@ -12,7 +12,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 def safe_torques(
     settings: SafetySettings,
     state: Array | None,
-    actuated: list[int],
+    velocities: list[int],
     marginals: Iterable[TrainingMarginals],
 ) -> Array:
     """Returns the torques of the safe action, shape (n_u,) [N·m], before limits apply.
@@ -22,15 +22,15 @@ def safe_torques(
     Args:
         settings: name of the action, and the damping.
         state: the newest usable state, shape (n_x,), or None.
-        actuated: index of each actuated joint among the joints.
+        velocities: index in the state of the velocity that each control drives; -1 for none.
         marginals: training marginals of the DDP solutions whose feedback law may be used.
     """
-    zero = np.zeros(len(actuated))
+    zero = np.zeros(len(velocities))
     if state is None or settings.safe_action == "zero":
         return zero
     with np.errstate(over="ignore", invalid="ignore"):
         if settings.safe_action == "damping":
-            torques = -settings.damping * state[len(state) // 2 :][actuated]
+            torques = np.where(np.array(velocities) < 0, 0.0, -settings.damping * state[velocities])
         else:
             nearest = nearest_of(marginals, state)
             if nearest is None:

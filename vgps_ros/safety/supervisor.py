@@ -41,7 +41,7 @@ class Supervisor:
 
     Args:
         settings: limits, conditions for usable states, and the safe action.
-        actuated: index of each actuated joint among the joints.
+        velocities: index in the state of the velocity that each control drives; -1 for none.
         period: control period [s].
 
     Attributes:
@@ -51,11 +51,11 @@ class Supervisor:
         distance: distance of the newest state from the marginals, or None if it is not measured.
     """
 
-    def __init__(self, settings: SafetySettings, actuated: list[int], period: float):
+    def __init__(self, settings: SafetySettings, velocities: list[int], period: float):
         self.marginals: dict[int, TrainingMarginals] = {}
         self.distance: float | None = None
         self._settings = settings
-        self._actuated = actuated
+        self._velocities = velocities
         limits = np.array(settings.torque_limits)
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         self._stamp = -1  # of the newest usable state
@@ -124,7 +124,7 @@ class Supervisor:
         """Returns a last command with zero torques, or None if none was sent before."""
         if self._state is None:
             return None
-        return self._sent_safely(np.zeros(len(self._actuated)))
+        return self._sent_safely(np.zeros(len(self._velocities)))
 
     def _unusable(self, stamp: int, age: Callable[[], float], now: float) -> str | None:
         """Returns the reason why the stamp makes a state unusable, or None."""
@@ -187,7 +187,7 @@ class Supervisor:
         if self._state is None:
             return None
         state = self._state if self._is_fresh(now) else None
-        torques = safe_torques(self._settings, state, self._actuated, self.marginals.values())
+        torques = safe_torques(self._settings, state, self._velocities, self.marginals.values())
         return self._sent_safely(self._limiter.clipped(torques))
 
     def _sent_safely(self, torques: Array) -> Command:

@@ -1,10 +1,11 @@
 """Measures how far a state is from the states of the training.
 
-The distance of x is the Mahalanobis distance from the nearest of the marginals q(x_t),
+The distance of x is the Mahalanobis distance of what the policy reads of it, o = h(x), from the
+nearest of the marginals q(o_t),
 
-    d(x) = min_t √((x − x̄_t)ᵀ Σ_t⁻¹ (x − x̄_t)),
+    d(x) = min_t √((o − ō_t)ᵀ Σ_t⁻¹ (o − ō_t)),
 
-over the n coordinates that the policy reads. The minimum is over all times, since the policy does
+over the n numbers that the policy reads. The minimum is over all times, since the policy does
 not depend on time. States like those of the training have distances of about √n or less.
 """
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.marginals import observed_covariances
+from vgps_ros.core.observation import Observation, observed_marginals, widened
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
 
@@ -39,8 +40,8 @@ class TrainingMarginals:
 
     Args:
         distribution: q(ζ).
-        observed: indices of the n coordinates that the distance is measured over.
-        dims: dimensions n_x and n_u that the distribution must have.
+        observation: h, what the policy reads of a state.
+        control_dim: n_u.
 
     Raises:
         InvalidInputError: the distribution has no steps or other dimensions, or a Σ_t is not a
@@ -48,42 +49,44 @@ class TrainingMarginals:
     """
 
     def __init__(
-        self, distribution: TrajectoryDistribution, observed: tuple[int, ...], dims: tuple[int, int]
+        self, distribution: TrajectoryDistribution, observation: Observation, control_dim: int
     ):
-        q, (n_x, n_u), n = distribution, dims, len(observed)
+        q, n, space = distribution, len(observation.names), observation.space
         if not q.mean.horizon:
             raise InvalidInputError("The distribution has no steps, but it must have at least 1.")
-        check_array("mean.states", q.mean.states, (q.mean.horizon + 1, n_x))
-        check_array("mean.controls", q.mean.controls, (q.mean.horizon, n_u))
+        check_array("mean.states", q.mean.states, (q.mean.horizon + 1, space.state_dim))
+        check_array("mean.controls", q.mean.controls, (q.mean.horizon, control_dim))
+        means, covariances = observed_marginals(q, observation)
         try:
-            roots = np.linalg.cholesky(observed_covariances(q, observed))
+            roots = np.linalg.cholesky(widened(covariances))
         except np.linalg.LinAlgError as error:
             raise InvalidInputError(
                 "The state_covariances have a matrix that is not positive semidefinite, but each "
                 "must be the covariance of a state."
             ) from error
         self._mean, self._gains = q.mean, q.gains
-        self._observed = list(observed)
-        # With Σ = L Lᵀ, d is the norm of L⁻¹ x − L⁻¹ x̄. The rows of L⁻¹ of all steps are stacked,
+        self._observation, self._space = observation, space
+        # The feedback acts on coordinates that the policy feels somewhere along the mean.
+        everywhere = np.broadcast_to(np.eye(n), (q.mean.horizon, n, n))
+        self._felt = observation.pull_back(everywhere, q.mean.states[:-1]).any(axis=(0, 1))
+        # With Σ = L Lᵀ, d is the norm of L⁻¹ o − L⁻¹ ō. The rows of L⁻¹ of all steps are stacked,
         # so that a query needs one product only.
         whitening = np.linalg.inv(roots)
-        means = q.mean.states[:-1, self._observed]
         self._offsets = np.einsum("tij,tj->ti", whitening, means)
         self._whitening = whitening.reshape(-1, n)
 
     def nearest(self, state: Array) -> Nearest:
         """Returns the marginal that is nearest to a state, shape (n_x,)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            whitened = self._whitening @ state[self._observed]
+            whitened = self._whitening @ self._observation(state)
             deviations = whitened.reshape(self._offsets.shape) - self._offsets
             squares = np.einsum("ti,ti->t", deviations, deviations)
         step = int(np.argmin(squares))
         return Nearest(float(np.sqrt(squares[step])), self, step)
 
     def feedback(self, state: Array, step: int) -> Array:
-        """Returns ū_t + K_t (x − x̄_t), shape (n_u,) [N·m], over the observed coordinates."""
-        deviation = np.zeros_like(state)
-        deviation[self._observed] = (state - self._mean.states[step])[self._observed]
+        """Returns ū_t + K_t (x ⊖ x̄_t), shape (n_u,) [N·m], over coordinates the policy feels."""
+        deviation = self._space.subtract(state, self._mean.states[step]) * self._felt
         return self._mean.controls[step] + self._gains[step] @ deviation
 
 

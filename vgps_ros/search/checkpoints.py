@@ -174,8 +174,8 @@ def _check(state: SearchState, run: Run) -> None:
 
 def _digest_of_problem(task: Task) -> str:
     """Tells the robot, its demonstration and how it is solved from others."""
-    settings = (task.horizon, task.lookahead, task.observed, task.optimizer)
-    digest = hashlib.sha256(task.model_path.read_bytes() + repr(settings).encode())
+    settings = (task.horizon, task.lookahead, task.observation.names, task.optimizer)
+    digest = hashlib.sha256(f"{task.mjcf}{settings}".encode())
     arrays = [task.initial_state, task.initial_std, task.std_limit, task.varied_state_std]
     if task.demonstration:
         arrays += [task.demonstration.states, task.demonstration.controls]

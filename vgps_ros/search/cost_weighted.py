@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import softmax
 
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
 
@@ -35,7 +36,7 @@ def cost_weighted(
     draws = work.sample_policy(policy, samples or settings.policy_rollouts, k)
     sound = [rollouts.sound() for rollouts in draws]
     if any(len(rollouts.costs) for rollouts in sound):
-        targets, weights = weighted_targets(sound, settings.alpha(k))
+        targets, weights = weighted_targets(sound, work.task.observation, settings.alpha(k))
         policy = work.fit_samples(policy, targets, weights, k)
     return Update(policy, work.initial_solutions)
 
@@ -45,7 +46,9 @@ def cost_weights(costs: np.ndarray, alpha: float) -> np.ndarray:
     return np.asarray(softmax(-alpha * costs))
 
 
-def weighted_targets(draws: Sequence[Rollouts], alpha: float) -> tuple[Targets, np.ndarray]:
+def weighted_targets(
+    draws: Sequence[Rollouts], observation: Observation, alpha: float
+) -> tuple[Targets, np.ndarray]:
     """Returns the controls of the rollouts, and the weight of each step; weights sum to 1.
 
     All initial states have the same weight.
@@ -61,7 +64,7 @@ def weighted_targets(draws: Sequence[Rollouts], alpha: float) -> tuple[Targets, 
             for rollouts in drawn
         ]
     )
-    return Targets(states, controls, np.zeros_like(controls)), weights / weights.sum()
+    return Targets(observation(states), controls, np.zeros_like(controls)), weights / weights.sum()
 
 
 def _rows(array: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from scipy.special import softmax
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.marginals import control_means, sample_deviations
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -27,7 +28,7 @@ from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.tasks import Task
 
 LogWeights = Callable[[TrajectoryDistribution, Array], Array]
-"""Maps q and states (N, T, n_x) to log w of each, shape (N, T)."""
+"""Maps q and what the policy reads of N states a step, (N, T, n_o), to log w, shape (N, T)."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Imitation(Update):
     def check(self, task: Task) -> None:
         """Checks the dataset, after it was read from a file."""
         for states in self.visited:
-            shape = (len(states), task.horizon, task.dynamics.state_dim)
+            shape = (len(states), task.horizon, task.dims["n_x"])
             check_array("visited", np.nan_to_num(states), shape)
 
 
@@ -69,7 +70,9 @@ def imitate(
     if last is None:
         solutions, policy = work.initial_solutions, work.supervised_policy()
         visited = tuple(
-            _around(q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i))
+            _around(
+                work.task, q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i)
+            )
             for i, q in enumerate(work.scored(solutions))
         )
     else:
@@ -79,7 +82,9 @@ def imitate(
             np.concatenate([states, rollouts.states])
             for states, rollouts in zip(last.visited, draws, strict=True)
         )
-        targets, weights = oracle_targets(work.scored(solutions), visited, log_weights)
+        targets, weights = oracle_targets(
+            work.scored(solutions), visited, work.task.observation, log_weights
+        )
         policy = work.fit_samples(last.policy, targets, weights, k)
     if adapts:
         solutions = work.reoptimize(solutions, policy, k)
@@ -89,6 +94,7 @@ def imitate(
 def oracle_targets(
     distributions: Sequence[TrajectoryDistribution],
     visited: Sequence[Array],
+    observation: Observation,
     log_weights: LogWeights | None,
 ) -> tuple[Targets, Array | None]:
     """Returns the oracle's actions at the visited states, and weights, which sum to 1.
@@ -96,20 +102,22 @@ def oracle_targets(
     Args:
         distributions: q of each initial state.
         visited: states for each, shape (N, T, n_x), NaN after a rollout has diverged.
+        observation: what the policy reads of a state.
         log_weights: weighs the states; None if all have the same weight.
     """
     rows = []
     for q, states in zip(distributions, visited, strict=True):
         finite = np.isfinite(states).all(axis=2)
-        means = control_means(q, states - q.mean.states[:-1])
-        log_w = np.zeros(finite.shape) if log_weights is None else log_weights(q, states)
-        columns = (states, means, log_w)
+        means = control_means(q, observation.space.subtract(states, q.mean.states[:-1]))
+        inputs = observation(states)
+        log_w = np.zeros(finite.shape) if log_weights is None else log_weights(q, inputs)
+        columns = (inputs, means, log_w)
         rows.append([column[finite] for column in columns])
-    states, means, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
-    targets = Targets(states, means, np.zeros_like(means))
+    inputs, means, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
+    targets = Targets(inputs, means, np.zeros_like(means))
     return targets, None if log_weights is None else np.asarray(softmax(log_w))
 
 
-def _around(q: TrajectoryDistribution, samples: int, rng: np.random.Generator) -> Array:
+def _around(task: Task, q: TrajectoryDistribution, samples: int, rng: np.random.Generator) -> Array:
     """Draws states from the marginals, shape (samples, T, n_x)."""
-    return q.mean.states[:-1] + sample_deviations(q, samples, rng)
+    return task.dynamics.space.add(q.mean.states[:-1], sample_deviations(q, samples, rng))

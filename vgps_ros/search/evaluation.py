@@ -54,12 +54,13 @@ def evaluate(
     starts = np.concatenate([means, np.repeat(means, rollouts, axis=0)])
     noise = np.zeros((len(starts), task.horizon, len(policy.noise_std)))
     rng = generator(seed, Stream.EVALUATION, iteration)
-    spread = rng.standard_normal(starts[stochastic].shape)
-    starts[stochastic] += task.initial_std * spread
+    space = task.dynamics.space
+    spread = rng.standard_normal((len(starts) - len(means), space.tangent_dim))
+    starts[stochastic] = space.add(starts[stochastic], task.initial_std * spread)
     draws = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
     noise[stochastic] = policy.noise_std * np.swapaxes(draws, 0, 1)
 
-    states, controls = task.dynamics.execute(policy, starts, noise)
+    states, controls = task.dynamics.execute(policy, task.observation, starts, noise)
     costs, survived = task.rollout_costs(states, controls), task.survived(states)
     return Evaluation(
         deterministic_costs=costs[deterministic],

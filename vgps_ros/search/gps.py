@@ -24,6 +24,7 @@ from vgps_ros.core.importance_sampling import (
     mixture_log_density,
 )
 from vgps_ros.core.marginals import control_log_density, sample_rollout_noise
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -46,11 +47,13 @@ class Batch:
     rollouts: Rollouts
     source: GaussianPolicy | TrajectoryDistribution
 
-    def log_density(self, states: Array, controls: Array) -> Array:
+    def log_density(self, observation: Observation, states: Array, controls: Array) -> Array:
         """Returns log q(u_t|x_t) of states (N, T, n_x) and controls (N, T, n_u), shape (N, T)."""
-        if isinstance(self.source, GaussianPolicy):
-            return self.source.log_density(states, controls)
-        return control_log_density(self.source, states, controls)
+        q = self.source
+        if isinstance(q, GaussianPolicy):
+            return q.log_density(observation(states), controls)
+        deviations = observation.space.subtract(states, q.mean.states[:-1])
+        return control_log_density(q, deviations, controls)
 
 
 Batches = tuple[tuple[Batch, ...], ...]
@@ -117,7 +120,10 @@ def _guided_search(
         latest = last.policy
     else:
         kept = zip(last.guiding, last.adapted, last.recent, strict=True)
-        samples = [combined([*guiding, *adapted, *recent]) for guiding, adapted, recent in kept]
+        samples = [
+            combined([*guiding, *adapted, *recent], work.task.observation)
+            for guiding, adapted, recent in kept
+        ]
         latest = maximize(
             last.policy, samples, last.regularization, scaling, work.settings.fit.iterations
         )
@@ -163,7 +169,7 @@ def _joined(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
     return tuple((*old, batch)[-count:] for old, batch in zip(batches, new, strict=True))
 
 
-def combined(batches: Sequence[Batch]) -> ImportanceSamples:
+def combined(batches: Sequence[Batch], observation: Observation) -> ImportanceSamples:
     """Returns the rollouts of several distributions as those of their mixture.
 
     Raises:
@@ -178,8 +184,10 @@ def combined(batches: Sequence[Batch]) -> ImportanceSamples:
         np.concatenate([getattr(batch.rollouts, name) for batch in batches])
         for name in ("states", "controls", "costs")
     )
-    densities = [batch.log_density(states, controls) for batch in batches]
-    return ImportanceSamples(states, controls, costs, mixture_log_density(densities, counts))
+    densities = [batch.log_density(observation, states, controls) for batch in batches]
+    return ImportanceSamples(
+        observation(states), controls, costs, mixture_log_density(densities, counts)
+    )
 
 
 def guiding_distributions(
@@ -199,7 +207,8 @@ def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k
     noise = sample_rollout_noise(q, count, rng)
 
     def law(t: int, x: Array) -> Array:
-        return q.mean.controls[t] + (x - q.mean.states[t]) @ q.gains[t].T + noise[:, t]
+        deviations = work.task.dynamics.space.subtract(x, q.mean.states[t])
+        return q.mean.controls[t] + deviations @ q.gains[t].T + noise[:, t]
 
     rollouts = work.roll_out(start, count, rng, law).sound()
     return Batch(rollouts, q)

@@ -94,7 +94,10 @@ def measure(
     solved = work.scored(before.last.solutions if before.last else before.initial_solutions)
     divergences = [
         kl_divergence(
-            q.mean.controls, q.control_covariances, policy.mean(q.mean.states[:-1]), noise
+            q.mean.controls,
+            q.control_covariances,
+            policy.mean(work.task.observation(q.mean.states[:-1])),
+            noise,
         )
         for q in solved
     ]

@@ -154,7 +154,7 @@ class SearchSettings:
 
 def architecture(task: "Task", settings: SearchSettings) -> Architecture:
     """Returns the shape of the task's policy."""
-    own = {"observed": task.observed, "control_dim": task.dynamics.control_dim}
+    own = {"observed": task.observation.names, "control_dim": task.dynamics.control_dim}
     shared = {f.name: getattr(settings, f.name) for f in fields(Architecture) if f.name not in own}
     return Architecture(**own, **shared)
 

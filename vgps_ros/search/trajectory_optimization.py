@@ -102,7 +102,8 @@ def optimize(
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
         deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
-        cost = PolicyCost(scaled, request.policy, deviations, request.previous.gains)
+        policy, gains = request.policy, request.previous.gains
+        cost = PolicyCost(scaled, policy, task.observation, deviations, gains)
     solution = solve(
         task.dynamics,
         cost,
@@ -132,7 +133,7 @@ def optimize_all(
 
 
 def _check(task: Task, request: OptimizationRequest) -> None:
-    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
+    n_x, n_u = task.dims["n_x"], task.dims["n_u"]
     positive("cost_scale", request.cost_scale)
     positive("max_iterations", request.max_iterations)
     check_array("initial_state", request.initial_state, (n_x,))
@@ -141,7 +142,7 @@ def _check(task: Task, request: OptimizationRequest) -> None:
     if request.previous is not None:
         check_distribution("previous", request.previous, task, request.initial_state)
     if request.policy is not None:
-        request.policy.check_fits(n_x, n_u)
+        request.policy.check_fits(task.observation.names, n_u)
         if request.previous is None:
             raise InvalidInputError(
                 "The request has a policy but no previous distribution, from whose marginals "
@@ -166,7 +167,7 @@ def _start(
     if task.demonstrate is not None and not np.array_equal(start, shown.states[0]):
         return task.demonstrate(start, task.planned_horizon), None, 0  # not counted as learning
     tolerance = task.optimizer.demonstration_tolerance
-    followed, steps = track(dynamics, shown, start, task.joint_names, tolerance)
+    followed, steps = track(dynamics, shown, start, task.position_names, tolerance)
     return followed, None, steps
 
 
@@ -174,7 +175,8 @@ def _distribution(task: Task, solution: Solution, alpha: float) -> TrajectoryDis
     """Returns q(ζ) around the trajectory that was executed, with its marginals."""
     covariances = solution.policy.control_covariances()
     gains, linear = solution.policy.gains, solution.linear_dynamics
-    spread = task.optimizer.marginals.spread(task.initial_std, task.std_limit, alpha)
+    settings = task.optimizer.marginals
+    spread = settings.spread(task.initial_std, task.std_limit, task.velocities, alpha)
     return TrajectoryDistribution(
         mean=solution.trajectory,
         gains=gains,
@@ -190,8 +192,7 @@ def check_distribution(name: str, q: TrajectoryDistribution, task: Task, start: 
     Raises:
         InvalidInputError: q(ζ) differs from that.
     """
-    n_x, n_u = task.dynamics.state_dim, task.dynamics.control_dim
-    check_record(name, q, T=task.planned_horizon, n_x=n_x, n_u=n_u)
+    check_record(name, q, T=task.planned_horizon, **task.dims)
     if not np.array_equal(q.mean.states[0], start):
         raise InvalidInputError(
             f"initial_state is {start.tolist()}, but it must be where {name} starts, "

@@ -16,7 +16,7 @@ in each direction.
 from functools import partial
 
 from vgps_ros.core.gaussians import squared_distance
-from vgps_ros.core.marginals import observed_covariances
+from vgps_ros.core.observation import Observation, observed_marginals, widened
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.search.dagger import Imitation, imitate
 from vgps_ros.search.workspace import Workspace
@@ -24,7 +24,7 @@ from vgps_ros.search.workspace import Workspace
 
 def weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
     """Does iteration k of DAGGER on a weighted dataset."""
-    weigh = partial(marginal_log_weights, observed=work.task.observed)
+    weigh = partial(marginal_log_weights, observation=work.task.observation)
     return imitate(work, last, k, weigh, adapts=False)
 
 
@@ -35,19 +35,19 @@ def adapted_weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> 
     iteration to match the policy (in addition to weighting)." The current solution gives the
     actions and weights of the whole dataset.
     """
-    weigh = partial(marginal_log_weights, observed=work.task.observed)
+    weigh = partial(marginal_log_weights, observation=work.task.observation)
     return imitate(work, last, k, weigh, adapts=True)
 
 
 def marginal_log_weights(
-    q: TrajectoryDistribution, states: Array, observed: tuple[int, ...]
+    q: TrajectoryDistribution, inputs: Array, observation: Observation
 ) -> Array:
-    """Returns (log q(x_t) − log q(x̄_t)) / n, shape (N, T), of states (N, T, n_x).
+    """Returns (log q(o_t) − log q(ō_t)) / n, shape (N, T), of the n numbers that a policy reads.
 
     Args:
         q: distribution whose marginals weigh the states.
-        states: x_1 … x_T of each rollout.
-        observed: indices of the n coordinates that are compared.
+        inputs: o, what the policy reads of x_1 … x_T of each rollout, shape (N, T, n).
+        observation: what that is.
     """
-    deviations = (states - q.mean.states[:-1])[..., observed]
-    return -0.5 * squared_distance(deviations, observed_covariances(q, observed)) / len(observed)
+    means, covariances = observed_marginals(q, observation)
+    return -0.5 * squared_distance(inputs - means, widened(covariances)) / inputs.shape[-1]

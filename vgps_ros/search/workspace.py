@@ -77,9 +77,9 @@ class Rollouts:
         Raises:
             InvalidInputError: an array does not fit the task, or is not finite.
         """
-        count, n_x, n_u = len(self.states), task.dynamics.state_dim, task.dynamics.control_dim
-        check_array("states", self.states, (count, task.horizon, n_x))
-        check_array("controls", self.controls, (count, task.horizon, n_u))
+        count, dims = len(self.states), task.dims
+        check_array("states", self.states, (count, task.horizon, dims["n_x"]))
+        check_array("controls", self.controls, (count, task.horizon, dims["n_u"]))
         check_array("costs", self.costs, (count, task.horizon))
 
     def sound(self) -> "Rollouts":
@@ -152,10 +152,8 @@ class Workspace:
 
     def random_policies(self, count: int) -> list[GaussianPolicy]:
         """Draws networks for the first fit; a smaller count gives the first ones of a larger."""
-        shape = architecture(self.task, self.settings)
-        distributions = self.scored(self.initial_solutions)
-        rng = generator(self.seed, Stream.POLICY_PARAMETERS)
-        return [initial_policy(shape, distributions, rng) for _ in range(count)]
+        rng, scaling = generator(self.seed, Stream.POLICY_PARAMETERS), self.standardization()
+        return [initial_policy(scaling, rng) for _ in range(count)]
 
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
@@ -164,6 +162,7 @@ class Workspace:
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
             self.random_policies(1)[0],
+            self.task.observation,
             self.scored(self.initial_solutions) if distributions is None else distributions,
             fit,
             generator(self.seed, Stream.POLICY_FIT, 1),
@@ -174,7 +173,8 @@ class Workspace:
     ) -> GaussianPolicy:
         """Returns the policy that maximises L(q, θ), started from `policy` (line 4)."""
         rng = generator(self.seed, Stream.POLICY_FIT, k)
-        fitted = fit_policy(policy, self.scored(solutions), self.settings.fit, rng)
+        observation, scored = self.task.observation, self.scored(solutions)
+        fitted = fit_policy(policy, observation, scored, self.settings.fit, rng)
         if np.array_equal(fitted.parameters, policy.parameters):
             self._warnings.append(
                 f"The M-step of iteration {k} found nothing better, so the network stays: raise "
@@ -219,7 +219,7 @@ class Workspace:
             rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
             noise = rng.standard_normal((self.task.horizon, count, len(policy.noise_std)))
             noise *= policy.noise_std
-            draws.append(self.roll_out(i, count, rng, _noisy(policy, noise)))
+            draws.append(self.roll_out(i, count, rng, _noisy(self.task, policy, noise)))
         return draws
 
     def roll_out(
@@ -230,11 +230,12 @@ class Workspace:
         A robot's motion after its fall is not scored: each step then costs as much as lying still.
         """
         task, dynamics = self.task, self.task.dynamics
-        spread = task.initial_std * rng.standard_normal((count, dynamics.state_dim))
-        states, controls, steps = dynamics.rollouts(self.starts[start] + spread, law, task.horizon)
+        spread = task.initial_std * rng.standard_normal((count, dynamics.space.tangent_dim))
+        starts = dynamics.space.add(self.starts[start], spread)
+        states, controls, steps = dynamics.rollouts(starts, law, task.horizon)
         self.simulator_steps += steps
         lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
-        costs = np.where(lies, task.cost.rest, task.cost(states[:, :-1], controls))
+        costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))
         # A rollout that diverges in its last step has no cost either.
         costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
         return Rollouts(states[:, :-1], controls, costs)
@@ -246,7 +247,8 @@ class Workspace:
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""
         distributions = self.scored(self.initial_solutions)
-        return Standardization.of(architecture(self.task, self.settings), distributions)
+        shape = architecture(self.task, self.settings)
+        return Standardization.of(shape, self.task.observation, distributions)
 
     def _optimize(self, requests: Sequence[OptimizationRequest]) -> tuple[OptimizationResult, ...]:
         began = time.perf_counter()
@@ -256,9 +258,9 @@ class Workspace:
         return results
 
 
-def _noisy(policy: GaussianPolicy, noise: Array) -> ControlLaw:
-    """Returns μ_θ(x) plus noise of shape (T, N, n_u)."""
-    return lambda t, x: policy.mean(x) + noise[t]
+def _noisy(task: Task, policy: GaussianPolicy, noise: Array) -> ControlLaw:
+    """Returns μ_θ(h(x)) plus noise of shape (T, N, n_u)."""
+    return lambda t, x: policy.mean(task.observation(x)) + noise[t]
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
@@ -266,5 +268,5 @@ def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Arra
     if settings.num_initial_states == 1:
         return [task.initial_state]
     rng = generator(seed, Stream.INITIAL_STATES)
-    draws = rng.standard_normal((settings.num_initial_states, len(task.initial_state)))
-    return list(task.initial_state + task.varied_state_std * draws)
+    draws = rng.standard_normal((settings.num_initial_states, len(task.varied_state_std)))
+    return list(task.dynamics.space.add(task.initial_state, task.varied_state_std * draws))

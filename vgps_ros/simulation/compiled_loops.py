@@ -5,8 +5,9 @@ import numpy as np
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import network_output
-from vgps_ros.core.records import Array
-from vgps_ros.simulation.mujoco_functions import address, mj_step, mj_step_skip
+from vgps_ros.simulation.compiled_readings import read
+from vgps_ros.simulation.compiled_states import get_state, move, put_state, subtract
+from vgps_ros.simulation.mujoco_functions import mj_step_skip
 
 # Stages that a step may skip, because their results are still valid from the step before.
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
@@ -14,24 +15,15 @@ _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 # Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 _KINK = 10.0
-Memory = tuple[int, int, Array, Array, Array, Array, int]
-"""Addresses of model and data; qpos, qvel, ctrl and qacc_warmstart of the data; substeps."""
-
-
-def memory_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Memory:
-    """Returns what the loops need of a simulation; valid only while model and data live."""
-    arrays = (data.qpos, data.qvel, data.ctrl, data.qacc_warmstart)
-    return (address(model), address(data), *arrays, substeps)
 
 
 @compiled
-def advance(memory, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does one control step of N rollouts; `bounds` are those of states and controls.
 
     Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is out of bounds, and NaN to controls
     where x is. Returns how many controls were executed, and how many rollouts are within bounds.
     """
-    ctrl = memory[4]
     executed = inside = 0
     for i in range(len(states)):
         x = after[i]
@@ -40,9 +32,9 @@ def advance(memory, bounds, states, controls, after):  # type: ignore[no-untyped
         if not is_inside:
             controls[i] = np.nan
         elif _is_within(controls[i], bounds[1]):
-            ctrl[:] = controls[i]
+            sim.ctrl[:] = controls[i]
             executed += 1
-            is_inside = _advance(memory, x, bounds[0])
+            is_inside = _advance(sim, x, bounds[0])
         else:
             is_inside = False
         if is_inside:
@@ -54,55 +46,51 @@ def advance(memory, bounds, states, controls, after):  # type: ignore[no-untyped
 
 @compiled
 def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
-    memory, bounds, nominal_states, nominal_controls, gains, states, controls
+    sim, bounds, nominal_states, nominal_controls, gains, states, controls
 ):
-    """Writes the rollout of u = ū + K (x − x̄) from states[0], up to where it leaves its bounds."""
-    ctrl = memory[4]
-    x = states[0].copy()
+    """Writes the rollout of u = ū + K (x ⊖ x̄) from states[0], up to where it leaves its bounds."""
+    x, deviation = states[0].copy(), np.empty(gains.shape[2])
     if not _is_within(x, bounds[0]):
         return
     for t in range(len(controls)):
-        for i in range(len(ctrl)):
-            ctrl[i] = nominal_controls[t, i]
-            for j in range(len(x)):
-                ctrl[i] += gains[t, i, j] * (x[j] - nominal_states[t, j])
-        controls[t] = ctrl
-        if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
+        subtract(sim, x, nominal_states[t], deviation)
+        for i in range(len(sim.ctrl)):
+            sim.ctrl[i] = nominal_controls[t, i]
+            for j in range(len(deviation)):
+                sim.ctrl[i] += gains[t, i, j] * deviation[j]
+        controls[t] = sim.ctrl
+        if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
             return
         states[t + 1] = x
 
 
 @compiled
-def execute(memory, bounds, network, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes rollouts of u = μ_θ(x) + noise from states[:, 0], up to where they leave bounds."""
-    ctrl = memory[4]
+def execute(sim, bounds, network, observation, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes rollouts of u = μ_θ(h(x)) + noise from states[:, 0], up to where they leave bounds."""
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
         if not _is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
-            network_output(network, x, a, z)
-            for i in range(len(ctrl)):
-                ctrl[i] = a[i] + noise[rollout, t, i]
-            controls[rollout, t] = ctrl
-            if not (_is_within(ctrl, bounds[1]) and _advance(memory, x, bounds[0])):
+            read(sim, observation, x, a)
+            network_output(network, a, z)
+            for i in range(len(sim.ctrl)):
+                sim.ctrl[i] = a[i] + noise[rollout, t, i]
+            controls[rollout, t] = sim.ctrl
+            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
                 break
             states[rollout, t + 1] = x
 
 
 @compiled
-def _advance(memory, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _advance(sim, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Lets the control act on x; returns false if x then is outside the bound."""
-    model, data, qpos, qvel, _, warmstart, substeps = memory
-    n_v = len(qvel)
-    qpos[:] = x[:n_v]
-    qvel[:] = x[n_v:]
-    warmstart[:] = 0.0  # nothing carries over from one control to the next
-    for _ in range(substeps):
-        mj_step(model, data)
-    x[:n_v] = qpos
-    x[n_v:] = qvel
+    put_state(sim, x)
+    sim.warmstart[:] = 0.0  # nothing carries over from one control to the next
+    for _ in range(sim.substeps):
+        mj_step_skip(sim.model, sim.data, _NOTHING, 1)
+    get_state(sim, x)
     return _is_within(x, bound)
 
 
@@ -113,39 +101,40 @@ def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cov
 
 
 @compiled
-def differentiate(memory, columns, eps, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+def differentiate(sim, columns, eps, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes f_x, f_u at N points, by the chain rule over the simulator steps of one control.
 
-    Takes differences of width eps along the `columns` of z = (x, u): controls first, positions
-    last, so that the stages which a step skips stay valid. Returns the number of simulator steps.
+    Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
+    so that the stages which a step skips stay valid. Returns the number of simulator steps.
     """
-    _, _, _, qvel, ctrl, warmstart, substeps = memory
-    n_v, n_u = len(qvel), len(ctrl)
-    n_x = 2 * n_v
-    z, warm = np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
+    n_q, n_v, n_u = len(sim.qpos), len(sim.qvel), len(sim.ctrl)
+    n_x, n_dx = states.shape[1], f_x.shape[1]
+    z, moved, warm = np.empty(n_x + n_u), np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
     after, plus, minus = np.empty(n_x), np.empty(n_x), np.empty(n_x)
-    a, b = np.eye(n_x), np.empty((n_x, n_u))  # the columns of cyclic positions stay as they are
+    direction, column = np.zeros(n_v), np.empty(n_dx)
+    a, b = np.eye(n_dx), np.empty((n_dx, n_u))  # the columns of cyclic positions stay as they are
     steps = 0
     for t in range(len(states)):
         z[:n_x] = states[t]
         z[n_x:] = controls[t]
         warm[:] = 0.0
-        for substep in range(substeps):
-            _step(memory, z, warm, _NOTHING, after)
-            warm[:] = warmstart  # the neighbours' constraint forces are close to these
+        for substep in range(sim.substeps):
+            _step(sim, z, warm, _NOTHING, after)
+            warm[:] = sim.warmstart  # the neighbours' constraint forces are close to these
             minus[:] = after
-            centred = np.min(np.abs(z[n_v:n_x])) < _KINK * eps
+            centred = np.min(np.abs(z[n_q : n_q + n_v])) < _KINK * eps
             for j in columns:
-                skip = _OF_VELOCITIES if j >= n_x else _OF_POSITIONS if j >= n_v else _NOTHING
-                middle = z[j]
-                z[j] = middle + eps
-                _step(memory, z, warm, skip, plus)
+                skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
+                moved[:] = z
+                move(sim, moved, direction, j, eps)
+                _step(sim, moved, warm, skip, plus)
                 if centred:
-                    z[j] = middle - eps
-                    _step(memory, z, warm, skip, minus)
-                z[j] = middle
-                column = a[:, j] if j < n_x else b[:, j - n_x]
-                column[:] = (plus - minus) / (2.0 * eps if centred else eps)
+                    moved[:] = z
+                    move(sim, moved, direction, j, -eps)
+                    _step(sim, moved, warm, skip, minus)
+                subtract(sim, plus, minus, column)
+                target = a[:, j] if j < n_dx else b[:, j - n_dx]
+                target[:] = column / (2.0 * eps if centred else eps)
             steps += 1 + len(columns) * (2 if centred else 1)
             f_x[t] = a @ f_x[t] if substep else a
             f_u[t] = a @ f_u[t] + b if substep else b
@@ -154,14 +143,10 @@ def differentiate(memory, columns, eps, states, controls, f_x, f_u):  # type: ig
 
 
 @compiled
-def _step(memory, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Steps from z = (x, u); the results of skipped stages must be valid for z."""
-    model, data, qpos, qvel, ctrl, warmstart, _ = memory
-    n_v = len(qvel)
-    qpos[:] = z[:n_v]
-    qvel[:] = z[n_v : 2 * n_v]
-    ctrl[:] = z[2 * n_v :]
-    warmstart[:] = warm
-    mj_step_skip(model, data, skip, 1)
-    after[:n_v] = qpos
-    after[n_v:] = qvel
+    put_state(sim, z)
+    sim.ctrl[:] = z[len(after) :]
+    sim.warmstart[:] = warm
+    mj_step_skip(sim.model, sim.data, skip if sim.may_skip else _NOTHING, 1)
+    get_state(sim, after)

@@ -2,51 +2,43 @@
 
 A control is held for a number of simulator steps:
 
-    x_{t+1} = f(x_t, u_t),    x = (qpos, qvel),
+    x_{t+1} = f(x_t, u_t),    x = (qpos, qvel, act),
 
-with f_x, f_u from finite differences. The model must have as many positions as velocities (hinges
-and slides only), so that states can be subtracted.
+with f_x, f_u from finite differences on the tangent space (`core.state_space`).
 """
 
-import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from copy import copy
-from functools import partial
+from collections.abc import Iterator, Sequence
 from itertools import chain
-from queue import SimpleQueue
-from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
 
 from vgps_ros.core.compiled_network import compiled_network
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_loops
-from vgps_ros.simulation.compiled_loops import Memory, memory_of
-from vgps_ros.simulation.warnings import warnings_of
+from vgps_ros.simulation.compiled_states import Simulation
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.simulation.simulations import Simulations
 
-# Parts of the work for each thread: a thread whose core others use too then does fewer of them.
-_PARTS = 4
 # A rollout whose states or controls leave these bounds has diverged.
 _BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
-
-T = TypeVar("T")
 
 
 class Dynamics:
     """x' = f(x, u) for a MuJoCo model, with rollouts and derivatives.
 
     Attributes:
-        model: a copy of the model in which MuJoCo does not reset a state that it finds bad; here
-            such a state counts as diverged.
+        simulations: the model with a simulation for each thread.
+        model: a copy of the model; see `Simulations`.
+        space: space of the states.
+        control_dim: n_u.
+        time_step: time for which one control is held [s].
 
     Args:
-        model: the robot; positions and velocities must have the same dimension.
+        model: the robot.
         substeps: simulator steps for which one control is held.
         eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
@@ -54,7 +46,7 @@ class Dynamics:
             such as a slide along a level floor; no difference is taken along it.
 
     Raises:
-        InvalidInputError: the model has quaternions or actuator states.
+        InvalidInputError: a state of the model is more than (qpos, qvel, act).
     """
 
     def __init__(
@@ -65,39 +57,33 @@ class Dynamics:
         threads: int | None = None,
         cyclic_joints: Sequence[str] = (),
     ):
-        if model.nq != model.nv or model.na:
-            raise InvalidInputError(
-                f"The model has nq={model.nq}, nv={model.nv}, na={model.na}, but nq must equal nv "
-                "and na must be 0: use hinge and slide joints and motors only."
-            )
-        self.model = model = copy(model)
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.simulations = Simulations(model, substeps, threads)
+        self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
         self.eps = eps
-        self.state_dim = 2 * model.nv
         self.control_dim = model.nu
         self.time_step = model.opt.timestep * substeps
-        self.threads = threads or len(os.sched_getaffinity(0))
         self.cyclic_joints = tuple(cyclic_joints)
-        cyclic = np.array([model.joint(name).qposadr[0] for name in cyclic_joints], dtype=int)
-        n_x, n_v, n_u = self.state_dim, model.nv, model.nu
+        cyclic = np.array([model.joint(name).dofadr[0] for name in cyclic_joints], dtype=int)
+        n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic)
-        self._columns = np.r_[n_x : n_x + n_u, n_v:n_x, positions]
-        self._simulations = [mujoco.MjData(model) for _ in range(self.threads)]
-        self._idle = SimpleQueue[Memory]()  # the simulations that no thread is using
-        for data in self._simulations:
-            self._idle.put(memory_of(model, data, substeps))
-        self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
+        # Controls and activations, velocities, positions: see `compiled_loops.differentiate`.
+        self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
+
+    @property
+    def state_dim(self) -> int:
+        """n_x."""
+        return self.space.state_dim
 
     def warnings(self) -> Counter[str]:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
-        return warnings_of(self._simulations)
+        return self.simulations.warnings()
 
     def step(self, state: Array, control: Array) -> Array:
         """Returns f(x, u), shape (n_x,)."""
         after = np.empty((1, self.state_dim))
         pair = np.array(state[None], float), np.array(control[None], float)
-        self._simulate(compiled_loops.advance, (np.inf, np.inf), *pair, after)
+        self.simulations.in_one(compiled_loops.advance, (np.inf, np.inf), *pair, after)
         return after[0]
 
     def rollouts(
@@ -124,7 +110,7 @@ class Dynamics:
         for t in range(horizon):
             controls[t] = control_law(t, x)
             step = states[t], controls[t], states[t + 1]
-            count, sound = self._simulate(compiled_loops.advance, _BOUNDS, *step)
+            count, sound = self.simulations.in_one(compiled_loops.advance, _BOUNDS, *step)
             executed += count
             if not sound:
                 break
@@ -140,36 +126,38 @@ class Dynamics:
     def follow_each(
         self, start: Array, nominals: Sequence[Trajectory], gains: Array
     ) -> Iterator[Trajectory]:
-        """Yields rollouts of u = ū + K (x − x̄), many times faster than under a Python law.
+        """Yields rollouts of u = ū + K (x ⊖ x̄), many times faster than under a Python law.
 
         As many run at once as there are threads. See `core.dynamics` for the arguments.
         """
-        for first in range(0, len(nominals), self.threads):
-            batch = nominals[first : first + self.threads]
+        threads = self.simulations.threads
+        for first in range(0, len(nominals), threads):
+            batch = nominals[first : first + threads]
 
             def work(
-                memory: Memory, part: slice, batch: Sequence[Trajectory] = batch
+                sim: Simulation, part: slice, batch: Sequence[Trajectory] = batch
             ) -> list[Trajectory]:
                 found = []
                 for nominal in batch[part]:
                     x, u = (np.full_like(a, np.nan) for a in (nominal.states, nominal.controls))
                     x[0] = start
                     given = nominal.states, nominal.controls, gains
-                    compiled_loops.follow(memory, _BOUNDS, *given, x, u)
+                    compiled_loops.follow(sim, _BOUNDS, *given, x, u)
                     found.append(Trajectory(x, u))
                 return found
 
-            yield from chain.from_iterable(self._in_threads(len(batch), work))
+            yield from chain.from_iterable(self.simulations.in_threads(len(batch), work))
 
     def execute(
-        self, policy: GaussianPolicy, initial_states: Array, noise: Array
+        self, policy: GaussianPolicy, observation: Readings, initial_states: Array, noise: Array
     ) -> tuple[Array, Array]:
-        """Runs rollouts of u = μ_θ(x) + noise over several threads.
+        """Runs rollouts of u = μ_θ(h(x)) + noise over several threads.
 
         A rollout that diverges is NaN from the step after which it did.
 
         Args:
             policy: π_θ.
+            observation: h, what the policy reads.
             initial_states: shape (N, n_x).
             noise: shape (N, T, n_u), [N·m].
 
@@ -179,44 +167,29 @@ class Dynamics:
         Raises:
             InvalidInputError: the policy is one of another robot.
         """
-        policy.check_fits(self.state_dim, self.control_dim)  # compiled loops check no index
+        policy.check_fits(observation.names, self.control_dim)  # compiled loops check no index
         n, horizon, _ = noise.shape
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        network = compiled_network(policy)
-        self._in_threads(
+        network, plan = compiled_network(policy), observation.plan
+        self.simulations.in_threads(
             n,
-            lambda memory, part: compiled_loops.execute(
-                memory, _BOUNDS, network, noise[part], states[part], controls[part]
+            lambda sim, part: compiled_loops.execute(
+                sim, _BOUNDS, network, plan, noise[part], states[part], controls[part]
             ),
         )
         return states, controls
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps."""
-        horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
+        horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
-        steps = self._in_threads(
+        steps = self.simulations.in_threads(
             horizon,
-            lambda memory, part: compiled_loops.differentiate(
-                memory, self._columns, self.eps, states[part], controls[part], f_x[part], f_u[part]
+            lambda sim, part: compiled_loops.differentiate(
+                sim, self._columns, self.eps, states[part], controls[part], f_x[part], f_u[part]
             ),
         )
         return LinearDynamics(f_x, f_u), sum(steps)
-
-    def _in_threads(self, count: int, work: Callable[[Memory, slice], T]) -> list[T]:
-        """Divides `count` pieces of work into parts; each thread takes the next part."""
-        if min(self.threads, count) == 1:
-            return [self._simulate(work, slice(0, count))]
-        ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
-        parts = map(slice, ends[:-1], ends[1:])
-        return list(self._pool.map(partial(self._simulate, work), parts))
-
-    def _simulate(self, work: Callable[..., T], *arguments: Any) -> T:
-        memory = self._idle.get()
-        try:
-            return work(memory, *arguments)
-        finally:
-            self._idle.put(memory)

@@ -1,4 +1,4 @@
-"""Compiles a robot's MJCF, and tells its joints, in the order of the state, and torque limits."""
+"""Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
 
 from contextlib import suppress
 from xml.etree import ElementTree
@@ -10,14 +10,29 @@ from vgps_ros.core.checks import quoted
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.core.state_space import StateSpace
+
+_JOINT = mujoco.mjtJoint
+# Coordinates of a joint in qpos, in qvel, and of a change of its position, by its type.
+_ANGLES, _RATES, _ROTATION = ("qw", "qx", "qy", "qz"), ("wx", "wy", "wz"), ("rx", "ry", "rz")
+_COORDINATES: dict[mujoco.mjtJoint, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
+    _JOINT.mjJNT_FREE: (
+        ("x", "y", "z", *_ANGLES),
+        ("vx", "vy", "vz", *_RATES),
+        ("x", "y", "z", *_ROTATION),
+    ),
+    _JOINT.mjJNT_BALL: (_ANGLES, _RATES, _ROTATION),
+    _JOINT.mjJNT_SLIDE: (("position",), ("velocity",), ("position",)),
+    _JOINT.mjJNT_HINGE: (("position",), ("velocity",), ("position",)),
+}
+_AXES = {1: ("",), 3: ("/x", "/y", "/z"), 4: ("/w", "/x", "/y", "/z")}
 
 
 def compile_model(mjcf: str) -> mujoco.MjModel:
     """Returns the model of an MJCF text.
 
     Raises:
-        InvalidInputError: the text does not compile, refers to files, lacks a joint's name, or has
-            joints other than hinges and slides.
+        InvalidInputError: the text does not compile, refers to files, or lacks a joint's name.
     """
     _check_self_contained(mjcf)
     try:
@@ -25,11 +40,6 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
         mujoco.MjData(model)
     except (ValueError, mujoco.FatalError) as error:
         raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
-    if not model.njnt == model.nq == model.nv:
-        raise InvalidInputError(
-            f"The robot has {model.nq} positions and {model.nv} velocities of {model.njnt} joints, "
-            "but each joint must be a hinge or a slide."
-        )
     if not (model.njnt and all(joint_names(model))):
         raise InvalidInputError(
             f"The robot has the joints {joint_names(model)}, but it must have one, and each a name."
@@ -49,20 +59,99 @@ def _check_self_contained(mjcf: str) -> None:
                 )
 
 
+def check_supported(model: mujoco.MjModel) -> None:
+    """Checks that a state of the model is (qpos, qvel, act) and no more.
+
+    Raises:
+        InvalidInputError: the model has no joint or no actuator, or remembers more.
+    """
+    if not (model.nv and model.nu):
+        raise InvalidInputError(
+            f"The model has {model.nv} degrees of freedom and {model.nu} actuators, but it needs "
+            "at least one of each; a task file can add motors (changes: actuators)."
+        )
+    if model.npluginstate or model.nhistory:
+        raise InvalidInputError(
+            f"The model has {model.npluginstate} states of plugins and {model.nhistory} delayed "
+            "values, but no more than positions, velocities and activations can be optimised."
+        )
+
+
+def state_space(model: mujoco.MjModel) -> StateSpace:
+    """Returns the space of x = (qpos, qvel, act)."""
+    free, ball = (model.jnt_qposadr[model.jnt_type == kind] for kind in (0, 1))
+    quaternions = sorted([*(free + 3).tolist(), *ball.tolist()])
+    return StateSpace(model.nq + model.nv + model.na, tuple(quaternions))
+
+
+def state_names(model: mujoco.MjModel) -> list[str]:
+    """Returns the name of each coordinate of x, such as hip/position, hip/velocity, base/qw."""
+    return [*_names(model, 0), *_names(model, 1), *_activation_names(model)]
+
+
+def deviation_names(model: mujoco.MjModel) -> list[str]:
+    """Returns the name of each coordinate of a deviation; a body's rotation has rx, ry, rz."""
+    return [*_names(model, 2), *_names(model, 1), *_activation_names(model)]
+
+
+def _names(model: mujoco.MjModel, part: int) -> list[str]:
+    return [
+        f"{model.joint(i).name}/{coordinate}"
+        for i in range(model.njnt)
+        for coordinate in _COORDINATES[_JOINT(model.jnt_type[i])][part]
+    ]
+
+
+def _activation_names(model: mujoco.MjModel) -> list[str]:
+    owners = [
+        model.actuator(i).name for i in range(model.nu) for _ in range(model.actuator_actnum[i])
+    ]
+    return [f"{name}/activation" for name in owners]
+
+
+def sensor_numbers(model: mujoco.MjModel) -> dict[str, tuple[int, int]]:
+    """Returns each number that the model's sensors give, by name: its sensor, and its place."""
+    numbers = {}
+    for i in range(model.nsensor):
+        dim, first = int(model.sensor_dim[i]), int(model.sensor_adr[i])
+        endings = _AXES.get(dim, tuple(f"/{j}" for j in range(dim)))
+        for j, ending in enumerate(endings):
+            numbers[model.sensor(i).name + ending] = (i, first + j)
+    return numbers
+
+
 def joint_names(model: mujoco.MjModel) -> list[str]:
-    """Returns all joints, in the order of positions and velocities in the state."""
-    return [model.joint(i).name for i in range(model.njnt)]
+    """Returns the joints that turn or slide along one axis, in the order of the state."""
+    single = (_JOINT.mjJNT_HINGE, _JOINT.mjJNT_SLIDE)
+    return [model.joint(i).name for i in range(model.njnt) if _JOINT(model.jnt_type[i]) in single]
 
 
 def hinge_names(model: mujoco.MjModel) -> list[str]:
     """Returns the joints that turn, in the order of the state."""
-    hinge = mujoco.mjtJoint.mjJNT_HINGE
-    return [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] == hinge]
+    hinges = np.flatnonzero(model.jnt_type == _JOINT.mjJNT_HINGE)
+    return [model.joint(i).name for i in hinges]
 
 
 def actuated_joint_names(model: mujoco.MjModel) -> list[str]:
-    """Returns the joints that the controls drive, in the order of the controls."""
-    return [model.joint(model.actuator(i).trnid[0]).name for i in range(model.nu)]
+    """Returns the joints that the controls drive, in the order of the controls.
+
+    Where an actuator drives no joint, or two drive one, the actuators' own names stand for them.
+    """
+    on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    joints = model.actuator_trnid[:, 0].tolist()
+    if on_joints.all() and len(set(joints)) == model.nu:
+        return [model.joint(i).name for i in joints]
+    return [model.actuator(i).name for i in range(model.nu)]
+
+
+def driven_velocities(model: mujoco.MjModel) -> list[int]:
+    """Returns the index in a state of the velocity of each control's joint; -1 where it has none.
+
+    A joint of more than one degree of freedom has none either, since a control drives but one.
+    """
+    names = state_names(model)
+    velocities = [f"{name}/velocity" for name in actuated_joint_names(model)]
+    return [names.index(name) if name in names else -1 for name in velocities]
 
 
 def model_torque_limits(model: mujoco.MjModel) -> Array:
@@ -72,12 +161,17 @@ def model_torque_limits(model: mujoco.MjModel) -> Array:
     smaller side counts. A joint without any has CONTROL_BOUND.
     """
     gain, gear = np.abs(model.actuator_gainprm[:, 0]), np.abs(model.actuator_gear[:, 0])
-    joints = model.actuator_trnid[:, 0]
+    on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    joints = np.where(on_joints, model.actuator_trnid[:, 0], 0)
     limits = np.full(model.nu, CONTROL_BOUND)
     for limited, ranges, force_per_control in (
         (model.actuator_ctrllimited, model.actuator_ctrlrange, np.ones(model.nu)),
         (model.actuator_forcelimited, model.actuator_forcerange, gain),
-        (model.jnt_actfrclimited[joints], model.jnt_actfrcrange[joints], gain * gear),
+        (
+            on_joints & (model.jnt_actfrclimited[joints] > 0),
+            model.jnt_actfrcrange[joints],
+            gain * gear,
+        ),
     ):
         largest = np.minimum(-ranges[:, 0], ranges[:, 1]).clip(min=0.0)
         limits = np.where(limited, np.minimum(limits, largest / force_per_control), limits)

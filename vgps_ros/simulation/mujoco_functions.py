@@ -42,16 +42,45 @@ def _call_of(name: str) -> Callable[..., Any]:
     return write
 
 
-_CALL_STEP, _CALL_STEP_SKIP = _call_of("mj_step"), _call_of("mj_stepSkip")
+def _of_simulation(name: str) -> Callable[..., Any]:
+    """Returns a C function that works on a model and a data, given by their addresses."""
+    call = _call_of(name)
+
+    def function(_, model, data):  # type: ignore[no-untyped-def]
+        return types.void(types.intp, types.intp), call
+
+    return _intrinsic(function)
 
 
-@_intrinsic
-def mj_step(_, model, data):  # type: ignore[no-untyped-def]
-    """Advances the simulation at two addresses by one simulator step."""
-    return types.void(types.intp, types.intp), _CALL_STEP
+# Parts of MuJoCo's forward dynamics, by the names that its documentation gives them.
+mj_kinematics = _of_simulation("mj_kinematics")
+mj_com_pos = _of_simulation("mj_comPos")
+mj_com_vel = _of_simulation("mj_comVel")
+mj_subtree_vel = _of_simulation("mj_subtreeVel")
+mj_sensor_pos = _of_simulation("mj_sensorPos")
+mj_sensor_vel = _of_simulation("mj_sensorVel")
+mj_forward = _of_simulation("mj_forward")
+
+_CALL_STEP_SKIP = _call_of("mj_stepSkip")
+_CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of("mj_integratePos")
 
 
 @_intrinsic
 def mj_step_skip(_, model, data, skipped_stage, skips_sensors):  # type: ignore[no-untyped-def]
-    """Does the same, but leaves out the stages that are valid already, and sensors."""
+    """Advances the simulation by one simulator step, without stages that are valid already."""
     return types.void(types.intp, types.intp, types.int32, types.int32), _CALL_STEP_SKIP
+
+
+@_intrinsic
+def mj_differentiate_pos(_, model, velocity, period, origin, positions):  # type: ignore[no-untyped-def]
+    """Writes the velocity that leads from the origin to the positions; arrays by address."""
+    return (
+        types.void(types.intp, types.intp, types.float64, types.intp, types.intp),
+        _CALL_DIFFERENTIATE,
+    )
+
+
+@_intrinsic
+def mj_integrate_pos(_, model, positions, velocity, period):  # type: ignore[no-untyped-def]
+    """Moves positions by a velocity for a period; arrays by address."""
+    return types.void(types.intp, types.intp, types.intp, types.float64), _CALL_INTEGRATE

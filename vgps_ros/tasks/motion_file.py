@@ -17,6 +17,7 @@ import numpy as np
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks.task import Task
 
 RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
@@ -70,7 +71,7 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
             f"{wrong[0] + 2}, but the {task.name}'s time step is {task.dynamics.time_step:g} s: "
             "resample it."
         )
-    n_x = task.dynamics.state_dim
+    n_x = task.dims["n_x"]
     return Trajectory(table[:, 1 : 1 + n_x], table[:-1, 1 + n_x :])
 
 
@@ -89,7 +90,7 @@ def columns(task: Task) -> list[str]:
     """Returns the names of a file's columns: time, the state's order, the controls' order."""
     return [
         "time",
-        *(f"{name}/{kind}" for kind in ("position", "velocity") for name in task.joint_names),
+        *state_names(task.dynamics.model),
         *(f"{name}/effort" for name in task.actuated_joint_names),
     ]
 

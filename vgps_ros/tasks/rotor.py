@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks.conditions import Conditions
 from vgps_ros.tasks.task import Task, load_model
 
 MODEL_PATH = Path(__file__).with_suffix(".xml")
@@ -24,22 +25,24 @@ RATE_WEIGHT = 0.1  # w_ω [s²]
 def rotor() -> Task:
     """Returns the rotor's task."""
     dynamics = Dynamics(load_model(MODEL_PATH, JOINTS))
+    readings = Readings(dynamics.simulations, ["rotor/position", "rotor/velocity"])
     return Task(
         name="rotor",
-        model_path=MODEL_PATH,
+        mjcf=MODEL_PATH.read_text(),
         dynamics=dynamics,
-        cost=FeatureCost(angle_and_rate, np.zeros(2), control_weight=1.0),
+        cost=FeatureCost(
+            readings,
+            targets=np.zeros(2),
+            weights=np.array([1.0, RATE_WEIGHT]),
+            smooth=np.zeros(2),
+            control_weights=np.ones(1),
+        ),
         horizon=HORIZON,
         initial_state=np.array([1.0, 0.0]),
         varied_state_std=np.array([0.5, 0.5]),
-        observed=(0, 1),
+        observation=readings,
+        fallen=Conditions(Readings(dynamics.simulations, []), np.empty(0), np.empty(0)),
         guess=lambda rng: np.zeros((HORIZON, 1)),
         initial_std=np.full(2, 0.1),
         std_limit=np.full(2, np.inf),
     )
-
-
-def angle_and_rate(states: Array) -> tuple[Array, Array]:
-    """Returns φ [rad] and √w_ω ω [rad], shape (..., 2), and their Jacobian (..., 2, 2)."""
-    jacobian = np.diag([1.0, np.sqrt(RATE_WEIGHT)])
-    return states @ jacobian, np.broadcast_to(jacobian, (*states.shape[:-1], 2, 2))

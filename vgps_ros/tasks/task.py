@@ -15,12 +15,9 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import actuated_joint_names, joint_names
-
-
-def never(states: Array) -> NDArray[np.bool_]:
-    """Returns false for each of the states (..., n_x)."""
-    return np.zeros(states.shape[:-1], dtype=bool)
+from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks.conditions import Conditions
 
 
 @dataclass(frozen=True)
@@ -29,43 +26,43 @@ class Task:
 
     Attributes:
         name: its name in the registry.
-        model_path: file of its MJCF.
+        mjcf: the robot's MJCF, in one text.
         dynamics: x' = f(x, u).
         cost: c(x, u).
         horizon: T, the number of steps that are trained on and scored.
         initial_state: mean of x_1, shape (n_x,).
         varied_state_std: standard deviation of the initial states if one policy learns from
-            several, shape (n_x,).
-        observed: indices of the state's coordinates that a policy reads.
-        initial_std: standard deviation of x_1, shape (n_x,).
-        std_limit: largest standard deviation of each coordinate in the marginals, shape (n_x,); inf
-            for none.
+            several, shape (n_dx,).
+        observation: what a policy reads of a state.
+        initial_std: standard deviation of x_1, shape (n_dx,).
+        std_limit: largest standard deviation of each coordinate in the marginals, shape (n_dx,);
+            inf for none.
+        fallen: tells whether the robot has fallen in states (..., n_x).
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
         demonstration: the trajectory from which the first solve starts if there is no guess.
         demonstrate: returns a demonstration from another x_1 for a number of steps; if it is None,
             a rollout from there follows the recorded demonstration.
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
-        fallen: returns whether the robot has fallen in states (..., n_x), shape (...,).
         optimizer: settings of the trajectory optimisation that suit the task.
         search: settings of a policy search that suit the task, by dotted name.
     """
 
     name: str
-    model_path: Path
+    mjcf: str
     dynamics: Dynamics
     cost: FeatureCost
     horizon: int
     initial_state: Array
     varied_state_std: Array
-    observed: tuple[int, ...]
+    observation: Readings
     initial_std: Array
     std_limit: Array
+    fallen: Conditions
     guess: Callable[[np.random.Generator], Array] | None = None
     demonstration: Trajectory | None = None
     demonstrate: Callable[[Array, int], Trajectory] | None = None
     lookahead: int = 0
-    fallen: Callable[[Array], NDArray[np.bool_]] = never
     optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
     search: Mapping[str, Any] = field(default_factory=dict)
 
@@ -76,14 +73,37 @@ class Task:
 
     @cached_property  # since every step needs it
     def joint_names(self) -> list[str]:
-        """Names of all joints, in the order of positions and velocities in the state."""
+        """Names of the joints that turn or slide along one axis, in the order of the state."""
         return joint_names(self.dynamics.model)
 
+    @property
+    def dims(self) -> dict[str, int]:
+        """The sizes of a state, of a deviation and of a control, by their symbols."""
+        space = self.dynamics.space
+        return {
+            "n_x": space.state_dim,
+            "n_dx": space.tangent_dim,
+            "n_u": self.dynamics.control_dim,
+        }
+
+    @property
+    def velocities(self) -> slice:
+        """Where the velocities stand in a deviation; positions come before them."""
+        n_v = self.dynamics.model.nv
+        return slice(n_v, 2 * n_v)
+
     @cached_property
-    def hinges(self) -> NDArray[np.bool_]:
-        """Mask of the positions that are angles, shape (n_x / 2,)."""
-        types = self.dynamics.model.jnt_type
-        return np.asarray(types == mujoco.mjtJoint.mjJNT_HINGE)
+    def position_names(self) -> list[str]:
+        """Names of the positions among a deviation's coordinates."""
+        return deviation_names(self.dynamics.model)[: self.dynamics.model.nv]
+
+    @cached_property
+    def angles(self) -> NDArray[np.bool_]:
+        """Mask of the positions among a deviation's coordinates that are angles, shape (n_v,)."""
+        model = self.dynamics.model
+        slides = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE]
+        free = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+        return ~np.isin(np.arange(model.nv), [*slides, *free, *(free + 1), *(free + 2)])
 
     @cached_property
     def actuated_joint_names(self) -> list[str]:
@@ -104,9 +124,10 @@ class Task:
     def distance(self, before: Array, after: Array) -> Array:
         """Returns how far states (..., n_x) lie ahead of others, shape (...,), [m].
 
-        The root's first slide points ahead; a robot whose first joint is a hinge goes nowhere.
+        The root's first slide, or its free joint's x, points ahead; a robot whose first joint is
+        a hinge or a ball goes nowhere.
         """
-        return np.where(self.hinges[0], 0.0, after[..., 0] - before[..., 0])
+        return np.where(self.angles[0], 0.0, after[..., 0] - before[..., 0])
 
     def survived(self, states: Array) -> NDArray[np.bool_]:
         """Returns whether each rollout (N, T+1, n_x) neither diverged nor fell, shape (N,)."""

@@ -13,11 +13,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import state_names
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks.conditions import Conditions
 from vgps_ros.tasks.simbicon import GAIT, Simbicon, go_on, standing, walk
 from vgps_ros.tasks.task import Task, load_model
 
@@ -39,21 +41,28 @@ LARGEST_PITCH = 1.0  # [rad]
 def walker() -> Task:
     """Returns the walker's task."""
     dynamics = walker_dynamics()
-    n_x = dynamics.state_dim
+    sims, names = dynamics.simulations, state_names(dynamics.model)
     first = demonstration()
     return Task(
         name="walker",
-        model_path=MODEL_PATH,
+        mjcf=MODEL_PATH.read_text(),
         dynamics=dynamics,
-        cost=FeatureCost(hip_motion, TARGETS, CONTROL_WEIGHT),
+        cost=FeatureCost(
+            Readings(sims, ["root_x/velocity", "root_z/position"]),
+            targets=TARGETS,
+            weights=np.ones(2),
+            smooth=np.zeros(2),
+            control_weights=np.full(dynamics.control_dim, CONTROL_WEIGHT),
+        ),
         horizon=HORIZON,
         lookahead=LOOKAHEAD,
         initial_state=first.states[0],
         varied_state_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
-        observed=tuple(range(1, n_x)),  # all but root x: walking is the same everywhere
+        # All but root x, since walking is the same everywhere.
+        observation=Readings(sims, names[1:]),
         demonstration=first,
         demonstrate=demonstrate,
-        fallen=fallen,
+        fallen=fallen(dynamics),
         initial_std=np.concatenate([np.zeros(3), np.full(6, 0.01), np.full(9, 0.1)]),
         # Linearised covariances explode through contact.
         std_limit=np.concatenate(
@@ -91,13 +100,10 @@ def demonstrate(start: Array, steps: int) -> Trajectory:
     return go_on(walker_dynamics(), copy(_steady_controller()), start, steps)
 
 
-def hip_motion(states: Array) -> tuple[Array, Array]:
-    """Returns the hips' v_x [m/s] and p_y [m], shape (..., 2), and their Jacobian (..., 2, 18)."""
-    jacobian = np.zeros((*states.shape[:-1], 2, states.shape[-1]))
-    jacobian[..., 0, 9] = jacobian[..., 1, 1] = 1.0
-    return states[..., [9, 1]], jacobian
-
-
-def fallen(states: Array) -> NDArray[np.bool_]:
-    """Returns whether the walker has fallen, shape (...,), in states (..., 18)."""
-    return (states[..., 1] < LOWEST_HIPS) | (np.abs(states[..., 2]) > LARGEST_PITCH)
+def fallen(dynamics: Dynamics) -> Conditions:
+    """Returns what tells whether the walker has fallen."""
+    return Conditions(
+        Readings(dynamics.simulations, ["root_z/position", "root_pitch/position"]),
+        lowest=np.array([LOWEST_HIPS, -LARGEST_PITCH]),
+        highest=np.array([np.inf, LARGEST_PITCH]),
+    )

@@ -30,7 +30,7 @@ class RunRecord:
     result: dict[str, Any] | None = None
     initial_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
     mean_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
-    state_covariances: Annotated[Array | None, Shape("T+1", "n_x", "n_x")] = None
+    state_covariances: Annotated[Array | None, Shape("T+1", "n_dx", "n_dx")] = None
     executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
 
     def save_trajectories(self, folder: RunFolder) -> None:
@@ -49,12 +49,10 @@ def read_results(folder: RunFolder) -> RunRecord:
         result = read_result(folder.result)
         task = make_task(result["task"])
         found = read_archive(folder.trajectories)
-        sizes = {"T": len(found["mean_states"]) - 1, "N": len(found["executed_states"]) - 1}
-        shapes = array_shapes(RunRecord, **sizes, n_x=task.dynamics.state_dim)
+        steps = {"T": len(found["mean_states"]) - 1, "N": len(found["executed_states"]) - 1}
+        shapes = array_shapes(RunRecord, **steps, **task.dims)
         arrays = {name: finite_array(name, found[name], shape) for name, shape in shapes.items()}
-        return RunRecord(
-            task.model_path.read_text(), task.dynamics.time_step, result=result, **arrays
-        )
+        return RunRecord(task.mjcf, task.dynamics.time_step, result=result, **arrays)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(
             f"'{folder.path}' does not hold what `train` writes for one of "

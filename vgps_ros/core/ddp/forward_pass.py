@@ -88,7 +88,7 @@ class ForwardStep:
 def forward_pass(
     problem: Problem, around: Iterate, policy: LocalPolicy, settings: DdpSettings
 ) -> list[ForwardStep]:
-    """Tries u = ū + α k + K (x − x̄) with falling α; returns all steps up to the accepted one."""
+    """Tries u = ū + α k + K (x ⊖ x̄) with falling α; returns all steps up to the accepted one."""
     nominal = around.trajectory
     step_sizes = settings.line_search_shrink ** np.arange(settings.line_search_steps)
     nominals = [

@@ -1,0 +1,115 @@
+"""Readings of states in compiled loops, with their derivatives by finite differences."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.compilation import compiled
+from vgps_ros.simulation import mujoco_functions as c
+from vgps_ros.simulation.compiled_states import move, put_state
+
+# What a reading is: a coordinate of the state, its sine or cosine, or a number in sensordata.
+COORDINATE, SINE, COSINE, SENSOR = range(4)
+# What MuJoCo has to compute for the sensors: nothing, positions and velocities of bodies, or all.
+NOTHING, KINEMATICS, EVERYTHING = range(3)
+
+
+class Plan(NamedTuple):
+    """What the loops need to know of r readings.
+
+    Attributes:
+        needs: what MuJoCo has to compute.
+        kinds: what each reading is, shape (r,).
+        places: index of each in the state or in sensordata, shape (r,).
+        tangent: index of each coordinate in a deviation, shape (r,).
+        columns: coordinates of (δx, u) that sensors feel, positions after all others.
+    """
+
+    needs: int
+    kinds: NDArray[np.int64]
+    places: NDArray[np.int64]
+    tangent: NDArray[np.int64]
+    columns: NDArray[np.int64]
+
+
+@compiled
+def read_each(sim, plan, states, controls, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the readings of N states; NaN where a state or control is not finite."""
+    for i in range(len(states)):
+        if np.all(np.isfinite(states[i])) and np.all(np.isfinite(controls[i])):
+            sim.ctrl[:] = controls[i]
+            read(sim, plan, states[i], out[i])
+        else:
+            out[i] = np.nan
+
+
+@compiled
+def read(sim, plan, x, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the readings of a state, for the control that the simulation holds."""
+    if plan.needs > NOTHING:
+        put_state(sim, x)
+        _compute(sim, plan.needs, True)
+    for i in range(len(plan.kinds)):
+        kind, place = plan.kinds[i], plan.places[i]
+        if kind == SENSOR:
+            out[i] = sim.sensordata[place]
+        elif kind == COORDINATE:
+            out[i] = x[place]
+        else:
+            out[i] = np.sin(x[place]) if kind == SINE else np.cos(x[place])
+
+
+@compiled
+def _compute(sim, needs, positions_too):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Computes the sensors; those of positions may be valid already."""
+    if needs == EVERYTHING:
+        sim.warmstart[:] = 0.0
+        c.mj_forward(sim.model, sim.data)
+        return
+    if positions_too:
+        c.mj_kinematics(sim.model, sim.data)
+        c.mj_com_pos(sim.model, sim.data)
+        c.mj_sensor_pos(sim.model, sim.data)
+    c.mj_com_vel(sim.model, sim.data)
+    c.mj_subtree_vel(sim.model, sim.data)
+    c.mj_sensor_vel(sim.model, sim.data)
+
+
+@compiled
+def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_control):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the readings of N states, and their derivatives with respect to (δx, u).
+
+    The width of the differences is eps. They are zero with respect to the control, except where
+    MuJoCo has to compute everything.
+    """
+    n_v, n_x, n_dx = len(sim.qvel), states.shape[1], by_state.shape[2]
+    z, direction = np.empty(n_x + len(sim.ctrl)), np.zeros(n_v)
+    by_state[:] = 0.0
+    by_control[:] = 0.0
+    for n in range(len(states)):
+        sim.ctrl[:] = controls[n]
+        read(sim, plan, states[n], out[n])
+        for j in plan.columns:
+            z[:n_x] = states[n]
+            z[n_x:] = controls[n]
+            move(sim, z, direction, j, eps)
+            put_state(sim, z)
+            sim.ctrl[:] = z[n_x:]
+            _compute(sim, plan.needs, j < n_v)
+            for i in range(len(plan.kinds)):
+                if plan.kinds[i] == SENSOR:
+                    slope = (sim.sensordata[plan.places[i]] - out[n, i]) / eps
+                    if j < n_dx:
+                        by_state[n, i, j] = slope
+                    else:
+                        by_control[n, i, j - n_dx] = slope
+        for i in range(len(plan.kinds)):
+            if plan.kinds[i] != SENSOR:
+                by_state[n, i, plan.tangent[i]] = _slope(plan.kinds[i], states[n, plan.places[i]])
+
+
+@compiled
+def _slope(kind, value):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns the derivative of a reading with respect to its coordinate."""
+    return 1.0 if kind == COORDINATE else np.cos(value) if kind == SINE else -np.sin(value)

@@ -1,0 +1,147 @@
+"""Readings: the numbers that a cost scores, a policy reads, and a fall is judged by.
+
+Each has a name. A joint's coordinates are JOINT/position, JOINT/velocity, JOINT/sin and JOINT/cos
+(see `state_names` for those of free bodies, balls and activations). A sensor of the model that
+gives one number has its own name; of one that gives several, each is SENSOR/x, /y, /z, or /w, /x,
+/y, /z for a quaternion.
+"""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.simulation import compiled_readings as compiled
+from vgps_ros.simulation.model import sensor_numbers, state_names
+from vgps_ros.simulation.sensor_dependence import needs_everything, velocities_felt
+from vgps_ros.simulation.simulations import Simulations
+
+_EPS = 1e-7  # perturbation of the finite differences
+_FUNCTIONS = {"sin": compiled.SINE, "cos": compiled.COSINE}
+
+
+class Readings:
+    """Reads r numbers of states, with their derivatives; an `Observation` of them.
+
+    Attributes:
+        names: name of each number.
+        space: space of the states.
+        needs_controls: whether a reading depends on the control too, as a contact force does.
+
+    Args:
+        simulations: simulations of the model.
+        names: names of the numbers; a name may come twice.
+
+    Raises:
+        InvalidInputError: a name is unknown.
+    """
+
+    def __init__(self, simulations: Simulations, names: Sequence[str]):
+        self.names, self.space = tuple(names), simulations.space
+        self._simulations = simulations
+        self._plan = _plan(simulations, self.names)
+        self.needs_controls = self._plan.needs == compiled.EVERYTHING
+        self._is_linear = bool((self._plan.kinds == compiled.COORDINATE).all())
+
+    def __call__(self, states: Array, controls: Array | None = None) -> Array:
+        """Returns the numbers, shape (..., r); NaN where a state is not finite.
+
+        Args:
+            states: shape (..., n_x).
+            controls: shape (..., n_u); zero if they are left out.
+        """
+        if self._is_linear:
+            return np.take(states, self._plan.places, axis=-1)
+        x, u = self._rows(states, controls)
+        out = np.empty((len(x), len(self.names)))
+        self._simulations.in_threads(
+            len(x),
+            lambda sim, part: compiled.read_each(sim, self._plan, x[part], u[part], out[part]),
+        )
+        return out.reshape(*states.shape[:-1], -1)
+
+    def linearize(self, states: Array, controls: Array | None = None) -> tuple[Array, Array, Array]:
+        """Returns the numbers (..., r), and their derivatives (..., r, n_dx), (..., r, n_u).
+
+        Args:
+            states: shape (..., n_x), finite.
+            controls: shape (..., n_u); zero if they are left out.
+        """
+        x, u = self._rows(states, controls)
+        n, r = len(x), len(self.names)
+        out = np.empty((n, r))
+        by_state, by_control = (
+            np.empty((n, r, self.space.tangent_dim)),
+            np.empty((n, r, u.shape[1])),
+        )
+        self._simulations.in_threads(
+            n,
+            lambda sim, part: compiled.differentiate_each(
+                *(sim, self._plan, _EPS, x[part], u[part]),
+                *(out[part], by_state[part], by_control[part]),
+            ),
+        )
+        leading = states.shape[:-1]
+        return tuple(a.reshape(*leading, *a.shape[1:]) for a in (out, by_state, by_control))  # type: ignore[return-value]
+
+    def pull_back(self, jacobians: Array, states: Array) -> Array:
+        """Returns J ∂r/∂δ, shape (..., m, n_dx), for J (..., m, r) at states (..., n_x)."""
+        if not self._is_linear:
+            found: Array = jacobians @ self.linearize(states)[1]
+            return found
+        full = np.zeros((*jacobians.shape[:-1], self.space.tangent_dim))
+        full[..., self._plan.tangent] = jacobians
+        return full
+
+    @property
+    def plan(self) -> compiled.Plan:
+        """What compiled loops need to know of the readings."""
+        return self._plan
+
+    def _rows(self, states: Array, controls: Array | None) -> tuple[Array, Array]:
+        """Returns states and controls one a row, as compiled loops take them."""
+        x = np.ascontiguousarray(states, dtype=float).reshape(-1, states.shape[-1])
+        n_u = self._simulations.model.nu
+        if controls is None:
+            return x, np.zeros((len(x), n_u))
+        return x, np.ascontiguousarray(controls, dtype=float).reshape(-1, n_u)
+
+
+def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.Plan:
+    model, space = simulations.model, simulations.space
+    numbers, states = sensor_numbers(model), state_names(model)
+    tangent_of = dict(zip(*(places.tolist() for places in space.plain), strict=True))
+    rows: list[tuple[int, int, int]] = []  # kind, place and coordinate of a deviation of each
+    sensors = set()
+    for name in names:
+        owner, _, function = name.rpartition("/")
+        coordinate = f"{owner}/position" if function in _FUNCTIONS else name
+        if name in numbers:
+            sensor, place = numbers[name]
+            sensors.add(sensor)
+            rows.append((compiled.SENSOR, place, 0))
+        elif coordinate in states and (place := states.index(coordinate)) in tangent_of:
+            kind = _FUNCTIONS.get(function, compiled.COORDINATE)
+            rows.append((kind, place, tangent_of[place]))
+        else:
+            known = [*numbers, *(states[i] for i in tangent_of)]
+            raise InvalidInputError(
+                f"The model has no reading {quoted(name)}; name a sensor's number or a joint's "
+                f"coordinate, such as {', '.join(known[:3])}.{nearest(name, known)}"
+            )
+    needs, columns = compiled.NOTHING, np.zeros(0, dtype=np.int64)
+    if any(needs_everything(model, sensor) for sensor in sensors):
+        n_dx = space.tangent_dim
+        needs, columns = compiled.EVERYTHING, np.arange(n_dx + model.nu)[::-1].copy()
+    elif sensors:
+        felt = np.flatnonzero(np.any([velocities_felt(model, s) for s in sensors], axis=0))
+        of_velocities = any(
+            model.sensor_needstage[s] == mujoco.mjtStage.mjSTAGE_VEL for s in sensors
+        )
+        needs = compiled.KINEMATICS
+        columns = np.r_[felt + model.nv if of_velocities else [], felt].astype(np.int64)
+    kinds, places, tangent = np.array(rows, dtype=np.int64).reshape(-1, 3).T.copy()
+    return compiled.Plan(needs, kinds, places, tangent, columns)

@@ -1,0 +1,31 @@
+"""Conditions on readings, such as that a robot has fallen where its torso is too low."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.records import Array
+from vgps_ros.simulation.readings import Readings
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Says whether any reading is outside its range.
+
+    Attributes:
+        readings: the r readings.
+        lowest: smallest value of each, shape (r,); -inf for none.
+        highest: largest value of each, shape (r,); inf for none.
+    """
+
+    readings: Readings
+    lowest: Array
+    highest: Array
+
+    def __call__(self, states: Array) -> NDArray[np.bool_]:
+        """Returns whether one is outside, shape (...,), for states (..., n_x); a NaN is not."""
+        if not self.lowest.size:
+            return np.zeros(states.shape[:-1], dtype=bool)
+        values = self.readings(states)
+        return np.any((values < self.lowest) | (values > self.highest), axis=-1)
