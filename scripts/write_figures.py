@@ -31,7 +31,7 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.simbicon import GAIT, walk
+from vgps_ros.tasks.walker.simbicon import GAIT, walk
 from vgps_ros.views.filmstrip import filmstrip
 from vgps_ros.views.plots import save, trajectory
 from vgps_ros.views.run_record import RunRecord, read_results

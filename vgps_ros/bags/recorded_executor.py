@@ -20,7 +20,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import recorded_task
 
 
 class RecordedExecutor:
@@ -49,7 +49,7 @@ class RecordedExecutor:
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
         self._readings: dict[tuple[str, ...], Readings] = {}
-        self._task = make_task(parameters["task"]) if "safe_action" in parameters else None
+        self._task = recorded_task(parameters["task"]) if "safe_action" in parameters else None
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}

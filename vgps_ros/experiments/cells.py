@@ -19,7 +19,7 @@ from vgps_ros.search.methods import METHODS
 from vgps_ros.search.settings import search_settings
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.tasks import TASKS, make_task
+from vgps_ros.tasks import BUILT_IN, make_task
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # the panels of Figure 1
 _RUNS = "runs"
@@ -41,10 +41,10 @@ class Panel:
             InvalidInputError: the name is not of the form TASK-UNITS, or the task is unknown.
         """
         match = re.fullmatch(r"(\w+)-([1-9]\d{0,3})", name)
-        if match is None or match[1] not in TASKS:
+        if match is None or match[1] not in BUILT_IN:
             raise InvalidInputError(
                 f"panel is '{name}', but it must be all ({', '.join(PANELS)}) or TASK-UNITS with "
-                f"a task of {', '.join(sorted(TASKS))} and the number of hidden units."
+                f"a task of {', '.join(BUILT_IN)} and the number of hidden units."
             )
         return cls(match[1], int(match[2]))
 
@@ -70,7 +70,7 @@ class Protocol:
     @classmethod
     def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
         """Returns the protocol with the settings of this version of the software."""
-        tasks = [make_task(name) for name in sorted(TASKS)]
+        tasks = [make_task(name) for name in BUILT_IN]
         limits = [(t.initial_std.tolist(), t.std_limit.tolist()) for t in tasks]
         settings = [(asdict(search_settings(t)), asdict(t.optimizer)) for t in tasks]
         digest = hashlib.sha256(json.dumps([limits, settings]).encode()).hexdigest()

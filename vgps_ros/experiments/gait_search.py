@@ -11,9 +11,9 @@ import numpy as np
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.tasks.simbicon import Gait, walk
-from vgps_ros.tasks.walker import CONTROL_WEIGHT, fallen, walker_dynamics
+from vgps_ros.tasks.task import Task
+from vgps_ros.tasks.walker.simbicon import Gait, walk
+from vgps_ros.tasks.walker.task import plain_task
 
 TARGET_SPEED = 0.8  # of the demonstration [m/s]
 FALLING = 10.0  # what a fall at once costs
@@ -23,16 +23,17 @@ SCALES = np.array([0.1, 0.1, 200.0, *2 * [0.3, 0.3, 0.2, 0.2, 0.2, 0.5, 0.2]])
 START = np.array([0.3, 0.0, 500.0, *2 * [0.3, -0.6, 0.1, -0.1, 0.1, 0.2, 0.2]])
 
 
-def gait_cost(dynamics: Dynamics, gait: Gait, seconds: float) -> float:
+def gait_cost(walker: Task, gait: Gait, seconds: float) -> float:
     """Returns what a gait costs over a rollout from a stand; less is better."""
+    dynamics = walker.dynamics
     steps = round(seconds / dynamics.time_step)
     walking = walk(dynamics, gait, steps)
-    down = fallen(dynamics)(walking.states) | ~np.isfinite(walking.states).all(axis=1)
+    down = walker.fallen(walking.states) | ~np.isfinite(walking.states).all(axis=1)
     lasted = int(down.argmax()) if down.any() else steps
     if not lasted:
         return FALLING
     speed = walking.states[lasted - 1, 0] / (lasted * dynamics.time_step)
-    effort = CONTROL_WEIGHT * float((walking.controls[:lasted] ** 2).sum(axis=1).mean())
+    effort = float((walking.controls[:lasted] ** 2 @ walker.cost.control_weights).mean())
     return FALLING * (1 - lasted / steps) + (speed - TARGET_SPEED) ** 2 + effort
 
 
@@ -46,13 +47,13 @@ def find_gait(start: Array, *, seconds: float, evaluations: int, seed: int) -> t
         import cma
     except ImportError as error:
         raise VgpsError("It needs cma: pip install -r requirements/search.txt.") from error
-    dynamics = walker_dynamics()
+    walker = plain_task()
 
     def cost(offset: Array) -> float:
         values = start + SCALES * np.asarray(offset)
         if values[0] <= 0 or values[2] <= 0:  # a duration and a stiffness
             return 2 * FALLING
-        return gait_cost(dynamics, Gait.from_vector(values), seconds)
+        return gait_cost(walker, Gait.from_vector(values), seconds)
 
     options = {"seed": seed + 1, "maxfevals": evaluations, "verbose": -9, "verb_disp": 10}
     best, _ = cma.fmin2(cost, np.zeros(len(start)), 0.3, options)

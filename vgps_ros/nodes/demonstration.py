@@ -11,7 +11,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.simbicon import GAIT, FootLoads, Simbicon
+from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Simbicon
 
 _STATE = "joint_states from simulation"
 

@@ -16,7 +16,6 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder, load_policy
-from vgps_ros.tasks.settings import TASKS
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
@@ -122,9 +121,7 @@ def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, nargs="?", help="folder of a run, or a policy.json")
     parser.add_argument("--policy", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument(
-        "--task", choices=sorted(TASKS), help="refuse a policy that was learned for another task"
-    )
+    parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     perturbation = (
         "standard deviation of the first joint angles [rad]; that of their velocities is ten times "
         "it"
@@ -154,13 +151,9 @@ def run(arguments: argparse.Namespace) -> None:
     if path.is_dir():
         path = RunFolder(path).policy
     policy, name = load_policy(path)
-    if arguments.task not in (None, name):
-        raise InvalidInputError(
-            f"{path} was learned for the task '{name}', not '{arguments.task}'; leave out --task."
-        )
-    from vgps_ros.tasks import make_task
+    from vgps_ros.tasks import make_task, recorded_task
 
-    task = make_task(name)
+    task = make_task(arguments.task) if arguments.task else recorded_task(name)
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
     result = evaluate(task, policy, **{name: getattr(arguments, name) for name in own})

@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Searches the gait, and writes it."""
     refuse_existing([arguments.output], overwrite=arguments.overwrite)
     from vgps_ros.experiments.gait_search import START, find_gait
-    from vgps_ros.tasks.simbicon import GAIT
+    from vgps_ros.tasks.walker.simbicon import GAIT
 
     gait, cost = find_gait(
         GAIT.to_vector() if arguments.refine else START,

@@ -21,7 +21,7 @@ from vgps_ros.experiments.command_line import (
 )
 from vgps_ros.search.settings import METHOD, SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.tasks.settings import DEMONSTRATION, TASK, TASKS
+from vgps_ros.tasks.settings import DEMONSTRATION, TASK, task_settings
 
 
 def add_arguments(parser: Parser) -> None:
@@ -40,7 +40,7 @@ def add_arguments(parser: Parser) -> None:
         chosen = replace(setting, default=learner.get(setting.name, setting.default))
         chosen.check(chosen.default)
         parser.add_settings(chosen)
-    task = TASKS[parser.parse_known_args(words)[0].task]
+    task = task_settings(parser.parse_known_args(words)[0].task)
     parser.add_settings(SEED)
     parser.add_output("--output", "folder for the results", required=True)
     parser.add_argument(

@@ -162,10 +162,11 @@ def _start(
         rollout = dynamics.rollout(start, lambda t, _: guess[t], horizon)
         return rollout, None, horizon * dynamics.substeps
     shown = task.demonstration
+    recorded = shown is not None and np.array_equal(start, shown.states[0])
+    if task.demonstrate is not None and not recorded:
+        return task.demonstrate(start, task.planned_horizon), None, 0  # not counted as learning
     if shown is None:
         raise InvalidInputError("The request has neither guess nor previous; send one of them.")
-    if task.demonstrate is not None and not np.array_equal(start, shown.states[0]):
-        return task.demonstrate(start, task.planned_horizon), None, 0  # not counted as learning
     tolerance = task.optimizer.demonstration_tolerance
     followed, steps = track(dynamics, shown, start, task.position_names, tolerance)
     return followed, None, steps

@@ -20,6 +20,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_loops
 from vgps_ros.simulation.compiled_states import Simulation
+from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 
@@ -42,8 +43,6 @@ class Dynamics:
         substeps: simulator steps for which one control is held.
         eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
-        cyclic_joints: names of joints on whose position nothing depends but that position itself,
-            such as a slide along a level floor; no difference is taken along it.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
@@ -55,7 +54,6 @@ class Dynamics:
         substeps: int = 1,
         eps: float = 1e-7,
         threads: int | None = None,
-        cyclic_joints: Sequence[str] = (),
     ):
         self.simulations = Simulations(model, substeps, threads)
         self.model, self.space = self.simulations.model, self.simulations.space
@@ -63,10 +61,8 @@ class Dynamics:
         self.eps = eps
         self.control_dim = model.nu
         self.time_step = model.opt.timestep * substeps
-        self.cyclic_joints = tuple(cyclic_joints)
-        cyclic = np.array([model.joint(name).dofadr[0] for name in cyclic_joints], dtype=int)
         n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
-        positions = np.setdiff1d(np.arange(n_v), cyclic)
+        positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
         # Controls and activations, velocities, positions: see `compiled_loops.differentiate`.
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
 

@@ -1,36 +1,62 @@
-"""Control problems, by name. Their names and settings are there before MuJoCo is loaded."""
+"""Control problems as data. Their names and settings are there before MuJoCo is loaded."""
 
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vgps_ros.core.checks import one_of
-from vgps_ros.tasks.settings import TASKS
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.tasks.references import BUILT_IN, runs_code, task_file_of, task_function_of
 
 if TYPE_CHECKING:
     from vgps_ros.tasks.task import Task
 
 
-def make_task(name: str, demonstration: str = "") -> "Task":
+def make_task(reference: str, demonstration: str = "") -> "Task":
     """Builds a task.
 
     Args:
-        name: its name in the registry.
+        reference: a name, a task file or its folder, or FILE.py:FUNCTION, whose code is run.
         demonstration: file of a recorded demonstration to use; empty for the task's own start.
 
     Raises:
-        InvalidInputError: the name is unknown, and the message has the valid ones; or the
-            demonstration does not fit the task.
+        InvalidInputError: there is no such task, and the message has the names; the task is wrong;
+            or the demonstration does not fit it.
     """
-    settings = TASKS[one_of("task", name, TASKS)]
-    make = getattr(import_module(f"vgps_ros.tasks.{name}"), name)
-    task: Task = replace(make(), optimizer=settings.optimizer, search=settings.search)
+    from vgps_ros.tasks.task import Task
+
+    path = task_file_of(reference)
+    if function := task_function_of(reference):
+        task = function()
+        if not isinstance(task, Task):
+            raise InvalidInputError(
+                f"{quoted(reference)} returns {type(task).__name__}, but it must return a "
+                "vgps_ros.tasks.Task."
+            )
+    else:
+        from vgps_ros.tasks.from_file import load_task
+
+        assert path is not None
+        task = load_task(path, reference if reference in BUILT_IN else str(path.resolve()))
     if demonstration:
         from vgps_ros.tasks.motion_file import with_demonstration
 
         task = with_demonstration(task, Path(demonstration))
     return task
+
+
+def recorded_task(reference: str) -> "Task":
+    """Builds the task that a file or a bag names, which may come from anybody.
+
+    Raises:
+        InvalidInputError: as `make_task` does, or the task is Python code in a file.
+    """
+    if runs_code(reference):
+        raise InvalidInputError(
+            f"The task {quoted(reference)} is Python code, which is not run because a file names "
+            "it; offer it as an entry point of the group vgps_ros.tasks."
+        )
+    return make_task(reference)
 
 
 def __getattr__(name: str) -> Any:
@@ -40,4 +66,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
-__all__ = ["TASKS", "Task", "make_task"]
+__all__ = ["BUILT_IN", "Task", "make_task", "recorded_task"]

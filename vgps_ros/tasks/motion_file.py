@@ -16,8 +16,9 @@ import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import state_names
+from vgps_ros.tasks.table import read_rows
 from vgps_ros.tasks.task import Task
 
 RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
@@ -45,7 +46,7 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
     Raises:
         InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
     """
-    names, rows = _read(path)
+    names, rows = read_rows(path)
     wanted = columns(task)
     strange = [*sorted(set(wanted) - set(names)), *sorted(set(names) - set(wanted))]
     if strange:
@@ -93,14 +94,3 @@ def columns(task: Task) -> list[str]:
         *state_names(task.dynamics.model),
         *(f"{name}/effort" for name in task.actuated_joint_names),
     ]
-
-
-def _read(path: Path) -> tuple[list[str], Array]:
-    """Returns the header and the rows, shape (rows, columns)."""
-    try:
-        with path.open(newline="") as file:
-            header, *rows = csv.reader(file)
-        names = [name.strip() for name in header]
-        return names, np.array(rows, dtype=float).reshape(len(rows), len(names))
-    except (OSError, ValueError, csv.Error) as error:
-        raise InvalidInputError(f"{path} is not a readable table of numbers: {error}.") from error

@@ -1,12 +1,12 @@
-"""Settings that suit each built-in task, apart from the tasks: to show them takes no MuJoCo."""
+"""The settings that a task file holds, without its model: to show them takes no MuJoCo."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from vgps_ros.core.marginals import MarginalSettings
-from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.settings import Setting, with_values
+from vgps_ros.tasks.references import BUILT_IN, task_file_of
 
 
 @dataclass(frozen=True)
@@ -22,24 +22,32 @@ class TaskSettings:
     search: Mapping[str, Any] = field(default_factory=dict)
 
 
-TASKS: dict[str, TaskSettings] = {
-    "rotor": TaskSettings(),
-    "swimmer": TaskSettings(OptimizerSettings(marginals=MarginalSettings(std_limit_annealing=0.5))),
-    "walker": TaskSettings(
-        OptimizerSettings(
-            # A floor under μ keeps steps small where contact is hard; q's gains keep away from it.
-            ddp=DdpSettings(
-                initial_regularization=0.1,
-                regularization_floor=0.1,
-                distribution_regularization=0.1,
-            ),
-            marginals=MarginalSettings(std_limit_annealing=0.5),
-        ),
-        search={"initial_ddp_iterations": 45, "ddp_iterations": 1},
-    ),
-}
+def task_settings(reference: str) -> TaskSettings:
+    """Returns the settings of a task.
 
-TASK = Setting("task", "swimmer", "control problem", choices=tuple(sorted(TASKS)))
+    Raises:
+        InvalidInputError: there is no such task, or its file is wrong.
+    """
+    path = task_file_of(reference)
+    if path is None:  # a function of Python, whose task has them
+        from vgps_ros.tasks import make_task
+
+        task = make_task(reference)
+        return TaskSettings(task.optimizer, task.search)
+    from vgps_ros.tasks.task_file import read_task_file
+    from vgps_ros.tasks.task_schema import flattened
+
+    file, _ = read_task_file(path)
+    return TaskSettings(
+        with_values(OptimizerSettings(), flattened(file.optimizer)), flattened(file.search)
+    )
+
+
+TASK = Setting(
+    "task",
+    "swimmer",
+    f"control problem: {', '.join(BUILT_IN)}, a task file or its folder, or FILE.py:FUNCTION",
+)
 DEMONSTRATION = Setting(
     "demonstration",
     "",

@@ -1,9 +1,8 @@
 """The record of a control problem, and functions to build one."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
@@ -38,10 +36,11 @@ class Task:
         std_limit: largest standard deviation of each coordinate in the marginals, shape (n_dx,);
             inf for none.
         fallen: tells whether the robot has fallen in states (..., n_x).
+        limits: tells whether an executor must stop the policy in states (..., n_x).
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
         demonstration: the trajectory from which the first solve starts if there is no guess.
-        demonstrate: returns a demonstration from another x_1 for a number of steps; if it is None,
-            a rollout from there follows the recorded demonstration.
+        demonstrate: returns the first motion from any x_1 for a number of steps, where it is not
+            drawn or recorded; if it is None, a rollout follows the recorded demonstration.
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
         optimizer: settings of the trajectory optimisation that suit the task.
@@ -59,6 +58,7 @@ class Task:
     initial_std: Array
     std_limit: Array
     fallen: Conditions
+    limits: Conditions
     guess: Callable[[np.random.Generator], Array] | None = None
     demonstration: Trajectory | None = None
     demonstrate: Callable[[Array, int], Trajectory] | None = None
@@ -137,29 +137,6 @@ class Task:
     def trajectory_cost(self, trajectory: Trajectory) -> float:
         """Returns Σ_t c of one trajectory."""
         return float(self.cost.values(trajectory).sum())
-
-
-def load_model(path: Path, joints: Sequence[str]) -> mujoco.MjModel:
-    """Compiles an MJCF file.
-
-    Args:
-        path: the file.
-        joints: names that the task expects, in the order of the state.
-
-    Raises:
-        InvalidInputError: the file cannot be compiled, or has other joints.
-    """
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InvalidInputError(f"The model '{path}' cannot be compiled: {error}.") from error
-    found = joint_names(model)
-    if found != list(joints):
-        raise InvalidInputError(
-            f"The model '{path}' has the joints {', '.join(found)}, but its task needs "
-            f"{', '.join(joints)}, in this order."
-        )
-    return model
 
 
 def smoothed_noise(

@@ -8,7 +8,7 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import read_archive, write_archive
 from vgps_ros.storage.run_folder import RunFolder, read_result
-from vgps_ros.tasks import TASKS, make_task
+from vgps_ros.tasks import recorded_task
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def read_results(folder: RunFolder) -> RunRecord:
     """
     try:
         result = read_result(folder.result)
-        task = make_task(result["task"])
+        task = recorded_task(result["task"])
         found = read_archive(folder.trajectories)
         steps = {"T": len(found["mean_states"]) - 1, "N": len(found["executed_states"]) - 1}
         shapes = array_shapes(RunRecord, **steps, **task.dims)
@@ -55,6 +55,6 @@ def read_results(folder: RunFolder) -> RunRecord:
         return RunRecord(task.mjcf, task.dynamics.time_step, result=result, **arrays)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(
-            f"'{folder.path}' does not hold what `train` writes for one of "
-            f"{', '.join(sorted(TASKS))}: {str(error).rstrip('.')}."
+            f"'{folder.path}' does not hold what `train` writes for a task: "
+            f"{str(error).rstrip('.')}."
         ) from error

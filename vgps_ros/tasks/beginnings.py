@@ -1,0 +1,130 @@
+"""The motion from which a task's first solve starts."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.patterns import matching
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.tasks.motion_file import with_demonstration
+from vgps_ros.tasks.start import keyframe
+from vgps_ros.tasks.task import Task, smoothed_noise
+from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Pd
+from vgps_ros.tasks.yaml_document import Document
+
+_MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
+
+
+def with_beginning(task: Task, begin: Begin, document: Document) -> Task:
+    """Returns the task with the beginning that its file describes.
+
+    Raises:
+        InvalidInputError: the beginning does not fit the model.
+    """
+    shape = (task.planned_horizon, task.dynamics.control_dim)
+    if isinstance(begin, Demonstration):
+        path = document.file(("begin", "file"), begin.file)
+        with document.at(("begin", "file")):
+            return with_demonstration(task, path)
+    if isinstance(begin, Pd):
+        law = _pd_law(task, begin, document)
+        return replace(task, demonstrate=partial(_executed, task.dynamics, law))
+    if isinstance(begin, Noise):
+        std = np.array(begin.std)
+        if std.size not in (1, shape[1]):
+            raise document.error(
+                ("begin", "std"),
+                f"it has {std.size} values, but the model has {shape[1]} actuators.",
+            )
+        return replace(
+            task,
+            guess=partial(
+                _noise, task.dynamics, shape, std, begin.time_constant / task.dynamics.time_step
+            ),
+        )
+    return replace(task, guess=lambda _: np.zeros(shape))
+
+
+def _noise(
+    dynamics: Dynamics,
+    shape: tuple[int, int],
+    std: Array,
+    time_constant: float,
+    rng: np.random.Generator,
+) -> Array:
+    noise = std * smoothed_noise(rng, shape, 1.0, time_constant)
+    return np.clip(noise, *control_range(dynamics.model))
+
+
+def _executed(
+    dynamics: Dynamics, law: Callable[[int, Array], Array], start: Array, steps: int
+) -> Trajectory:
+    return dynamics.rollout(start, law, steps)
+
+
+def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Returns the smallest and the largest value of each control, shapes (n_u,)."""
+    limited = model.actuator_ctrllimited.astype(bool)
+    low, high = model.actuator_ctrlrange.T
+    return np.where(limited, low, -CONTROL_BOUND), np.where(limited, high, CONTROL_BOUND)
+
+
+def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array], Array]:
+    """Returns the law of controls that hold a pose; it maps states (N, n_x) to (N, n_u).
+
+    A motor gets the torque stiffness · (pose − position) − damping · velocity. A servo of positions
+    gets the pose itself.
+    """
+    model: mujoco.MjModel = task.dynamics.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = task.initial_state[: model.nq]
+    if begin.pose is not None:
+        key = keyframe(model, begin.pose, document, ("begin", "pose"))
+        data.qpos[:] = model.key_qpos[key]
+    mujoco.mj_forward(model, data)
+    joints = model.actuator_trnid[:, 0]
+    single = model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
+    of_joint = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & single
+    joints = np.where(of_joint, joints, 0)
+    places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    inertia = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    mass = inertia[dofs, dofs]
+    names = [model.joint(j).name for j in joints]
+    weight = model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity)
+    suited = np.where(of_joint, weight * model.stat.extent / 4 + mass, 0.0)
+    stiffness = _by_joint(begin.stiffness, suited, names, "stiffness", document)
+    # The implicit part of the integration does not see these torques, so they must be mild.
+    mild = np.minimum(2 * np.sqrt(stiffness * mass), _MOST_DAMPING * mass / task.dynamics.time_step)
+    damping = _by_joint(begin.damping, mild, names, "damping", document)
+    strength = model.actuator_gainprm[:, 0] * model.actuator_gear[:, 0]
+    is_servo = model.actuator_biasprm[:, 1] != 0
+    held = np.where(is_servo, data.actuator_length, 0.0)
+    pose, range_ = data.qpos[places].copy(), control_range(model)
+
+    def law(_: int, x: Array) -> Array:
+        torques = stiffness * (pose - x[:, places]) - damping * x[:, model.nq + dofs]
+        motors = np.where(of_joint & (strength != 0), torques / np.where(strength, strength, 1), 0)
+        return np.clip(np.where(is_servo, held, motors), *range_)
+
+    return law
+
+
+def _by_joint(given: Any, default: Array, names: list[str], key: str, document: Document) -> Array:
+    """Returns a value for each control: one for all, or by its joint's name or pattern."""
+    if given is None:
+        return default
+    if not isinstance(given, dict):
+        return np.full(len(names), float(given))
+    values = default.copy()
+    for pattern, value in given.items():
+        with document.at(("begin", key, pattern)):
+            found = matching("driven joint", pattern, names)
+        values[[i for i, name in enumerate(names) if name in found]] = value
+    return values

@@ -1,0 +1,237 @@
+"""Builds a task from a task file and the robot's MJCF."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.patterns import known, matching
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import with_values
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import compile_model, deviation_names, joint_names, sensor_numbers
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.simulation.self_contained import self_contained
+from vgps_ros.tasks.beginnings import with_beginning
+from vgps_ros.tasks.conditions import Conditions
+from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
+from vgps_ros.tasks.start import start_state
+from vgps_ros.tasks.table import read_table
+from vgps_ros.tasks.task import Task
+from vgps_ros.tasks.task_file import model_spec, read_task_file
+from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
+from vgps_ros.tasks.yaml_document import Document, Place
+
+
+def load_task(path: Path, name: str) -> Task:
+    """Returns the task that a file describes.
+
+    Args:
+        path: the file, or its folder.
+        name: what the task is called in messages and files.
+
+    Raises:
+        InvalidInputError: an entry is wrong; the message has its line.
+    """
+    file, document = read_task_file(path)
+    mjcf = self_contained(model_spec(file, document))
+    # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
+    model = compile_model(mjcf)
+    with document.at(("model",)):
+        dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
+    read = _Reader(dynamics, document)
+    std = file.start.std
+    return with_beginning(
+        Task(
+            name=name,
+            mjcf=mjcf,
+            dynamics=dynamics,
+            cost=_cost(file, read),
+            horizon=round(file.horizon / file.control_period),
+            lookahead=round(file.lookahead / file.control_period),
+            initial_state=start_state(file.start, model, document),
+            initial_std=read.by_coordinate(std, ("start", "std")),
+            varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
+            std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
+            observation=read.observation(file.observe),
+            fallen=read.conditions(file.fallen, "fallen"),
+            limits=read.conditions(file.limits, "limits"),
+            optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),
+            search=flattened(file.search),
+        ),
+        file.begin,
+        document,
+    )
+
+
+class _Reader:
+    """Finds what entries of the file name in the model."""
+
+    def __init__(self, dynamics: Dynamics, document: Document):
+        self.dynamics, self.document = dynamics, document
+        self.model: mujoco.MjModel = dynamics.model
+
+    def readings(self, names: Sequence[str], place: Place) -> Readings:
+        with self.document.at(place):
+            return Readings(self.dynamics.simulations, names)
+
+    def names(self, sensor: str, index: Any, place: Place) -> list[str]:
+        """Returns the full names of the numbers that a sensor and an index pick."""
+        numbers = sensor_numbers(self.model)
+        parts = [name for name in numbers if name.startswith(f"{sensor}/")]
+        if sensor in numbers or not parts:  # a scalar by its full name, or an unknown one
+            self.readings([sensor], place)
+            return [sensor]
+        if index is None:
+            return parts
+        wanted = [index] if isinstance(index, str | int) else index
+        with self.document.at((*place, "index")):
+            return [
+                parts[i]
+                if isinstance(i, int) and i < len(parts)
+                else known("part", f"{sensor}/{i}", parts)
+                for i in wanted
+            ]
+
+    def conditions(self, limits: Sequence[Limit], key: str) -> Conditions:
+        names, low, high = [], [], []
+        for i, limit in enumerate(limits):
+            found = self.names(limit.sensor, limit.index, (key, i))
+            if len(found) != 1:
+                raise self.document.error(
+                    (key, i), f"it has the parts {', '.join(found)}; pick one by its index."
+                )
+            names += found
+            beyond = np.inf if limit.beyond is None else limit.beyond
+            low.append(-beyond if limit.below is None else limit.below)
+            high.append(beyond if limit.above is None else limit.above)
+        return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
+
+    def observation(self, entries: Sequence[str | Observation]) -> Readings:
+        names: list[str] = []
+        for i, entry in enumerate(entries):
+            place = ("observe", i)
+            with self.document.at(place):
+                names += self._observed(entry, place)
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise self.document.error(
+                ("observe",), f"{quoted(twice[0])} is read twice; leave one of them out."
+            )
+        observation = self.readings(names, ("observe",))
+        if observation.needs_controls:
+            raise self.document.error(
+                ("observe",),
+                "a sensor of forces or accelerations depends on the control that the policy has "
+                "yet to choose; read positions and velocities.",
+            )
+        return observation
+
+    def _observed(self, entry: str | Observation, place: Place) -> list[str]:
+        if isinstance(entry, str):
+            if entry not in ("joint_positions", "joint_velocities"):
+                return self.names(entry, None, place)
+            return [f"{joint}/{entry[6:-1].replace('ie', 'y')}" for joint in self._joints()]
+        if entry.sensor is not None:
+            return self.names(entry.sensor, entry.index, place)
+        if entry.joint is not None:
+            forms = {"sin_cos": ("sin", "cos")}.get(entry.form, (entry.form,))
+            joints = matching("hinge or slide", entry.joint, self._joints())
+            return [f"{joint}/{form}" for joint in joints for form in forms]
+        kind = "position" if entry.joint_positions else "velocity"
+        excluded = entry.joint_positions or entry.joint_velocities
+        out = {
+            joint
+            for pattern in (excluded.excluded if excluded else ())
+            for joint in matching("hinge or slide", pattern, self._joints())
+        }
+        return [f"{joint}/{kind}" for joint in self._joints() if joint not in out]
+
+    def _joints(self) -> list[str]:
+        return joint_names(self.model)
+
+    def by_coordinate(self, spread: Spread | SpreadLimit, place: Place) -> Array:
+        """Returns a value for each coordinate of a deviation, shape (n_dx,)."""
+        names, n_v = deviation_names(self.model), self.model.nv
+        counts = (n_v, n_v, self.model.na)
+        values = np.repeat([spread.position, spread.velocity, spread.activation], counts)
+        for pattern, value in spread.overrides.items():
+            with self.document.at((*place, "overrides", pattern)):
+                for name in matching("coordinate", pattern, names):
+                    values[names.index(name)] = value
+        return values
+
+
+def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
+    """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
+    steps = round((file.horizon + file.lookahead) / file.control_period)
+    names: list[str] = []
+    targets, weights, smooth = [], [], []
+    controls = np.zeros(read.model.nu)
+    for i, term in enumerate(file.cost):
+        place = ("cost", i)
+        if term.control is not None:
+            _add_controls(controls, term, read, place)
+            continue
+        assert term.sensor is not None
+        found = read.names(term.sensor, term.index, place)
+        names += found
+        size = len(found)
+        when = np.zeros((steps, 1)) if term.terminal else np.ones((steps, 1))
+        when[-1] = 1.0
+        weights.append(when * _each(term.weight, size, "weight", read, place))
+        target: Array = _each(term.target, size, "target", read, place)
+        if term.reference is not None:
+            path = read.document.file((*place, "reference"), term.reference)
+            with read.document.at((*place, "reference")):
+                target = read_table(
+                    path, found, file.control_period * np.arange(steps, dtype=float)
+                )
+        targets.append(np.broadcast_to(target, (steps, size)))
+        smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
+    return FeatureCost(
+        features=read.readings(names, ("cost",)),
+        targets=_constant(_joined(targets, steps)),
+        weights=_constant(_joined(weights, steps)),
+        smooth=np.concatenate([np.empty(0), *smooth]),
+        control_weights=controls,
+    )
+
+
+def _add_controls(weights: Array, term: CostTerm, read: _Reader, place: Place) -> None:
+    actuators = [read.model.actuator(i).name for i in range(read.model.nu)]
+    given = (term.control,) if isinstance(term.control, str) else term.control or ()
+    with read.document.at((*place, "control")):
+        chosen = [
+            name
+            for pattern in given
+            for name in matching("actuator", "*" if pattern == "all" else pattern, actuators)
+        ]
+    for name, weight in zip(
+        chosen, _each(term.weight, len(chosen), "weight", read, place), strict=True
+    ):
+        weights[actuators.index(name)] += weight
+
+
+def _each(values: Any, size: int, key: str, read: _Reader, place: Place) -> Array:
+    """Returns one value for each of some numbers, shape (size,)."""
+    found = np.atleast_1d(np.array(values, dtype=float))
+    if found.size not in (1, size):
+        raise read.document.error(
+            (*place, key), f"it has {found.size} values, but the term has {size} numbers."
+        )
+    return np.broadcast_to(found, (size,))
+
+
+def _joined(columns: Iterable[Array], steps: int) -> Array:
+    return np.concatenate([np.empty((steps, 0)), *columns], axis=1)
+
+
+def _constant(values: Array) -> Array:
+    """Returns the first row of values that never change, shape (m,); else all, shape (T, m)."""
+    return values[0] if (values == values[0]).all() else values

@@ -1,0 +1,101 @@
+"""What a user calls a task by: a name, a task file or its folder, or a function of Python.
+
+Names are those of the folders beside this module, and of the entry-point group `vgps_ros.tasks`,
+through which other packages offer tasks. An entry point is a function that returns a `Task`.
+"""
+
+import importlib.util
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.errors import InvalidInputError
+
+_FOLDER = Path(__file__).parent
+BUILT_IN = tuple(sorted(path.parent.name for path in _FOLDER.glob("*/task.yaml")))
+_FORMS = "a task file (.yaml) or its folder, or FILE.py:FUNCTION"
+
+
+def task_file_of(reference: str) -> Path | None:
+    """Returns the task file that a reference stands for; None if it stands for Python code.
+
+    Raises:
+        InvalidInputError: there is no such task; the message has what there is.
+    """
+    if reference in BUILT_IN:
+        return _FOLDER / reference / "task.yaml"
+    if _function_of(reference) or _installed(reference):
+        return None
+    path = Path(reference).expanduser()
+    if path.suffix in (".yaml", ".yml") or (path / "task.yaml").is_file():
+        return path / "task.yaml" if path.is_dir() else path
+    names = [*BUILT_IN, *(point.name for point in entry_points(group="vgps_ros.tasks"))]
+    raise InvalidInputError(
+        f"There is no task {quoted(reference)}; name one of {', '.join(names)}, {_FORMS}."
+        f"{nearest(reference, names)}"
+    )
+
+
+def task_function_of(reference: str) -> Callable[[], Any] | None:
+    """Returns the function that makes a task; None if its task file says all.
+
+    Raises:
+        InvalidInputError: the reference names a file or function that is not there.
+    """
+    if reference in BUILT_IN:
+        if not (_FOLDER / reference / "task.py").is_file():
+            return None
+        found: Callable[[], Any] = import_module(f"vgps_ros.tasks.{reference}.task").task
+        return found
+    if function := _function_of(reference):
+        return _loaded(*function)
+    if point := _installed(reference):
+        made: Callable[[], Any] = point.load()
+        return made
+    return None
+
+
+def runs_code(reference: str) -> bool:
+    """Returns whether to make a task means to run a file that is not installed."""
+    return _function_of(reference) is not None
+
+
+def _function_of(reference: str) -> tuple[Path, str] | None:
+    path, _, name = reference.rpartition(":")
+    return (Path(path).expanduser(), name) if path.endswith(".py") else None
+
+
+def _installed(name: str) -> EntryPoint | None:
+    found = entry_points(group="vgps_ros.tasks", name=name)
+    return next(iter(found), None)
+
+
+def _loaded(path: Path, name: str) -> Callable[[], Any]:
+    """Runs a file, and returns a function of it."""
+    if not path.is_file():
+        raise InvalidInputError(f"There is no file {quoted(str(path))}; name {_FORMS}.")
+    key = f"vgps_ros_task_{path.resolve()}"
+    if key not in sys.modules:
+        spec = importlib.util.spec_from_file_location(key, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[key] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[key]
+            raise InvalidInputError(
+                f"{path} does not run: {type(error).__name__}: {error}."
+            ) from error
+    module = sys.modules[key]
+    function = getattr(module, name, None)
+    if not callable(function):
+        known = [key for key, value in vars(module).items() if callable(value)]
+        raise InvalidInputError(f"{path} has no function {quoted(name)}.{nearest(name, known)}")
+    made: Callable[[], Any] = function
+    return made

@@ -1,0 +1,1 @@
+"""The paper's walker, whose first motion is that of a hand-crafted controller."""
