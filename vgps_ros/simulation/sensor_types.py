@@ -1,0 +1,98 @@
+"""The types of MuJoCo's sensors that a task may add to a model, and the names of their scalars.
+
+A sensor's values are named after it: `touch` if there is one, `velocity/x` to `velocity/z` if there
+are three, `attitude/w` to `attitude/z` for a quaternion, and `fromto/0`, `fromto/1`, ... otherwise.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.errors import InvalidInputError
+
+XYZ, WXYZ = tuple("xyz"), tuple("wxyz")
+FRAMES = ("body", "xbody", "geom", "site", "camera")
+
+
+@dataclass(frozen=True)
+class SensorType:
+    """A type of sensor.
+
+    Attributes:
+        objects: kinds of objects of which it may measure one; none where it measures the model.
+        parts: names of its scalars; empty if it is one.
+        relative_to: kinds of objects that it may measure against.
+        mujoco_name: its name in MuJoCo's enumeration mjtSensor; empty if that is the same.
+    """
+
+    objects: tuple[str, ...]
+    parts: tuple[str, ...] = ()
+    relative_to: tuple[str, ...] = ()
+    mujoco_name: str = ""
+
+
+_SOLIDS = ("geom", "body")
+SENSOR_TYPES: dict[str, SensorType] = {
+    "touch": SensorType(("site",)),
+    **dict.fromkeys(
+        ("accelerometer", "velocimeter", "gyro", "force", "torque", "magnetometer"),
+        SensorType(("site",), XYZ),
+    ),
+    **dict.fromkeys(
+        ("jointpos", "jointvel", "jointlimitpos", "jointlimitvel", "jointlimitfrc"),
+        SensorType(("joint",)),
+    ),
+    "jointactuatorfrc": SensorType(("joint",), mujoco_name="jointactfrc"),
+    "ballquat": SensorType(("joint",), WXYZ),
+    "ballangvel": SensorType(("joint",), XYZ),
+    **dict.fromkeys(
+        ("tendonpos", "tendonvel", "tendonlimitpos", "tendonlimitvel", "tendonlimitfrc"),
+        SensorType(("tendon",)),
+    ),
+    "tendonactuatorfrc": SensorType(("tendon",), mujoco_name="tendonactfrc"),
+    **dict.fromkeys(("actuatorpos", "actuatorvel", "actuatorfrc"), SensorType(("actuator",))),
+    "framequat": SensorType(FRAMES, WXYZ, FRAMES),
+    **dict.fromkeys(
+        ("framepos", "framexaxis", "frameyaxis", "framezaxis", "framelinvel", "frameangvel"),
+        SensorType(FRAMES, XYZ, FRAMES),
+    ),
+    **dict.fromkeys(("framelinacc", "frameangacc"), SensorType(FRAMES, XYZ)),
+    **dict.fromkeys(("subtreecom", "subtreelinvel", "subtreeangmom"), SensorType(("body",), XYZ)),
+    "distance": SensorType(_SOLIDS, (), _SOLIDS, "geomdist"),
+    "normal": SensorType(_SOLIDS, XYZ, _SOLIDS, "geomnormal"),
+    "fromto": SensorType(_SOLIDS, tuple("012345"), _SOLIDS, "geomfromto"),
+    **dict.fromkeys(("e_potential", "e_kinetic", "clock"), SensorType(())),
+}
+# Their frame's directions are what they measure.
+DIRECTIONS = ("framequat", "framexaxis", "frameyaxis", "framezaxis")
+
+
+def scalar_names(
+    sensor: str, parts: tuple[str, ...], index: str | int | Iterable[str | int] | None = None
+) -> list[str]:
+    """Returns the full names of a sensor's scalars, such as `velocity/x`.
+
+    Args:
+        sensor: its name.
+        parts: names of its parts; empty for a scalar.
+        index: the part or parts to return, by name or by number from 0; all if it is None.
+
+    Raises:
+        InvalidInputError: the sensor has no such part.
+    """
+    if index is None:
+        return [f"{sensor}/{part}" for part in parts] or [sensor]
+    if not parts:
+        raise InvalidInputError(f"the sensor {quoted(sensor)} is one number; leave its index out.")
+    found = []
+    for wanted in [index] if isinstance(index, str | int) else index:
+        part = str(wanted)
+        if isinstance(wanted, int) and 0 <= wanted < len(parts):
+            part = parts[wanted]
+        if part not in parts:
+            raise InvalidInputError(
+                f"the sensor {quoted(sensor)} has the parts {', '.join(parts)}, but not "
+                f"{quoted(wanted)}.{nearest(part, parts)}"
+            )
+        found.append(f"{sensor}/{part}")
+    return found
