@@ -14,7 +14,7 @@ setup(
     maintainer_email="maintainers@vgps-ros.invalid",
     license="Apache-2.0",
     packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
-    package_data={"vgps_ros.tasks": ["*.xml"]},
+    package_data={"vgps_ros.tasks": ["*.xml", "*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/vgps_ros"]),
         ("share/vgps_ros", ["package.xml"]),
