@@ -175,6 +175,17 @@ def test_motors_replace_actuators_and_keyframes_still_compile(compiled):
     assert model.nsensor == 0  # that of a removed actuator
 
 
+def test_added_motors_leave_the_activations_of_keyframes(turtle):
+    stateful = '<general name="lag" joint="right_hip" dyntype="filter" dynprm="0.1"/></actuator>'
+    text = TURTLE.replace("</actuator>", stateful).replace('ctrl="1 2"', 'ctrl="1 2 3" act="0.7"')
+    turtle.write_text(text)
+    motors = {"actuators": {"third": {"joint": "left_hip"}}}
+    model = changed_spec(turtle, motors, {}).compile()
+    assert_allclose(model.key("stand").act, 0.7)
+    model = changed_spec(turtle, {**motors, "remove_actuators": ["lag"]}, {}).compile()
+    assert (model.na, model.nu) == (0, 3)
+
+
 def test_a_motor_without_a_limit_has_none_whatever_the_model_s_defaults_are(compiled):
     model = compiled(actuators={"third": {"joint": "left_hip", "gear": 2.0}})
     third = model.actuator("third")
