@@ -8,6 +8,7 @@ after what it drives.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     for name, motor in changes.get("actuators", {}).items():
         _add_motors(spec, name, motor)
     if "remove_actuators" in changes or "actuators" in changes:
-        _drop_references(spec)
+        _drop_references(spec, changes)
     for name, sensor in sensors.items():
         add_sensor(spec, name, sensor)
     model = _compiled(spec, path)
@@ -91,13 +92,11 @@ def _name_all(spec: mujoco.MjSpec) -> None:
     for elements in (spec.joints, spec.geoms, spec.actuators):
         taken = {element.name for element in elements}
         for element in elements:
-            if element.name:
-                continue
-            number, name = 1, _natural_name(element)
-            while (name if number == 1 else f"{name}_{number}") in taken:
-                number += 1
-            element.name = name if number == 1 else f"{name}_{number}"
-            taken.add(element.name)
+            if not element.name:
+                name = _natural_name(element)
+                candidates = chain([name], (f"{name}_{number}" for number in count(2)))
+                element.name = next(each for each in candidates if each not in taken)
+                taken.add(element.name)
 
 
 def _natural_name(element: Any) -> str:
@@ -202,11 +201,13 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
         actuator.ctrlrange = [-limit, limit] if limit is not None else [0, 0]
 
 
-def _drop_references(spec: mujoco.MjSpec) -> None:
+def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:
     """Removes what referred to the former actuators: keyframes' controls, and sensors."""
     names = {actuator.name for actuator in spec.actuators}
     for key in spec.keys:
-        key.ctrl = key.act = []
+        key.ctrl = []
+        if "remove_actuators" in changes:  # added motors have no activations
+            key.act = []
     for sensor in spec.sensors:
         if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in names:
             spec.delete(sensor)
