@@ -13,7 +13,8 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.task_file import model_spec, read_task_file
+from vgps_ros.tasks.task_file import read_task_file
+from vgps_ros.tasks.task_model import model_spec
 
 COUNT = 500
 SEED = int(os.environ.get("DAMAGED_SEED", "0"))

@@ -1,12 +1,13 @@
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
 Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in
-this order: actuators are removed, options set, joints and geoms changed, contacts restricted,
-motors and sensors added. Joints, geoms and actuators without a name get one first, so that changes
+this order: a floor is added, actuators are removed, options set, joints and geoms changed, contacts
+restricted, motors and sensors added. Joints, geoms and actuators without a name get one first, so that changes
 and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator
 after what it drives.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
@@ -53,6 +54,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     except _ERRORS as error:
         raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
     _name_all(spec)
+    if changes.get("floor"):
+        _add_floor(spec)
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
         for actuator in _matching(spec.actuators, "actuator", pattern, "remove_actuators", i):
             spec.delete(actuator)
@@ -75,9 +78,21 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     return spec
 
 
+def _add_floor(spec: mujoco.MjSpec) -> None:
+    """Adds a plane that is as large as it has to be, and drawn in grey."""
+    if spec.geom("floor") is not None:
+        raise InvalidChangeError(
+            ("changes", "floor"), "the model has a geom of this name already; leave floor out."
+        )
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(name="floor", type=plane, size=[0, 0, 1], rgba=[0.8, 0.8, 0.8, 1])
+
+
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
-        return spec.compile()
+        with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
+            warnings.simplefilter("ignore")
+            return spec.compile()
     except _ERRORS as error:
         place = "changes"
         try:

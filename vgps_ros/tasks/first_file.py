@@ -100,6 +100,8 @@ def _changes(model: mujoco.MjModel) -> list[str]:
             "  geoms:                                 # soft contact can be differentiated",
             '    "*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, 2]}',
         ]
+    if not (model.body_weldid[model.geom_bodyid] == 0).any() and abs(model.opt.gravity[2]) > 0:
+        lines.append("  floor: true                            # the model has none")
     if not model.nu:
         lines.append('  actuators: {"*": {joint: "*", limit: 20.0}}   # a motor a joint [N·m]')
     return (
