@@ -2,9 +2,9 @@
 
 Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in
 this order: a floor is added, actuators are removed, options set, joints and geoms changed, contacts
-restricted, motors and sensors added. Joints, geoms and actuators without a name get one first, so that changes
-and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator
-after what it drives.
+restricted, motors and sensors added. Joints, geoms and actuators without a name get one first, so
+that changes and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an
+actuator after what it drives.
 """
 
 import warnings
