@@ -13,8 +13,7 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.task_file import read_task_file
-from vgps_ros.tasks.task_model import model_spec
+from vgps_ros.tasks.from_file import load_task
 
 COUNT = 500
 SEED = int(os.environ.get("DAMAGED_SEED", "0"))
@@ -158,7 +157,7 @@ DAMAGES = [
 def read(folder):
     """Returns the sentence that a task file gives; empty if it reads well."""
     try:
-        model_spec(*read_task_file(folder / "task.yaml"))
+        load_task(folder / "task.yaml", "hopper")
     except InvalidInputError as error:
         return str(error)
     return ""

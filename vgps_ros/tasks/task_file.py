@@ -30,7 +30,7 @@ from vgps_ros.tasks.task_checks import check_task
 from vgps_ros.tasks.task_schema import TaskFile
 from vgps_ros.tasks.yaml_document import read_document
 
-SCHEMA_PATH = Path(__file__).with_name("task.schema.json")
+SCHEMA_PATH = Path(__file__).resolve().with_name("task.schema.json")
 _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
 
 
