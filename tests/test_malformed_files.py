@@ -27,7 +27,7 @@ ROTOR = make_task("rotor")
 
 
 def write_policy(folder):
-    shape = Architecture((0, 1), (2,), 1)
+    shape = Architecture(ROTOR.observation.names, (2,), 1)
     save_policy(
         GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(1)), "rotor", folder / "file"
     )
@@ -39,7 +39,7 @@ def write_demonstration(folder):
 
 
 def write_model(folder):
-    shutil.copy(ROTOR.model_path, folder / "file")
+    (folder / "file").write_text(ROTOR.mjcf)
 
 
 def write_result(folder):

@@ -14,8 +14,7 @@ from vgps_ros.tasks.task import smoothed_noise
 
 
 def test_swimmer_has_three_links_five_degrees_of_freedom_and_two_torques(swimmer):
-    assert swimmer.dynamics.state_dim == 10
-    assert swimmer.dynamics.control_dim == 2
+    assert swimmer.dims == {"n_x": 10, "n_dx": 10, "n_u": 2}
     assert swimmer.joint_names == ["root_x", "root_y", "root_yaw", "front_joint", "back_joint"]
     assert swimmer.actuated_joint_names == ["front_joint", "back_joint"]
     mass = swimmer.dynamics.model.body_mass[1:]
