@@ -15,10 +15,10 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import compile_model
+from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
-from vgps_ros.tasks.task import load_model
 from vgps_ros.views.run_record import RunRecord, read_results
 
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
@@ -59,7 +59,7 @@ def read_result(path):
 KINDS = {
     "policy": (write_policy, load_policy),
     "demonstration": (write_demonstration, lambda path: load_demonstration(ROTOR, path)),
-    "model": (write_model, lambda path: load_model(path, ["rotor"])),
+    "model": (write_model, lambda path: changed_spec(path, {}, {})),
     "model as text": (write_model, lambda path: compile_model(path.read_text(errors="replace"))),
     "result": (write_result, read_result),
 }

@@ -9,7 +9,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.simbicon import GAIT, FootLoads, Gait, standing, walk
+from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Gait, standing, walk
 
 WALKER = make_task("walker")
 LEG = ["hip", "knee", "ankle"]
