@@ -123,7 +123,7 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
         ("<mujoco>", "does not compile"),
         (
             "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
-            "7 positions and 6 velocities",
+            "each a name",
         ),
     ],
 )
