@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/"}
 # In backticks, with a slash: no option, no topic, no service of a node, no environment's name.
-PATH = re.compile(r"`((?![/~-])(?:[\w.-]+/(?:[\w.-]+/)*[\w.-]*|test_\w+\.py))`")
+# A word in capitals stands for a name.
+PATH = re.compile(r"`((?![/~-]|[A-Z]+/)(?:[\w.-]+/(?:[\w.-]+/)*[\w.-]*|test_\w+\.py))`")
 COMMAND = re.compile(r"\bvgps ((?:node )?[a-z][\w-]*)")
 
 
