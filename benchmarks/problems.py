@@ -23,7 +23,7 @@ TASKS = ("swimmer", "walker")
 def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> Task:
     """Returns the task with other dynamics of the same model."""
     like = task.dynamics
-    dynamics = kind(like.model, like.substeps, threads=threads, cyclic_joints=like.cyclic_joints)
+    dynamics = kind(like.model, like.substeps, threads=threads)
 
     def again(readings: Any) -> Readings:
         return Readings(dynamics.simulations, readings.names)

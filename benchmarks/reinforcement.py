@@ -57,14 +57,14 @@ def learn(task: Task, goal: Goal, hidden_units: int, watch: Stopwatch) -> Outcom
     for iteration in search("vgps", task, settings, SEED, partial(optimize_all, task)):
         steps = iteration.history[-1].simulator_steps
         with watch.stopped():
-            best = min(best, goal.measure(task, partial(_mean, iteration.policy)))
+            best = min(best, goal.measure(task, partial(_mean, task, iteration.policy)))
         if best <= goal.bound:
             break
     return Outcome(best <= goal.bound, watch.seconds, steps, 0, best)
 
 
-def _mean(policy: GaussianPolicy, _: int, states: Array) -> Array:
-    return policy.mean(states)
+def _mean(task: Task, policy: GaussianPolicy, _: int, states: Array) -> Array:
+    return policy.mean(task.observation(states))
 
 
 def _row(name: str, ours: Outcome, peer: Outcome) -> Comparison:

@@ -123,6 +123,7 @@ def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
         ('<asset><mesh name="m" file="/etc/hostname"/></asset>', "refers to the file"),
         ("<worldbody/>", "must have one"),
         ('<worldbody><body><joint/><geom size="1"/></body></worldbody>', "each a name"),
+        ('<worldbody><body><freejoint/><geom size="1"/></body></worldbody>', "each a name"),
         ('<size memory="8E"/><worldbody/>', "does not compile"),
     ],
 )

@@ -97,7 +97,7 @@ def twin(name: str, system: System) -> None:
 def bad_state(system: System) -> None:
     """A robot's driver that sends what is no state."""
     task = make_task(system.task)
-    state = np.zeros(task.dynamics.state_dim)
+    state = np.zeros(task.dims["n_x"])
     state[system.rng.randrange(len(state))] = system.rng.choice([np.nan, np.inf, -np.inf])
     message = state_to_msg(state, task.joint_names, Time(sec=2**31 - 1))
     if system.rng.random() < 0.5:
@@ -116,7 +116,7 @@ def bad_command(system: System) -> None:
 
 def bad_policy(system: System) -> None:
     """A policy of another robot."""
-    shape = Architecture((0,), (3,), 1)
+    shape = Architecture(("wing/position",), (3,), 1)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
     message = policy_to_msg(policy, "other", 1, Time())
     answer = ("policy_executor", "Refused a policy")

@@ -1,5 +1,6 @@
 """Records to messages and files and back: every array, bit for bit."""
 
+import json
 import re
 
 import numpy as np
@@ -59,6 +60,18 @@ def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):
     for read in (policy_from_msg(policy_to_msg(policy, "swimmer", 1, Time())), kept):
         assert read.architecture == policy.architecture
         assert same_bits(read, policy)
+
+
+@pytest.mark.parametrize("observed", [[1, 2, 3], ["x0", "x0", "x3"], "x0x", None])
+def test_a_policy_file_that_names_no_readings_is_refused(random_policy, tmp_path, observed):
+    """Older ones have indices."""
+    path = tmp_path / "policy.json"
+    save_policy(random_policy(), "swimmer", path)
+    content = json.loads(path.read_text())
+    assert content["observed"] == ["x0", "x2", "x3"]
+    path.write_text(json.dumps(content | {"observed": observed}))
+    with pytest.raises(InvalidInputError, match="is not a policy of vgps_ros"):
+        load_policy(path)
 
 
 def test_a_policy_that_does_not_fit_is_refused(random_policy):

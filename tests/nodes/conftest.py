@@ -259,7 +259,7 @@ def random_policy(swimmer: Task) -> Callable[[int], GaussianPolicy]:
     """Returns a function that draws a policy for the swimmer, with torques of some N·m."""
 
     def draw(seed: int) -> GaussianPolicy:
-        shape = Architecture(swimmer.observed, (5,), swimmer.dynamics.control_dim)
+        shape = Architecture(swimmer.observation.names, (5,), swimmer.dynamics.control_dim)
         parameters = 3.0 * np.random.default_rng(seed).standard_normal(shape.num_parameters)
         return GaussianPolicy(shape, parameters, np.array([2.0, 3.0]))
 

@@ -19,7 +19,8 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
     policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
     graph.start("simulation")
     graph.start("policy_executor")
-    rollout = swimmer.dynamics.rollout(swimmer.initial_state, lambda _, x: policy.mean(x), steps)
+    law = lambda _, x: policy.mean(swimmer.observation(x))  # noqa: E731
+    rollout = swimmer.dynamics.rollout(swimmer.initial_state, law, steps)
     distance = rollout.states[-1, 0] - rollout.states[0, 0]
     for _ in range(2):
         figures = tmp_path / "figures.json"

@@ -74,7 +74,7 @@ SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 ROTOR = make_task("rotor")
 NAMES = ROTOR.joint_names
 STAMP = stamp_of(0)
-SHAPE = Architecture(ROTOR.observed, (2,), 1)
+SHAPE = Architecture(ROTOR.observation.names, (2,), 1)
 POLICY = Policy(SHAPE, np.linspace(-0.5, 0.5, SHAPE.num_parameters), np.ones(1))
 POLICY_MESSAGE = policy_to_msg(POLICY, "rotor", 1, STAMP)
 STATE = state_to_msg(np.array([0.5, -0.5]), NAMES, STAMP)
@@ -245,7 +245,7 @@ class World:
         assert self.call(StepSimulation, "simulation/step_simulation", steps).result.result == 1
         state = ROTOR.initial_state
         for _ in range(3):
-            state = ROTOR.dynamics.step(state, POLICY.mean(state))
+            state = ROTOR.dynamics.step(state, POLICY.mean(ROTOR.observation(state)))
 
         def arrived():
             return any(np.array_equal(state_from_msg(m, NAMES), state) for m in self.states)

@@ -37,7 +37,7 @@ def joint_state(i: int) -> JointState:
 def policy() -> GaussianPolicy:
     return GaussianPolicy(
         task="swimmer",
-        observed=[1, 2],
+        observed=["a/position", "b/position"],
         layer_sizes=[2, 1],
         activation="tanh",
         parameters=pack(np.array([np.pi, np.e, 1e-300])),

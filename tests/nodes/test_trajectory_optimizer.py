@@ -12,8 +12,10 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import pack, policy_to_msg
 from vgps_ros.messages.optimization import ENDING
+from vgps_ros.tasks import make_task
 
 NODE = "trajectory_optimizer"
+OBSERVED = make_task("swimmer").observation.names
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +35,8 @@ def request_message(swimmer):
     )
 
 
-def other_policy(stamp, **changes):
-    shape = Architecture(observed=(0, 1), hidden_units=(2,), control_dim=changes.get("n_u", 2))
+def other_policy(stamp, n_u=2, observed=OBSERVED):
+    shape = Architecture(observed=observed, hidden_units=(2,), control_dim=n_u)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(shape.control_dim))
     return policy_to_msg(policy, "swimmer", 0, stamp)
 
@@ -82,6 +84,7 @@ def test_policies_that_do_not_fit_are_refused(shared_graph, optimizer, request_m
     solved = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
     cases = {
         "The policy has 3 controls": other_policy(stamp, n_u=3),
+        "The policy reads ['tail/position']": other_policy(stamp, observed=("tail/position",)),
         "parameters has 1 values": other_policy(stamp),
         "noise_std is nan": other_policy(stamp),
     }

@@ -4,10 +4,12 @@ import json
 import shutil
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
+from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
@@ -30,12 +32,22 @@ def main(arguments):
     vgps(["bag", *arguments])
 
 
+def definitions(bag: Path) -> dict[str, str]:
+    """The definition of each type, as the bag holds it."""
+    (file,) = bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        schemas = make_reader(stream).get_summary().schemas.values()
+    return {schema.name: schema.data.decode() for schema in schemas}
+
+
 def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
     """Writes the sample again, each message as `change` has it; None leaves it out.
 
     Keyword arguments are added to the executor's recorded parameters.
     """
     writer = BagWriter(target)
+    # The sample's definitions, since it is older than some of the installed ones.
+    writer._definitions = SimpleNamespace(find=definitions(SAMPLE).__getitem__)
     with BagReader(SAMPLE) as bag:
         for topic, kind in bag.topics.items():
             writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
@@ -190,6 +202,19 @@ def test_a_state_that_is_not_finite_is_counted_and_needs_no_torque(tmp_path, cap
 
     main(["check", str(copy(tmp_path / "bag", change))])
     assert "1 states could not be used." in capsys.readouterr().out
+
+
+def test_an_older_policy_that_reads_what_no_state_has_is_refused(tmp_path):
+    """The sample's policies hold the indices of what they read, 1 to 9."""
+    indices = struct.pack("<10I", 9, *range(1, 10))
+
+    def change(message):
+        if message.topic != "/policy":
+            return message.data
+        assert indices in message.data
+        return message.data.replace(indices, struct.pack("<10I", 9, *range(1, 9), 10))
+
+    fails(["check", str(copy(tmp_path / "bag", change))], "index 10, but a state has 10 numbers")
 
 
 def test_a_lost_state_is_found(tmp_path, capsys):

@@ -65,7 +65,7 @@ def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
         (["--rollouts", "0"], "rollouts is 0"),
         (["--rollouts", "1000000", "--seconds", "1e5"], "steps are too many"),
         (["--perturbation", "-1"], "perturbation is -1.0, but it must be from 0"),
-        (["--task", "walker"], "was learned for the task 'swimmer', not 'walker'"),
+        (["--task", "walker"], "has 2 controls, but the task has 6"),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence(evaluated, arguments, sentence, capsys):

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgps_ros.bags import BagReader, BagWriter
+from tests.programs.test_bag import copy
+from vgps_ros.bags import BagReader
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.programs.__main__ import main as vgps
@@ -80,14 +81,7 @@ def test_what_can_be_drawn_is_written_and_never_overwritten(
 
 
 def test_a_bag_without_joint_states_still_shows_the_training(no_rendering, tmp_path, capsys):
-    writer = BagWriter(tmp_path / "bag")
-    with BagReader(SAMPLE) as bag:
-        for topic, kind in bag.topics.items():
-            writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
-        for message in bag.messages():
-            if message.topic != "/joint_states":
-                writer.write(message.topic, message.stamp, message.data)
-    writer.close()
+    copy(tmp_path / "bag", lambda m: None if m.topic == "/joint_states" else m.data)
     vgps(["plot", str(tmp_path / "bag"), "--output", str(tmp_path / "plots")])
     assert "there are no joint_states under a policy" in capsys.readouterr().out
     assert not (tmp_path / "plots" / "motion.png").exists()

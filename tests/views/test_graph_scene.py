@@ -171,6 +171,10 @@ def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_d
     [
         ("<mujoco>", "does not compile"),
         ("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>", "must have one"),
+        (
+            "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
+            "each a name",
+        ),
     ],
 )
 def test_a_robot_that_cannot_be_drawn_is_reported(recorded, mjcf, sentence):

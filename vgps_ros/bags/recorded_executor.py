@@ -10,6 +10,7 @@ import yaml
 
 from vgps_ros.bags import BagReader
 from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import settings_of, with_values
@@ -63,9 +64,18 @@ class RecordedExecutor:
         )
 
     def named(self, policy: GaussianPolicy) -> GaussianPolicy:
-        """Returns the policy with the names of what it reads; old bags have a state's indices."""
+        """Returns the policy with the names of what it reads; old bags have a state's indices.
+
+        Raises:
+            InvalidInputError: an index is that of nothing.
+        """
         given: tuple[Any, ...] = policy.architecture.observed
-        observed = tuple(self._state_names[n] if isinstance(n, int) else n for n in given)
+        names = self._state_names
+        if missing := [n for n in given if isinstance(n, int) and n >= len(names)]:
+            raise InvalidInputError(
+                f"The policy reads index {missing[0]}, but a state has {len(names)} numbers."
+            )
+        observed = tuple(names[n] if isinstance(n, int) else n for n in given)
         return replace(policy, architecture=replace(policy.architecture, observed=observed))
 
     def inputs(self, policy: GaussianPolicy, state: Array) -> Array:

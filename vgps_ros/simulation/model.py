@@ -40,9 +40,10 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
         mujoco.MjData(model)
     except (ValueError, mujoco.FatalError) as error:
         raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
-    if not (model.njnt and all(joint_names(model))):
+    names = [model.joint(i).name for i in range(model.njnt)]
+    if not (names and all(names)):
         raise InvalidInputError(
-            f"The robot has the joints {joint_names(model)}, but it must have one, and each a name."
+            f"The robot has the joints {names}, but it must have one, and each a name."
         )
     return model
 

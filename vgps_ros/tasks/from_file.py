@@ -16,7 +16,6 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import compile_model, deviation_names, joint_names, sensor_numbers
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.simulation.self_contained import self_contained
 from vgps_ros.tasks.beginnings import with_beginning
 from vgps_ros.tasks.conditions import Conditions
 from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
@@ -24,7 +23,7 @@ from vgps_ros.tasks.start import start_state
 from vgps_ros.tasks.table import read_table
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_file import read_task_file
-from vgps_ros.tasks.task_model import model_spec
+from vgps_ros.tasks.task_model import model_text
 from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
 from vgps_ros.tasks.yaml_document import Document, Place
 
@@ -40,7 +39,7 @@ def load_task(path: Path, name: str) -> Task:
         InvalidInputError: an entry is wrong; the message has its line.
     """
     file, document = read_task_file(path)
-    mjcf = self_contained(model_spec(file, document))
+    mjcf = model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
     model = compile_model(mjcf)
     with document.at(("model",)):

@@ -1,11 +1,17 @@
 """The robot of a task file, with the changes and sensors that the file asks for."""
 
+from contextlib import suppress
+
 import msgspec
 import mujoco
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.simulation.change_error import InvalidChangeError
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
+from vgps_ros.simulation.self_contained import self_contained
 from vgps_ros.tasks.document import Document
+from vgps_ros.tasks.model_schema import Changes
 from vgps_ros.tasks.task_checks import is_multiple
 from vgps_ros.tasks.task_file import find_model
 from vgps_ros.tasks.task_schema import TaskFile
@@ -29,3 +35,22 @@ def model_spec(task: TaskFile, document: Document) -> mujoco.MjSpec:
         f"{spec.option.timestep:g} s.",
     )
     return spec
+
+
+def model_text(task: TaskFile, document: Document) -> str:
+    """Returns the model as one MJCF text that needs no other file.
+
+    It is the robot's own text where that can stand as it is, since to write it anew rounds the
+    orientation of its inertias in the last bits.
+
+    Raises:
+        InvalidInputError: as `model_spec` does.
+    """
+    spec = model_spec(task, document)
+    if task.changes == Changes() and not task.sensors:
+        with suppress(InvalidInputError, UnicodeDecodeError):
+            text = find_model(task, document).read_text()
+            compile_model(text)
+            return text
+    with document.at(("model",)):
+        return self_contained(spec)
