@@ -7,8 +7,15 @@ from builtin_interfaces.msg import Time
 from rerun.chunk import RrdReader
 from std_msgs.msg import String
 
+from tests.simulation.robots import EVERYTHING, everything, random_states
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import command_to_msg, stamp_of, state_to_msg
+from vgps_ros.messages.conversions import (
+    command_to_msg,
+    distribution_to_msg,
+    stamp_of,
+    state_to_msg,
+)
+from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.tasks import make_task
 from vgps_ros.views.graph_scene import GraphScene
 
@@ -117,10 +124,53 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
     assert "/world/contact_forces" not in chunks  # the swimmer touches nothing
 
 
+def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(recorded):
+    model = everything()
+    states = StateMessages(model)
+    recorded.scene.show("robot_description", String(data=EVERYTHING))
+    drawn = random_states(model, np.random.default_rng(0), 3)
+    for i, state in enumerate(drawn):
+        efforts = np.arange(2.0)
+        for topic, message in reversed(states.split(state, stamp_of(i), efforts).items()):
+            recorded.scene.show(f"/robot/{topic}", message)
+    recorded.scene.show("odom", states.split(drawn[0], stamp_of(7))["odom"])  # of half a state
+    assert [(topic, text) for topic, text in recorded.reports if text] == []
+    chunks = recorded.close()
+    data = mujoco.MjData(model)
+    poses = zip(
+        drawn,
+        column(chunks["/world/odom"], "translation"),
+        column(chunks["/world/odom"], "quaternion"),
+        column(chunks["/odom/position"], "scalars"),
+        column(chunks["/world/robot/trunk"], "translation"),
+        column(chunks["/joint_states/position"], "scalars"),
+        strict=True,
+    )
+    for state, at, turned, plotted, trunk, joints in poses:
+        data.qpos[:] = state[: model.nq]
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(at[0], state[:3], rtol=1e-6)
+        np.testing.assert_allclose(turned[0], np.roll(state[3:7], -1), rtol=1e-6)
+        np.testing.assert_allclose(plotted, state[:3])
+        np.testing.assert_allclose(trunk[0], data.geom("trunk").xpos, rtol=1e-6)
+        np.testing.assert_allclose(joints, state[7:9])
+
+
+def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_distribution):
+    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
+    for wrong in ({"n_x": 9}, {"n_u": 3}):
+        q = random_distribution(**{"n_x": 10, **wrong})
+        message = distribution_to_msg(q, swimmer, 0, 0, Time())
+        recorded.scene.show("trajectory_distribution", message)
+    assert [bool(text) for _, text in recorded.reports] == [False, True, True]
+    recorded.close()
+
+
 @pytest.mark.parametrize(
     ("mjcf", "sentence"),
     [
         ("<mujoco>", "does not compile"),
+        ("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>", "must have one"),
         (
             "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
             "each a name",

@@ -8,6 +8,7 @@ from vgps_ros.bags.episode import last_episode
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg, policy_from_msg
 from vgps_ros.messages.progress import result_from_msgs
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.run_record import RunRecord, read_results
 
@@ -41,8 +42,7 @@ def _read_bag(path: Path) -> RunRecord:
 
         mjcf = decoded("robot_description")[0].data
         distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
-        states = topics.get("joint_states")
-        episode = last_episode(bag, states, mjcf) if states else None
+        episode = last_episode(bag, compile_model(mjcf)) if "joint_states" in topics else None
         time_step = episode.time_step if episode else 0.0
         if distributions:
             time_step = float(distributions[-1].time_step)

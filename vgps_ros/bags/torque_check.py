@@ -15,6 +15,7 @@ import numpy as np
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.recorded_executor import RecordedExecutor
+from vgps_ros.bags.states import recorded_states
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.records import Array
@@ -23,10 +24,10 @@ from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
     policy_from_msg,
-    state_from_msg,
 )
+from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.simulation.model import actuated_joint_names, compile_model, joint_names
+from vgps_ros.simulation.model import actuated_joint_names, compile_model
 
 _SLACK = 10**9  # largest delay with which the bag holds a state after its torque [ns]
 _NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
@@ -99,17 +100,17 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     policies = _Timeline()
     for received, message in bag.decoded(topics["policy"]):
         policies.add(received, (message.iteration, executor.named(policy_from_msg(message))))
-    joints, actuated = joint_names(model), actuated_joint_names(model)
+    robot_states, actuated = StateMessages(model), actuated_joint_names(model)
     marginals = _marginals(bag, executor)
     found = TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
-    for received, message in bag.decoded(topics["joint_states"]):
+    for received, messages in recorded_states(bag, robot_states):
         try:
-            state = state_from_msg(message, joints)
+            state = robot_states.join(messages)
         except InvalidInputError:  # noqa: PERF203
             found.unusable += 1
         else:
-            states[nanoseconds(message.header.stamp)].add(received, state)
+            states[nanoseconds(messages[JOINTS].header.stamp)].add(received, state)
     first_state = min((timeline.received[0] for timeline in states.values()), default=0)
     answered: set[int] = set()
     for received, message in bag.decoded(topics["joint_command"]):

@@ -143,7 +143,7 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
 def state_to_msg(
     state: Array, joint_names: Sequence[str], stamp: Time, efforts: Array | None = None
 ) -> JointState:
-    """Returns x = (positions, velocities) as joint states, with efforts [N·m] where known."""
+    """Returns (positions, velocities) as joint states, with efforts [N·m] where known."""
     n = len(joint_names)
     message = JointState(name=list(joint_names), position=pack(state[:n]), velocity=pack(state[n:]))
     if efforts is not None:
@@ -153,12 +153,12 @@ def state_to_msg(
 
 
 def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
-    """Returns x, shape (n_x,), whatever the order of the message's joints.
+    """Returns (positions, velocities), whatever the order of the message's joints.
 
     Raises:
         InvalidInputError: a joint is missing, or a value is missing or not finite.
     """
-    order = _order(tuple(message.name), tuple(joint_names))
+    order = name_order(tuple(message.name), tuple(joint_names))
     n = len(message.name)
     positions = finite_array("joint_states.position", message.position, (n,))
     velocities = finite_array("joint_states.velocity", message.velocity, (n,))
@@ -178,12 +178,17 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     Raises:
         InvalidInputError: a joint is missing, or a torque is missing or not finite.
     """
-    order = _order(tuple(message.name), tuple(joint_names))
+    order = name_order(tuple(message.name), tuple(joint_names))
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
 
 
 @lru_cache(maxsize=16)  # the joints of a sender always come in the same order
-def _order(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+def name_order(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Returns where each of our names stands among a message's names.
+
+    Raises:
+        InvalidInputError: a name is missing, or a name comes twice.
+    """
     index = {name: i for i, name in enumerate(names)}
     missing = [name for name in joint_names if name not in index]
     if missing or len(index) != len(names):

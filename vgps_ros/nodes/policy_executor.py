@@ -4,6 +4,7 @@ Where the policy must not drive, the safe action does; `core.safety` decides.
 """
 
 import time
+from typing import Any
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -16,19 +17,15 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import (
-    command_to_msg,
-    nanoseconds,
-    pack,
-    stamp_of,
-    state_from_msg,
-)
+from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
+from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
@@ -46,8 +43,6 @@ COMMAND_TYPE = Setting(
     "ros2_control take it",
     choices=("joint_state", "float64_multi_array"),
 )
-
-_STATE = "joint_states from simulation"
 
 
 class PolicyExecutor(LifecycleNode):
@@ -81,7 +76,9 @@ class PolicyExecutor(LifecycleNode):
             self._health,
             self._supervisor.marginals.__setitem__ if self._settings.needs_distribution else None,
         )
-        self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
+        self._states = StateMessages(self._task.dynamics.model)
+        self._awaited = f"{' and '.join(self._states.topics)} from simulation"
+        subscribe_to_states(self, self._states, self._take_state, NEWEST)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)
@@ -101,7 +98,7 @@ class PolicyExecutor(LifecycleNode):
         self._supervisor.begin()
         self._active = True
         self._training.wait()
-        self._health.wait_for(_STATE)
+        self._health.wait_for(self._awaited)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -118,28 +115,28 @@ class PolicyExecutor(LifecycleNode):
         self._active = False
         self._watchdog.cancel()
         self._training.stop_waiting()
-        self._health.stop_waiting(_STATE)
+        self._health.stop_waiting(self._awaited)
         self._health.clear("state", "distance")
 
-    def _take_state(self, message: JointState) -> None:
+    def _take_state(self, messages: dict[str, Any]) -> None:
         if not self._active:
             return
-        self._health.arrived(_STATE)
+        self._health.arrived(self._awaited)
         policy = self._training.policy
         if policy is None:
             return
         if self._watchdog.is_canceled():
             self._watchdog.reset()
         try:
-            command = self._answer(policy, message)
+            command = self._answer(policy, messages)
         except InvalidInputError as error:
             command = self._supervisor.refuse(str(error), time.monotonic())
         self._send(command)
         self._report()
 
-    def _answer(self, policy: GaussianPolicy, message: JointState) -> Command | None:
-        state = state_from_msg(message, self._task.joint_names)
-        stamp = nanoseconds(message.header.stamp)
+    def _answer(self, policy: GaussianPolicy, messages: dict[str, Any]) -> Command | None:
+        state = self._states.join(messages)
+        stamp = nanoseconds(messages[JOINTS].header.stamp)
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
         return self._supervisor.answer(
             state,

@@ -20,7 +20,8 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of
+from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
@@ -68,10 +69,12 @@ class Simulation(Node):
     def __init__(self) -> None:
         super().__init__("simulation")
         self._task = make_task(declare(self, TASK))
+        self._messages = StateMessages(self._task.dynamics.model)
         self._initial_state = Setting(
             "initial_state",
             tuple(self._task.initial_state.tolist()),
-            "positions, then velocities of the joints, at the next reset [m, rad, m/s, rad/s]",
+            "positions, velocities and activations, in MuJoCo's order, at the next reset [m, rad, "
+            "m/s, rad/s]",
             minimum=-DIVERGENCE_BOUND,
             maximum=DIVERGENCE_BOUND,
         )
@@ -81,13 +84,16 @@ class Simulation(Node):
         declare(self, COMMAND_TIMEOUT, may_change=True)
         self._control = RunControl(paused=declare(self, START_PAUSED))
         self._health = Health(self, owns="joint_states")
-        self._robot = SimulatedRobot(self._task, self._to_state(start))
+        self._robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._seen_stamp = -1  # of the state at the last look, once a second
 
-        self._states = self.create_publisher(JointState, "joint_states", STREAM)
+        self._states = {
+            topic: self.create_publisher(kind, topic, STREAM)
+            for topic, kind in self._messages.topics.items()
+        }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
@@ -105,13 +111,15 @@ class Simulation(Node):
         self._publish()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:
-        return finite_array("initial_state", values, (self._task.dims["n_x"],))
+        """Returns the state; joining its messages checks that its quaternions are rotations."""
+        state = finite_array("initial_state", values, (self._task.dims["n_x"],))
+        self._messages.join(self._messages.split(state, stamp_of(0)))
+        return state
 
     def _publish(self) -> None:
-        stamp = stamp_of(self._robot.stamp)
-        self._clocks.publish(ClockMsg(clock=stamp))
-        names, robot = self._task.joint_names, self._robot
-        self._states.publish(state_to_msg(robot.state, names, stamp, robot.efforts))
+        self._clocks.publish(ClockMsg(clock=stamp_of(self._robot.stamp)))
+        for topic, message in self._robot.messages.items():
+            self._states[topic].publish(message)
 
     def _advance(self, command: Array) -> None:
         try:

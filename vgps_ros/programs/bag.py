@@ -129,12 +129,12 @@ def table(arguments: argparse.Namespace) -> None:
     """Writes the last motion as a table that can be a demonstration."""
     from vgps_ros.bags import BagReader
     from vgps_ros.bags.episode import last_episode, write_table
+    from vgps_ros.simulation.model import compile_model
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
     with BagReader(arguments.bag) as bag:
-        description, states = map(bag.needed_topic, ("robot_description", "joint_states"))
-        mjcf = bag.decode(next(bag.messages([description]))).data
-        episode = last_episode(bag, states, mjcf)
+        mjcf = next(bag.decoded(bag.needed_topic("robot_description")))[1].data
+        episode = last_episode(bag, compile_model(mjcf))
     if episode is None:
         raise InvalidInputError(f"'{arguments.bag}' has no motion: it needs two states at least.")
     write_table(episode, output)

@@ -15,8 +15,10 @@ from vgps_msgs.srv import ResetSimulation, SetSimulationState, StepSimulation
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds
+from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.tasks import Task
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
@@ -39,7 +41,8 @@ class PolicyRun(Node):
         self._states: dict[int, Array] = {}  # by stamp [ns]
         self._controls: dict[int, Array] = {}
         self._policies: list[GaussianPolicyMsg] = []
-        self.create_subscription(JointState, "joint_states", self._take_state, STREAM)
+        self._messages = StateMessages(task.dynamics.model)
+        subscribe_to_states(self, self._messages, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_subscription(GaussianPolicyMsg, "policy", self._policies.append, LATCHED)
         name = f"{simulation}/set_simulation_state"
@@ -87,9 +90,9 @@ class PolicyRun(Node):
     def _stamp(self, step: int) -> int:
         return round(step * self._task.dynamics.time_step * 1e9)
 
-    def _take_state(self, message: JointState) -> None:
-        state = state_from_msg(message, self._task.joint_names)
-        self._states[nanoseconds(message.header.stamp)] = state
+    def _take_state(self, messages: dict[str, Any]) -> None:
+        stamp = nanoseconds(messages[JOINTS].header.stamp)
+        self._states[stamp] = self._messages.join(messages)
 
     def _take_command(self, message: JointState) -> None:
         control = command_from_msg(message, self._task.actuated_joint_names)
@@ -102,7 +105,8 @@ class PolicyRun(Node):
         controls = {self._stamp(t) for t in range(first, steps)}
         self._wait(
             lambda: states <= self._states.keys() and controls <= self._controls.keys(),
-            "A message on joint_states or joint_command was lost; is another node driving them?",
+            f"A message on {', '.join(self._messages.topics)} or joint_command was lost; is "
+            "another node driving them?",
         )
 
     def _call(self, client: Client, request: Any) -> None:

@@ -6,6 +6,10 @@ import numpy as np
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.messages.conversions import stamp_of
+from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.simulation.joint_forces import JointForces
+from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import Task
 
 
@@ -13,18 +17,19 @@ class SimulatedRobot:
     """A task's dynamics with a state and a clock.
 
     Attributes:
-        state: x, shape (n_x,).
-        efforts: torques that led to this state, one a joint [N·m].
+        messages: the messages of the state by topic, with the efforts that led to it.
+        state: x as the messages say it, shape (n_x,); the next step starts from it.
         previous_stamp: time of the state before this one [ns].
     """
 
-    def __init__(self, task: Task, state: Array):
+    def __init__(self, task: Task, states: StateMessages, state: Array):
         self._task = task
+        self._states = states
+        self._forces = JointForces(task.dynamics.model)
         self._steps = 0
-        self.state = state
-        self.efforts = np.zeros(len(task.joint_names))
         self.previous_stamp = -1
-        self._actuated = [task.joint_names.index(name) for name in task.actuated_joint_names]
+        self._at_rest = np.zeros(len(states.joint_names))
+        self._enter(state, self._at_rest)
 
     @property
     def stamp(self) -> int:
@@ -32,7 +37,7 @@ class SimulatedRobot:
         return round(self._steps * self._task.dynamics.time_step * 1e9)
 
     def check(self, command: Array) -> None:
-        """Checks torques that come from outside.
+        """Checks controls that come from outside.
 
         Raises:
             InvalidInputError: one is so large that MuJoCo would put zero in its place.
@@ -41,12 +46,13 @@ class SimulatedRobot:
         if too_large.any():
             first = np.argmax(too_large)
             raise InvalidInputError(
-                f"joint_command.effort is {command[first]:g} at index {first}; every value "
-                f"must be below {mujoco.mjMAXVAL:g}."
+                f"joint_command.effort is {command[first]:g} for "
+                f"{self._task.actuated_joint_names[first]}; every value must be below "
+                f"{mujoco.mjMAXVAL:g}."
             )
 
     def advance(self, command: Array) -> None:
-        """Holds torques, shape (n_u,), [N·m], for one control step.
+        """Holds controls, shape (n_u,), for one control step.
 
         Raises:
             DivergenceError: the next state is out of bounds; the robot keeps the one it has.
@@ -55,23 +61,28 @@ class SimulatedRobot:
         # A NaN fails the comparison too.
         inside = np.abs(state) < DIVERGENCE_BOUND
         if not inside.all():
-            names, first = self._task.joint_names, np.argmin(inside)
-            kind = "position" if first < len(names) else "velocity"
+            first = int(np.argmin(inside))
             raise DivergenceError(
-                f"The state diverged at {self.stamp * 1e-9:g} s: the {kind} of "
-                f"{names[first % len(names)]} became {state[first]:g}. The simulation is "
-                "paused; reset it, and check the policy and the initial state."
+                f"The state diverged at {self.stamp * 1e-9:g} s: "
+                f"{state_names(self._task.dynamics.model)[first]} became {state[first]:g}. The "
+                "simulation is paused; reset it, and check the policy and the initial state."
             )
         self.previous_stamp = self.stamp
-        self.state = state
-        self.efforts[self._actuated] = command
+        efforts = self._forces(self.state, command)
         self._steps += 1
+        self._enter(state, efforts)
 
     def reset(self, state: Array | None, *, time: bool) -> None:
         """Puts the robot into a state, where one is given, and its time to 0, where asked."""
         self.previous_stamp = self.stamp
-        if state is not None:
-            self.state = state
-            self.efforts[:] = 0.0
         if time:
             self._steps = 0
+        if state is None:
+            self._enter(self.state, self._efforts)
+        else:
+            self._enter(state, self._at_rest)
+
+    def _enter(self, state: Array, efforts: Array) -> None:
+        self._efforts = efforts
+        self.messages = self._states.split(state, stamp_of(self.stamp), efforts)
+        self.state = self._states.join(self.messages)

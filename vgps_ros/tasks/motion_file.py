@@ -12,12 +12,13 @@ import csv
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
-from vgps_ros.simulation.model import state_names
+from vgps_ros.simulation.model import actuated_joint_names, state_names
 from vgps_ros.tasks.table import read_rows
 from vgps_ros.tasks.task import Task
 
@@ -47,7 +48,7 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
         InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
     """
     names, rows = read_rows(path)
-    wanted = columns(task)
+    wanted = columns(task.dynamics.model)
     strange = [*sorted(set(wanted) - set(names)), *sorted(set(names) - set(wanted))]
     if strange:
         verb = "lacks the column" if strange[0] in wanted else "has the unknown column"
@@ -83,14 +84,11 @@ def save_demonstration(task: Task, demonstration: Trajectory, path: Path) -> Non
     table = np.column_stack([time, demonstration.states, efforts])
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(columns(task))
+        writer.writerow(columns(task.dynamics.model))
         writer.writerows(table.tolist())
 
 
-def columns(task: Task) -> list[str]:
+def columns(model: mujoco.MjModel) -> list[str]:
     """Returns the names of a file's columns: time, the state's order, the controls' order."""
-    return [
-        "time",
-        *state_names(task.dynamics.model),
-        *(f"{name}/effort" for name in task.actuated_joint_names),
-    ]
+    controls = [f"{name}/effort" for name in actuated_joint_names(model)]
+    return ["time", *state_names(model), *controls]

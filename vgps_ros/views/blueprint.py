@@ -9,8 +9,13 @@ from vgps_ros.views.recording import TIME
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
 
-def blueprint(hinge_names: Sequence[str]) -> rrb.Blueprint:
-    """Returns the layout for a robot with the named hinges, its turning joints."""
+def blueprint(hinge_names: Sequence[str], *, has_base: bool = False) -> rrb.Blueprint:
+    """Returns the layout for a robot with the named hinges, its turning joints.
+
+    Args:
+        hinge_names: names of the hinges.
+        has_base: whether the robot has a free base, whose position is then shown too.
+    """
     whole_run = rrb.VisibleTimeRanges(
         rrb.VisibleTimeRange(
             TIME,
@@ -37,8 +42,10 @@ def blueprint(hinge_names: Sequence[str]) -> rrb.Blueprint:
         ),
         row_shares=[4, 2, 1],
     )
+    base = [rrb.TimeSeriesView(origin="odom/position", name="base [m]")] if has_base else []
     right = rrb.Vertical(
         rrb.Tabs(*tubes, name="executed within q ± 2 sd") if tubes else rrb.TextDocumentView(),
+        *base,
         rrb.TimeSeriesView(origin="joint_states/position", name="position [m, rad]"),
         rrb.TimeSeriesView(origin="joint_states/velocity", name="velocity [m/s, rad/s]"),
         rrb.TimeSeriesView(origin="joint_command/effort", name="torque [N·m]"),

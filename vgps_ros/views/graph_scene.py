@@ -7,6 +7,7 @@ there is, so the messages before it are kept until it comes.
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,9 @@ from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
     policy_from_msg,
-    state_from_msg,
 )
+from vgps_ros.messages.robot_state import JOINTS, TOPICS
+from vgps_ros.messages.state_collector import StateCollector
 from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import blueprint
 from vgps_ros.views.recording import Recording
@@ -30,6 +32,9 @@ from vgps_ros.views.robot_scene import RobotScene
 _PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
 DRAWN = {  # topics that are drawn, and their types
     "robot_description": "std_msgs/msg/String",
+    "odom": "nav_msgs/msg/Odometry",
+    "multi_dof_joint_states": "sensor_msgs/msg/MultiDOFJointState",
+    "activations": "sensor_msgs/msg/JointState",
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_command": "sensor_msgs/msg/JointState",
     "learning_progress": "vgps_msgs/msg/LearningProgress",
@@ -64,6 +69,7 @@ class GraphScene:
         self._report = report
         self._robot: RobotScene | None = None
         self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
+        self._collector = StateCollector([])
         self._last_stamp = -1
 
     def show(self, topic: str, message: Any) -> None:
@@ -72,11 +78,19 @@ class GraphScene:
         if self._robot is None and name != "robot_description":
             self._waiting.append((topic, message))
             return
+        if name in TOPICS:
+            if name in self.robot.states.topics and (found := self._collector.add(name, message)):
+                self._draw(JOINTS, partial(self._show_state, found))
+        elif name == "iterations":
+            solver = topic.strip("/").rpartition("/")[0]
+            self._draw(name, partial(self._show_solve, solver, message))
+        else:
+            self._draw(name, partial(getattr(self, f"_show_{name}"), message))
+
+    def _draw(self, name: str, draw: Callable[[], None]) -> None:
+        """Draws a message, and reports how that went."""
         try:
-            if name == "iterations":
-                self._show_solve(topic.strip("/").rpartition("/")[0], message)
-            else:
-                getattr(self, f"_show_{name}")(message)
+            draw()
         except InvalidInputError as error:
             self._report(name, f"Left out a {name}: {error}")
         else:
@@ -104,16 +118,16 @@ class GraphScene:
     def _show_robot_description(self, message: Any) -> None:
         if self._robot is not None:
             return  # several nodes publish the same description
-        self._robot = RobotScene(self.recording, message.data)
-        self.recording.lay_out(blueprint(self._robot.hinge_names))
+        self._robot = robot = RobotScene(self.recording, message.data)
+        self._collector = StateCollector(robot.states.topics)
+        self.recording.lay_out(blueprint(robot.hinge_names, has_base=robot.states.base is not None))
         while self._waiting:
             self.show(*self._waiting.popleft())
 
-    def _show_joint_states(self, message: Any) -> None:
-        stamp = nanoseconds(message.header.stamp)
-        state = state_from_msg(message, self.robot.joint_names)
-        known = len(message.effort) > 0
-        efforts = command_from_msg(message, self.robot.joint_names) if known else None
+    def _show_state(self, messages: dict[str, Any]) -> None:
+        states, joints = self.robot.states, messages[JOINTS]
+        stamp, state = nanoseconds(joints.header.stamp), states.join(messages)
+        efforts = command_from_msg(joints, states.joint_names) if len(joints.effort) else None
         if stamp == self._last_stamp:
             return  # the simulation repeats a state until its command comes
         if stamp < self._last_stamp:
@@ -139,7 +153,9 @@ class GraphScene:
 
     def _show_trajectory_distribution(self, message: Any) -> None:
         q = distribution_from_msg(message)
-        finite_array("mean.states[0]", q.mean.states[0], (2 * len(self.robot.joint_names),))
+        finite_array("mean.states[0]", q.mean.states[0], (len(self.robot.state_names),))
+        n_dx, n_u = len(self.robot.deviation_names), len(self.robot.actuated_joint_names)
+        finite_array("gains[0]", q.gains[0], (n_u, n_dx))
         time_step = positive("time_step", message.time_step)
         self.robot.keep_solution(int(message.trajectory_index), q, time_step)
         if message.iteration == 0:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.model import compile_model, hinge_names, joint_names
+from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 
@@ -75,16 +75,17 @@ def trajectory(run: RunRecord) -> Figure | None:
     """Draws each angle: q's mean and two standard deviations, and the executed one within.
 
     Returns:
-        The figure; None if neither is known.
+        The figure; None if neither is known, or the robot has no hinge.
     """
-    if run.mean_states is None and run.executed_states is None:
-        return None
     model = compile_model(run.mjcf)
-    names, hinges = joint_names(model), hinge_names(model)
+    hinges = hinge_names(model)
+    if not hinges or (run.mean_states is None and run.executed_states is None):
+        return None
+    in_x, in_dx = state_names(model), deviation_names(model)
     figure = Figure(figsize=(7, 1.2 + 1.3 * len(hinges)), layout="constrained")
     rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(rows, hinges, strict=True):
-        _draw_angle(axes, run, names.index(name))
+        _draw_angle(axes, run, *(names.index(f"{name}/position") for names in (in_x, in_dx)))
         axes.set_ylabel(f"{name}\n[rad]")
         axes.margins(x=0)
     rows[-1].set_xlabel("time [s]")
@@ -93,10 +94,11 @@ def trajectory(run: RunRecord) -> Figure | None:
     return figure
 
 
-def _draw_angle(axes: Axes, run: RunRecord, i: int) -> None:
+def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
+    """Draws coordinate i of the states, which is coordinate i_dx of their deviations."""
     if run.mean_states is not None and run.state_covariances is not None:
         mean = run.mean_states[:, i]
-        deviation = np.sqrt(run.state_covariances[:, i, i].clip(0.0))
+        deviation = np.sqrt(run.state_covariances[:, i_dx, i_dx].clip(0.0))
         time = run.time_step * np.arange(len(mean))
         axes.fill_between(
             time,

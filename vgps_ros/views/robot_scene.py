@@ -9,7 +9,14 @@ import numpy as np
 import rerun as rr
 
 from vgps_ros.core.records import Array, TrajectoryDistribution
-from vgps_ros.simulation.model import actuated_joint_names, compile_model, hinge_names, joint_names
+from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.simulation.model import (
+    actuated_joint_names,
+    compile_model,
+    deviation_names,
+    hinge_names,
+    state_names,
+)
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import TIME, Recording
 from vgps_ros.views.robot_shape import RobotShape
@@ -22,7 +29,9 @@ class RobotScene:
     """Draws one robot.
 
     Attributes:
-        joint_names: names of all joints, in the order of the positions in the state.
+        states: the messages of the robot's states, and the names of its joints.
+        state_names: name of each coordinate of a state.
+        deviation_names: name of each coordinate of a deviation.
         actuated_joint_names: names of the joints with a motor, in the order of the controls.
         hinge_names: names of the joints that turn.
         has_contacts: whether parts of the model can touch something.
@@ -32,7 +41,7 @@ class RobotScene:
         mjcf: the robot's MJCF.
 
     Raises:
-        InvalidInputError: the MJCF does not compile, or has joints other than hinges and slides.
+        InvalidInputError: the MJCF does not compile, or lacks the name of a joint.
     """
 
     def __init__(self, recording: Recording, mjcf: str):
@@ -42,14 +51,24 @@ class RobotScene:
         self._geometries = geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
-        self.joint_names = joint_names(model)
+        self.states = StateMessages(model)
+        self.state_names, self.deviation_names = state_names(model), deviation_names(model)
+        self._joints, self._rates = (
+            [self.state_names.index(f"{name}/{kind}") for name in self.states.joint_names]
+            for kind in ("position", "velocity")
+        )
         self.hinge_names = hinge_names(model)
         self.actuated_joint_names = actuated_joint_names(model)
+        # The efforts of a message stand for all that the actuators do.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        self._dofs = [int(model.joint(name).dofadr[0]) for name in self.states.joint_names]
         disabled = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.has_contacts = not disabled and bool(np.any(model.geom_contype))
         recording.log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for quantity in ("position", "velocity", "effort"):
-            recording.name_series(f"joint_states/{quantity}", self.joint_names)
+            recording.name_series(f"joint_states/{quantity}", self.states.joint_names)
+        if self.states.base:
+            recording.name_series("odom/position", ["x", "y", "z"])
         recording.name_series("joint_command/effort", self.actuated_joint_names)
         recording.name_series("policy/noise_std", self.actuated_joint_names)
         for name in self.hinge_names:
@@ -60,17 +79,23 @@ class RobotScene:
     def log_state(self, stamp: int, state: Array, efforts: Array | None = None) -> None:
         """Draws the robot in a state x, shape (n_x,), at a time [ns].
 
-        The efforts are the torques at the joints, shape (n_q,) [N·m], if they are known.
+        The efforts are the forces at the hinges and slides [N·m, N], if they are known.
         """
         self._recording.set_time(stamp)
-        half = len(state) // 2
-        self._recording.log("joint_states/position", rr.Scalars(state[:half]))
-        self._recording.log("joint_states/velocity", rr.Scalars(state[half:]))
+        self._recording.log("joint_states/position", rr.Scalars(state[self._joints]))
+        self._recording.log("joint_states/velocity", rr.Scalars(state[self._rates]))
         if efforts is not None:
             self._recording.log("joint_states/effort", rr.Scalars(efforts))
         for name in self.hinge_names:
-            angle = state[self.joint_names.index(name)]
+            angle = state[self.state_names.index(f"{name}/position")]
             self._recording.log(f"trajectory_distribution/{name}/executed", rr.Scalars(angle))
+        if self.states.base:
+            position, (w, *xyz), *_ = self.states.base.parts(state)
+            turned = rr.Quaternion(xyzw=[*xyz, w])
+            self._recording.log(
+                "world/odom", rr.Transform3D(translation=position, quaternion=turned)
+            )
+            self._recording.log("odom/position", rr.Scalars(position))
         centre, data = self._shape.centre_of_mass(state), self._shape.data
         for name, (i, _) in self._geometries.items():
             rotation = data.geom_xmat[i].reshape(3, 3)
@@ -108,8 +133,9 @@ class RobotScene:
             times = rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))
             deviations = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2).clip(0.0))
             for name in self.hinge_names:
-                i = self.joint_names.index(name)
-                tube = q.mean.states[:, i, None] + np.outer(deviations[:, i], [-2.0, 0.0, 2.0])
+                mean = q.mean.states[:, self.state_names.index(f"{name}/position")]
+                deviation = deviations[:, self.deviation_names.index(f"{name}/position")]
+                tube = mean[:, None] + np.outer(deviation, [-2.0, 0.0, 2.0])
                 entity = f"trajectory_distribution/{name}/{index}"
                 self._recording.name_series(entity, ["mean − 2 sd", "mean", "mean + 2 sd"])
                 self._recording.send_series(entity, times, tube)
@@ -117,9 +143,8 @@ class RobotScene:
     def _log_contacts(self, state: Array, efforts: Array | None) -> None:
         """Draws the contact forces in this state as arrows."""
         data, model = self._shape.data, self._model
-        data.qvel[:] = state[model.nq :]
-        data.ctrl[:] = 0.0
-        data.qfrc_applied[:] = 0.0 if efforts is None else efforts
+        data.qvel[:] = state[model.nq : model.nq + model.nv]
+        data.qfrc_applied[self._dofs] = 0.0 if efforts is None else efforts
         mujoco.mj_forward(model, data)
         origins, vectors = np.zeros((data.ncon, 3)), np.zeros((data.ncon, 3))
         wrench = np.zeros(6)

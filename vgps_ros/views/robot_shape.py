@@ -7,32 +7,37 @@ from vgps_ros.core.records import Array
 
 
 class RobotShape:
-    """Computes where the capsules of a model and its centre of mass are in a state.
+    """Computes where the limbs of a model and its centre of mass are in a state.
 
     Attributes:
         data: MuJoCo's data for the state that was asked for last.
-        names: names of the capsules in the MJCF.
+        names: names of the limbs in the MJCF, which are the geometries of moving bodies.
         plane: the two coordinates in which the robot moves. They are the axes of its first two
-            slides, or the two that are perpendicular to its first hinge if it has no slides.
+            slides, or the two that are perpendicular to its first hinge if it has no slides. A free
+            base is seen from the side.
     """
 
     def __init__(self, model: mujoco.MjModel):
         self._model = model
         self.data = mujoco.MjData(model)
-        self._ids = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
+        moving = model.body_weldid[model.geom_bodyid] > 0
+        self._ids = np.flatnonzero(moving & (model.geom_type >= mujoco.mjtGeom.mjGEOM_SPHERE.value))
+        self._halves = np.array([_half_axis(model, i) for i in self._ids.tolist()]).reshape(-1, 3)
         self.names = [model.geom(i).name for i in self._ids]
         slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
         axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
         if len(set(axes)) < 2:
-            axes = np.delete([0, 1, 2], np.abs(model.jnt_axis[:1]).sum(axis=0).argmax()).tolist()
+            across = np.abs(model.jnt_axis[:1]).sum(axis=0).argmax()
+            is_free = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+            axes = np.delete([0, 1, 2], 1 if is_free else across).tolist()
         self.plane: tuple[int, int] = (axes[0], axes[1])
 
     def axes(self, state: Array) -> Array:
-        """Returns both ends of each capsule's axis, shape (G, 2, 3) [m]."""
+        """Returns both ends of each limb's longest axis, shape (G, 2, 3) [m]."""
         self._place(state)
         centres = self.data.geom_xpos[self._ids]
-        directions = self.data.geom_xmat[self._ids].reshape(-1, 3, 3)[:, :, 2]
-        half = directions * self._model.geom_size[self._ids, 1, None]
+        turned = self.data.geom_xmat[self._ids].reshape(-1, 3, 3)
+        half = np.einsum("gij,gj->gi", turned, self._halves)
         return np.stack([centres - half, centres + half], axis=1)
 
     def centre_of_mass(self, state: Array) -> Array:
@@ -49,3 +54,14 @@ class RobotShape:
     def _place(self, state: Array) -> None:
         self.data.qpos[:] = state[: self._model.nq]
         mujoco.mj_kinematics(self._model, self.data)
+
+
+def _half_axis(model: mujoco.MjModel, i: int) -> Array:
+    """Returns half of a geometry's longest axis, in its own frame, shape (3,) [m]."""
+    half, size = np.zeros(3), model.geom_size[i]
+    round_about_z = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+    if mujoco.mjtGeom(model.geom_type[i]) in round_about_z:
+        half[2] = size[1]
+    else:
+        half[size.argmax()] = size.max()
+    return half

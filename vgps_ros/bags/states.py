@@ -1,0 +1,21 @@
+"""Reads the states of a robot from a bag."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from vgps_ros.bags import BagReader
+from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.messages.state_collector import StateCollector
+
+
+def recorded_states(bag: BagReader, states: StateMessages) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yields when each state was complete [ns], and its messages by topic.
+
+    Raises:
+        InvalidInputError: the bag lacks one of the topics, or a message fits no definition.
+    """
+    names = {bag.needed_topic(name): name for name in states.topics}
+    collector = StateCollector(states.topics)
+    for message in bag.messages(list(names)):
+        if found := collector.add(names[message.topic], bag.decode(message)):
+            yield message.stamp, found

@@ -1,0 +1,138 @@
+"""Splits a robot's state x into ROS messages of one stamp, and joins them to x again.
+
+| topic | type | holds |
+| --- | --- | --- |
+| `odom` | nav_msgs/Odometry | the free base, the first free joint |
+| `multi_dof_joint_states` | sensor_msgs/MultiDOFJointState | ball joints and further free bodies |
+| `activations` | sensor_msgs/JointState | activations, as positions of their actuators |
+| `joint_states` | sensor_msgs/JointState | hinges and slides |
+
+A robot has only those topics for which it has something to say, and always `joint_states`. Joining
+what was split gives x bit for bit, but for the linear velocity of free bodies: MuJoCo has it in the
+world's axes and ROS in the body's, and a rotation there and back rounds. Whoever joins the same
+messages has the same x bit for bit, and the simulation itself goes on from what its messages say.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Transform, Twist
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState, MultiDOFJointState
+
+from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.messages.body_joints import body_joints
+from vgps_ros.messages.conversions import name_order, pack, state_from_msg, state_to_msg
+from vgps_ros.simulation.model import joint_names, state_names
+
+ODOMETRY, BODIES, ACTIVATIONS, JOINTS = (
+    "odom",
+    "multi_dof_joint_states",
+    "activations",
+    "joint_states",
+)
+TOPICS = (ODOMETRY, BODIES, ACTIVATIONS, JOINTS)
+
+
+class StateMessages:
+    """Converts states of one robot.
+
+    Attributes:
+        topics: type of the message on each topic, in the order in which they are published.
+        joint_names: names of the hinges and slides, in the order of the state.
+        base: the free base, or None.
+
+    Args:
+        model: the robot.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        names = state_names(model)
+        self.joint_names = joint_names(model)
+        places = [f"{j}/{kind}" for kind in ("position", "velocity") for j in self.joint_names]
+        self._joints = np.array([names.index(place) for place in places], dtype=np.intp)
+        self._state_dim, self._first_activation = len(names), model.nq + model.nv
+        self._actuators = [name.rpartition("/")[0] for name in names[self._first_activation :]]
+        bodies = body_joints(model)
+        bases = [body for body in bodies if body.is_free][:1]
+        self.base = bases[0] if bases else None
+        self._bodies = [body for body in bodies if body is not self.base]
+        needed = {
+            ODOMETRY: (Odometry, bool(bases)),
+            BODIES: (MultiDOFJointState, bool(self._bodies)),
+            ACTIVATIONS: (JointState, bool(self._actuators)),
+            JOINTS: (JointState, True),
+        }
+        self.topics = {topic: kind for topic, (kind, is_there) in needed.items() if is_there}
+
+    def split(self, x: Array, stamp: Time, efforts: Array | None = None) -> dict[str, Any]:
+        """Returns the messages by topic, with efforts of the joints [N·m, N] where known."""
+        messages = {topic: kind() for topic, kind in self.topics.items()}
+        messages[JOINTS] = state_to_msg(x[self._joints], self.joint_names, stamp, efforts)
+        if self.base:
+            odometry = messages[ODOMETRY]
+            odometry.header.frame_id, odometry.child_frame_id = "odom", self.base.name
+            pose, twist = odometry.pose.pose, odometry.twist.twist
+            self.base.write(x, pose.position, pose.orientation, twist)
+        if self._bodies:
+            several = messages[BODIES]
+            several.joint_names = [body.name for body in self._bodies]
+            several.transforms = [Transform() for _ in self._bodies]
+            several.twist = [Twist() for _ in self._bodies]
+            for body, at, twist in zip(
+                self._bodies, several.transforms, several.twist, strict=True
+            ):
+                body.write(x, at.translation, at.rotation, twist)
+        if self._actuators:
+            activations = messages[ACTIVATIONS]
+            activations.name = self._actuators
+            activations.position = pack(x[self._first_activation :])
+        for message in messages.values():
+            message.header.stamp = stamp
+        return messages
+
+    def join(self, messages: Mapping[str, Any]) -> Array:
+        """Returns x, shape (n_x,), whatever the order of names in each message.
+
+        Args:
+            messages: a message of rclpy or of a bag for each of the topics.
+
+        Raises:
+            InvalidInputError: a name is missing, or a value is missing, not finite, or no rotation.
+        """
+        x = np.empty(self._state_dim)
+        x[self._joints] = state_from_msg(messages[JOINTS], self.joint_names)
+        if self.base:
+            odometry = messages[ODOMETRY]
+            if odometry.child_frame_id != self.base.name:
+                raise InvalidInputError(
+                    f"odom.child_frame_id is {quoted(odometry.child_frame_id)}, but it must be "
+                    f"the robot's base, '{self.base.name}'."
+                )
+            pose, twist = odometry.pose.pose, odometry.twist.twist
+            self.base.read(x, ODOMETRY, pose.position, pose.orientation, twist)
+        if self._bodies:
+            several = messages[BODIES]
+            names = tuple(several.joint_names)
+            order = name_order(names, tuple(body.name for body in self._bodies)).tolist()
+            if not len(several.transforms) == len(several.twist) == len(names):
+                raise InvalidInputError(
+                    f"{BODIES} has {len(names)} joints, {len(several.transforms)} transforms and "
+                    f"{len(several.twist)} twists, but each joint needs one of both."
+                )
+            for body, i in zip(self._bodies, order, strict=True):
+                at = several.transforms[i]
+                body.read(x, BODIES, at.translation, at.rotation, several.twist[i])
+        if self._actuators:
+            activations = messages[ACTIVATIONS]
+            order = name_order(tuple(activations.name), tuple(self._actuators))
+            values = finite_array(
+                "activations.position", activations.position, (len(activations.name),)
+            )
+            x[self._first_activation :] = values[order]
+        return x

@@ -1,0 +1,38 @@
+"""Brings the messages of one state together, which come on several topics."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from vgps_ros.messages.conversions import nanoseconds
+
+_PATIENCE = 1000  # incomplete states that are kept
+
+
+class StateCollector:
+    """Collects messages until there is one of the same stamp from each topic, in any order.
+
+    A state that is sent again is complete again once all of its messages came again.
+
+    Args:
+        topics: the topics of a robot's state.
+    """
+
+    def __init__(self, topics: Iterable[str]):
+        self._topics = set(topics)
+        self._waiting: dict[int, dict[str, Any]] = {}  # by stamp [ns], the oldest first
+
+    def add(self, topic: str, message: Any) -> dict[str, Any] | None:
+        """Returns the messages of a state by topic, if this message completes it."""
+        stamp = nanoseconds(message.header.stamp)
+        messages = self._waiting.setdefault(stamp, {})
+        messages[topic] = message
+        if messages.keys() != self._topics:
+            if len(self._waiting) > _PATIENCE:
+                del self._waiting[next(iter(self._waiting))]
+            return None
+        # Messages from before belong to states whose other messages were lost: topics keep order.
+        for earlier in list(self._waiting):
+            del self._waiting[earlier]
+            if earlier == stamp:
+                break
+        return messages

@@ -1,0 +1,28 @@
+"""Subscribes a node to the states of a robot, on one topic or on several."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.messages.state_collector import StateCollector
+
+
+def subscribe_to_states(
+    node: Node,
+    states: StateMessages,
+    take: Callable[[dict[str, Any]], object],
+    qos: QoSProfile,
+) -> None:
+    """Calls a function with the messages of each state by topic, once all of them are there."""
+    collector = StateCollector(states.topics)
+
+    def receive(topic: str, message: Any) -> None:
+        if messages := collector.add(topic, message):
+            take(messages)
+
+    for topic, kind in states.topics.items():
+        node.create_subscription(kind, topic, partial(receive, topic), qos)
