@@ -14,12 +14,12 @@ class CentredDynamics(Dynamics):
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""
-        horizon, n_x, n_u = trajectory.horizon, self.state_dim, self.control_dim
-        f_x, f_u = np.tile(np.eye(n_x), (horizon, 1, 1)), np.zeros((horizon, n_x, n_u))
-        a, b = np.empty((n_x, n_x)), np.empty((n_x, n_u))
-        data = mujoco.MjData(self.model)
+        horizon, n_dx, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
+        f_x, f_u = np.tile(np.eye(n_dx), (horizon, 1, 1)), np.zeros((horizon, n_dx, n_u))
+        a, b = np.empty((n_dx, n_dx)), np.empty((n_dx, n_u))
+        data, ends = mujoco.MjData(self.model), [self.model.nq, self.model.nq + self.model.nv]
         for t in range(horizon):
-            data.qpos[:], data.qvel[:] = np.split(trajectory.states[t], 2)
+            data.qpos[:], data.qvel[:], data.act[:] = np.split(trajectory.states[t], ends)
             data.ctrl[:] = trajectory.controls[t]
             data.qacc_warmstart[:] = 0.0
             for substep in range(self.substeps):
@@ -27,4 +27,4 @@ class CentredDynamics(Dynamics):
                     mujoco.mj_step(self.model, data)
                 mujoco.mjd_transitionFD(self.model, data, _EPS, True, a, b, None, None)
                 f_x[t], f_u[t] = a @ f_x[t], a @ f_u[t] + b
-        return LinearDynamics(f_x, f_u), horizon * self.substeps * (2 * (n_x + n_u) + 1)
+        return LinearDynamics(f_x, f_u), horizon * self.substeps * (2 * (n_dx + n_u) + 1)

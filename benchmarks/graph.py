@@ -64,7 +64,7 @@ def lock_step() -> Iterator[Comparison]:
 
 def policy_file(task: Task, folder: Path) -> Path:
     """Writes a policy with small torques; returns its path."""
-    shape = Architecture(task.observed, (5,), task.dynamics.control_dim)
+    shape = Architecture(task.observation.names, (5,), task.dynamics.control_dim)
     rng = np.random.default_rng(0)
     parameters = 0.1 * rng.standard_normal(shape.num_parameters)
     policy = GaussianPolicy(shape, parameters, np.ones(task.dynamics.control_dim))
@@ -84,8 +84,8 @@ def _round_trips(graph: Bench, task: Task) -> list[float]:
         nonlocal begun, step, stamp
         step += 1
         stamp = round(1e9 * step * task.dynamics.time_step)
-        state = np.full(task.dynamics.state_dim, 1e-3)
-        efforts = np.zeros(task.dynamics.state_dim // 2)
+        state = np.full(task.dims["n_x"], 1e-3)
+        efforts = np.zeros(task.dynamics.model.nv)
         begun = time.perf_counter()
         publisher.publish(state_to_msg(state, task.joint_names, stamp_of(stamp), efforts))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from vgps_ros.search import trajectory_optimization
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task, make_task
 
 SEED = 11
@@ -22,7 +24,17 @@ def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> T
     """Returns the task with other dynamics of the same model."""
     like = task.dynamics
     dynamics = kind(like.model, like.substeps, threads=threads, cyclic_joints=like.cyclic_joints)
-    return replace(task, dynamics=dynamics)
+
+    def again(readings: Any) -> Readings:
+        return Readings(dynamics.simulations, readings.names)
+
+    return replace(
+        task,
+        dynamics=dynamics,
+        cost=replace(task.cost, features=again(task.cost.features)),
+        observation=again(task.observation),
+        fallen=replace(task.fallen, readings=again(task.fallen.readings)),
+    )
 
 
 def initial_request(task: Task, iterations: int | None = None) -> OptimizationRequest:

@@ -102,10 +102,11 @@ def ddp_iteration() -> Iterator[Comparison]:
     for name in TASKS:
         task, motion = moving(name)
         single = with_threads(task, 1)
-        steps = motion.horizon * (2 * (single.dynamics.state_dim + single.dynamics.control_dim) + 2)
+        n_dx, n_u = single.dims["n_dx"], single.dims["n_u"]
+        steps = motion.horizon * (2 * (n_dx + n_u) + 2)
         settings = task.optimizer.ddp
         linear, _ = single.dynamics.linearize(motion)
-        gains = np.zeros((motion.horizon, single.dynamics.control_dim, single.dynamics.state_dim))
+        gains = np.zeros((motion.horizon, n_u, n_dx))
 
         def iterate(task=single, motion=motion, linear=linear, settings=settings) -> None:  # type: ignore[no-untyped-def]
             solve(task.dynamics, task.cost, motion, settings, 1, linear_dynamics=linear)

@@ -126,7 +126,7 @@ def control_law(model: BaseAlgorithm, task: Task) -> ControlLaw:
     scale = TORQUE_SCALE[task.name]
 
     def law(_: int, states: Array) -> Array:
-        observed = states[:, task.observed]
+        observed = task.observation(states)
         seen = normalizer.normalize_obs(observed) if normalizer else observed
         return scale * np.asarray(model.predict(seen, deterministic=True)[0], dtype=float)
 

@@ -113,15 +113,15 @@ def ten_units(output: Path, seeds: int) -> list[Figures]:
     folder = output / "walker-10-units-seed-0"
     save_picture(filmstrip, read_results(RunFolder(folder)), "walker_filmstrip.png")
     policy, _ = load_policy(folder / "policy.json")
-    long = task.dynamics.rollout(task.initial_state, lambda t, x: policy.mean(x), 6000)
+    law = lambda t, x: policy.mean(task.observation(x))  # noqa: E731
+    long = task.dynamics.rollout(task.initial_state, law, 6000)
     save_picture(trajectory, motion(task, long.states), "walker_60s.png", colours=16)
     return rows
 
 
 def motion(task: Task, states: np.ndarray) -> RunRecord:
     """Returns a run that has executed these states and that is not known further."""
-    mjcf = task.model_path.read_text()
-    return RunRecord(mjcf, task.dynamics.time_step, executed_states=states)
+    return RunRecord(task.mjcf, task.dynamics.time_step, executed_states=states)
 
 
 def save_picture(

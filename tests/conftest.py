@@ -2,6 +2,7 @@
 
 import dataclasses
 import signal
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import settings
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.core.state_space import StateSpace
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import Task, make_task
 
@@ -67,11 +69,35 @@ def random_covariances(rng):
     return lambda count, n: _covariances(rng, count, n)
 
 
+@dataclass(frozen=True)
+class Coordinates:
+    """Reads some coordinates of a state that has no quaternion: an observation without MuJoCo."""
+
+    space: StateSpace
+    indices: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"x{i}" for i in self.indices)
+
+    def __call__(self, states):
+        return states[..., self.indices]
+
+    def pull_back(self, jacobians, states):
+        return jacobians @ np.eye(self.space.state_dim)[list(self.indices)]
+
+
+@pytest.fixture(scope="session")
+def coordinates():
+    """Returns a function that makes an observation of coordinates of states of four numbers."""
+    return lambda *indices, n_x=4: Coordinates(StateSpace(n_x), indices)
+
+
 @pytest.fixture
 def random_policy(rng):
     """Returns a function that draws a policy of a given shape."""
 
-    def make(observed=(0, 2, 3), hidden_units=(5,), control_dim=2, **options):
+    def make(observed=("x0", "x2", "x3"), hidden_units=(5,), control_dim=2, **options):
         architecture = Architecture(observed, hidden_units, control_dim, **options)
         parameters = rng.standard_normal(architecture.num_parameters)
         return GaussianPolicy(architecture, parameters, rng.uniform(0.5, 2.0, control_dim))

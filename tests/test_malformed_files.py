@@ -15,10 +15,10 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import compile_model
+from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
-from vgps_ros.tasks.task import load_model
 from vgps_ros.views.run_record import RunRecord, read_results
 
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
@@ -27,7 +27,7 @@ ROTOR = make_task("rotor")
 
 
 def write_policy(folder):
-    shape = Architecture((0, 1), (2,), 1)
+    shape = Architecture(ROTOR.observation.names, (2,), 1)
     save_policy(
         GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(1)), "rotor", folder / "file"
     )
@@ -39,7 +39,7 @@ def write_demonstration(folder):
 
 
 def write_model(folder):
-    shutil.copy(ROTOR.model_path, folder / "file")
+    (folder / "file").write_text(ROTOR.mjcf)
 
 
 def write_result(folder):
@@ -59,7 +59,7 @@ def read_result(path):
 KINDS = {
     "policy": (write_policy, load_policy),
     "demonstration": (write_demonstration, lambda path: load_demonstration(ROTOR, path)),
-    "model": (write_model, lambda path: load_model(path, ["rotor"])),
+    "model": (write_model, lambda path: changed_spec(path, {}, {})),
     "model as text": (write_model, lambda path: compile_model(path.read_text(errors="replace"))),
     "result": (write_result, read_result),
 }

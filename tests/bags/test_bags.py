@@ -43,7 +43,7 @@ def messages(store) -> list[tuple[str, int, bytes]]:
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
     none, ones = np.zeros(0), np.ones(2)
     policy = types[POLICY](
-        header, "swimmer", 3, np.array([1, 2], np.uint32), np.array([2, 1], np.uint32), "tanh",
+        header, "swimmer", 3, ["x1", "x2"], np.array([2, 1], np.uint32), "tanh",
         False, True, ones, ones[:1],
     )  # fmt: skip
     state = types[STATE](header, ["a"], ones[:1], none, none)

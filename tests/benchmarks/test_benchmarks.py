@@ -14,7 +14,7 @@ from benchmarks.problems import linear_quadratic, with_threads
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp.backward_pass import _recursion, backward_pass
 from vgps_ros.search.preparation import prepare
-from vgps_ros.simulation import compiled_loops
+from vgps_ros.simulation import compiled_loops, compiled_readings
 from vgps_ros.tasks import make_task
 
 
@@ -97,15 +97,20 @@ def test_after_its_preparation_a_search_compiles_nothing(name):
     loops = [
         *(compiled_loops.advance, compiled_loops.differentiate),
         *(compiled_loops.execute, compiled_loops.follow, _recursion),
+        compiled_readings.differentiate_each,
     ]
     before = [len(loop.signatures) for loop in loops]
     assert all(before)
+    loops.append(compiled_readings.read_each)  # only of readings that are no coordinates
+    before.append(len(compiled_readings.read_each.signatures))
     motion = task.dynamics.rollout(
         task.initial_state, lambda *_: np.zeros(task.dynamics.control_dim), 3
     )
     linear, _ = task.dynamics.linearize(motion)
     gains = backward_pass(linear, task.cost.expand(motion), 0.1).gains
     list(task.dynamics.follow_each(motion.states[0], [motion], gains))
+    task.cost(motion.states[None, :-1], motion.controls[None])
+    task.fallen(motion.states[None])
     assert [len(loop.signatures) for loop in loops] == before
 
 

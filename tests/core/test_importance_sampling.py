@@ -26,20 +26,26 @@ def policies(random_policy):
 
 
 @pytest.fixture
+def scaling(policies, coordinates, random_distribution):
+    shape, observation = policies[0].architecture, coordinates(0, 2, 3)
+    return Standardization.of(shape, observation, [random_distribution()])
+
+
+@pytest.fixture
 def samples(rng, policies):
-    """Rollouts that the second policy drew, with arbitrary states and costs."""
-    states = rng.standard_normal((COUNT, HORIZON, 4))
+    """Rollouts that the second policy drew, with arbitrary inputs and costs."""
+    inputs = rng.standard_normal((COUNT, HORIZON, 3))
     policy = policies[1]
     noise = policy.noise_std * rng.standard_normal((COUNT, HORIZON, 2))
-    controls = policy.mean(states) + noise
-    log_q = np.cumsum(policy.log_density(states, controls), axis=1)
-    return ImportanceSamples(states, controls, rng.uniform(0, 3, (COUNT, HORIZON)), log_q)
+    controls = policy.mean(inputs) + noise
+    log_q = np.cumsum(policy.log_density(inputs, controls), axis=1)
+    return ImportanceSamples(inputs, controls, rng.uniform(0, 3, (COUNT, HORIZON)), log_q)
 
 
 def density_of_prefix(policy, samples, i, t):
     """π(ζ_i,1:t), as a product over steps and controls."""
     factors = [
-        norm.pdf(samples.controls[i, s], policy.mean(samples.states[i, s]), policy.noise_std)
+        norm.pdf(samples.controls[i, s], policy.mean(samples.inputs[i, s]), policy.noise_std)
         for s in range(t + 1)
     ]
     return np.prod(factors)
@@ -60,7 +66,7 @@ def test_weights_are_ratios_of_gaussian_densities(policies, samples):
 
 def test_the_mixture_is_the_weighted_sum_of_its_parts(policies, samples):
     counts = [3, 1, 2]
-    steps = [p.log_density(samples.states, samples.controls) for p in policies]
+    steps = [p.log_density(samples.inputs, samples.controls) for p in policies]
     found = np.exp(mixture_log_density(steps, counts))
     expected = [
         [
@@ -76,7 +82,7 @@ def test_the_mixture_is_the_weighted_sum_of_its_parts(policies, samples):
 
 
 def test_a_part_without_rollouts_counts_for_nothing(policies, samples):
-    steps = [p.log_density(samples.states, samples.controls) for p in policies]
+    steps = [p.log_density(samples.inputs, samples.controls) for p in policies]
     assert_allclose(mixture_log_density(steps[:2], [4, 0]), np.cumsum(steps[0], axis=1))
 
 
@@ -92,19 +98,18 @@ def test_the_estimate_is_exact_where_the_policy_drew_the_rollouts(policies, samp
 def test_the_estimate_is_unbiased_as_rollouts_grow(rng, policies):
     """One step, with a cost whose mean under the target is known."""
     n, target = 200_000, policies[0]
-    states = np.broadcast_to(rng.standard_normal(4), (n, 1, 4))
-    mean = target.mean(states[0, 0])
+    inputs = np.broadcast_to(rng.standard_normal(3), (n, 1, 3))
+    mean = target.mean(inputs[0, 0])
     broad = 2.0 * target.noise_std
     controls = mean + broad * rng.standard_normal((n, 1, 2))
     log_q = norm.logpdf(controls, mean, broad).sum(axis=2)
     costs = np.sum(controls**2, axis=2)
-    estimate = expected_cost(target, ImportanceSamples(states, controls, costs, log_q))
+    estimate = expected_cost(target, ImportanceSamples(inputs, controls, costs, log_q))
     assert_allclose(estimate, np.sum(mean**2 + target.noise_std**2), rtol=0.02)
 
 
-def test_the_loss_is_the_objective_in_standardised_units(policies, samples, random_distribution):
+def test_the_loss_is_the_objective_in_standardised_units(policies, samples, scaling):
     policy, w_r = policies[0], 0.3
-    scaling = Standardization.of(policy.architecture, [random_distribution()])
     variables = np.concatenate(
         [scaling.to_standard(policy.parameters), np.log(policy.noise_std / scaling.output_scale)]
     )
@@ -113,9 +118,8 @@ def test_the_loss_is_the_objective_in_standardised_units(policies, samples, rand
     assert_allclose(-HORIZON * found, objective(policy, [samples], w_r), rtol=1e-9)
 
 
-def test_the_search_raises_the_objective(policies, samples, random_distribution):
+def test_the_search_raises_the_objective(policies, samples, scaling):
     policy = policies[0]
-    scaling = Standardization.of(policy.architecture, [random_distribution()])
     better = maximize(policy, [samples, samples], 1e-2, scaling, iterations=30)
     values = [objective(p, [samples, samples], 1e-2) for p in (policy, better)]
     assert values[1] > values[0]

@@ -130,10 +130,10 @@ def test_control_means_follow_the_gains(random_distribution, rng):
 
 def test_density_of_a_control_is_that_of_the_local_policy(random_distribution, rng):
     q = random_distribution(horizon=3)
-    states, controls = rng.standard_normal((2, 3, 4)), rng.standard_normal((2, 3, 2))
-    found = control_log_density(q, states, controls)
+    deviations, controls = rng.standard_normal((2, 3, 4)), rng.standard_normal((2, 3, 2))
+    found = control_log_density(q, deviations, controls)
     for s, t in np.ndindex(2, 3):
-        mean = q.mean.controls[t] + q.gains[t] @ (states[s, t] - q.mean.states[t])
+        mean = q.mean.controls[t] + q.gains[t] @ deviations[s, t]
         expected = multivariate_normal(mean, q.control_covariances[t]).logpdf(controls[s, t])
         assert_allclose(found[s, t], expected, rtol=1e-9)
 
@@ -149,8 +149,9 @@ def test_marginals_that_explode_are_named_with_the_step():
 
 def test_settings_widen_what_the_task_names():
     widened = MarginalSettings(initial_std_factor=3.0, velocity_noise=0.02, std_limit_annealing=0.5)
-    task_std, task_limit = np.array([0.0, 0.1, 0.2, 0.3]), np.array([np.inf, 1.0, 2.0, 4.0])
-    spread = widened.spread(task_std, task_limit, alpha=0.25)
-    assert_allclose(spread.initial_std, [0.0, 0.3, 0.6, 0.9])
-    assert_array_equal(spread.dynamics_std, [0.0, 0.0, 0.02, 0.02])  # positions, then velocities
-    assert_allclose(spread.std_limit, [np.inf, 0.5, 1.0, 2.0])
+    task_std = np.array([0.0, 0.1, 0.2, 0.3, 0.4])
+    task_limit = np.array([np.inf, 1.0, 2.0, 4.0, 8.0])
+    spread = widened.spread(task_std, task_limit, velocities=slice(2, 4), alpha=0.25)
+    assert_allclose(spread.initial_std, [0.0, 0.3, 0.6, 0.9, 1.2])
+    assert_array_equal(spread.dynamics_std, [0.0, 0.0, 0.02, 0.02, 0.0])  # no activation
+    assert_allclose(spread.std_limit, [np.inf, 0.5, 1.0, 2.0, 4.0])

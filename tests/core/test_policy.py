@@ -55,17 +55,18 @@ def test_the_network_is_that_of_torch_s_modules_wherever_it_is_written(
         hidden_bias=hidden_bias,
         output_bias=output_bias,
     )
-    states = rng.standard_normal((21, 5))  # beyond 20 torch takes log(1 + exp(z)) to be z
+    inputs = rng.standard_normal((21, 3))  # beyond 20 torch takes log(1 + exp(z)) to be z
     with torch.no_grad():
-        expected = torch_network(policy)(torch.from_numpy(states[:, [0, 2, 3]])).numpy()
+        expected = torch_network(policy)(torch.from_numpy(inputs)).numpy()
     compiled, network, (a, z) = [], compiled_network(policy), np.empty((2, 6))
-    for state in states:
-        network_output(network, state, a, z)
+    for each in inputs:
+        a[:3] = each
+        network_output(network, a, z)
         compiled.append(a[:2].copy())
     raw = Standardization(policy.architecture, np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
-    fitted = raw.network(torch.from_numpy(policy.parameters), raw.inputs(states)).numpy().T
+    fitted = raw.network(torch.from_numpy(policy.parameters), raw.inputs(inputs)).numpy().T
     for name, found in (
-        ("readable", policy.mean(states.reshape(7, 3, 5)).reshape(21, 2)),
+        ("readable", policy.mean(inputs.reshape(7, 3, 3)).reshape(21, 2)),
         ("compiled", np.array(compiled)),
         ("fitted", fitted),
     ):
@@ -83,19 +84,18 @@ def test_jacobian_agrees_with_finite_differences(
         hidden_bias=hidden_bias,
         output_bias=output_bias,
     )
-    states = rng.standard_normal((4, 5))
-    mean, jacobian = policy.linearize(states)
-    assert_array_equal(mean, policy.mean(states))
-    assert jacobian.shape == (4, 2, 5)
-    for state, found in zip(states, jacobian, strict=True):
-        assert_allclose(found, finite_differences(policy.mean, state), atol=1e-8)
-        assert_array_equal(found[:, [1, 4]], 0.0)  # not observed
+    inputs = rng.standard_normal((4, 3))
+    mean, jacobian = policy.linearize(inputs)
+    assert_array_equal(mean, policy.mean(inputs))
+    assert jacobian.shape == (4, 2, 3)
+    for each, found in zip(inputs, jacobian, strict=True):
+        assert_allclose(found, finite_differences(policy.mean, each), atol=1e-8)
 
 
 @pytest.mark.parametrize("value", [1e3, -1e3])
 def test_activations_keep_their_limits(random_policy, value):
     """log(1 + exp(z)) must neither overflow nor lose its slope."""
-    policy = random_policy(observed=(0,), hidden_units=(1,), control_dim=1)
+    policy = random_policy(observed=("x0",), hidden_units=(1,), control_dim=1)
     policy = dataclasses.replace(policy, parameters=np.array([1.0, 0.0, 1.0, 0.0]))
     mean, jacobian = policy.linearize(np.array([value]))
     assert_allclose(mean, max(value, 0.0), atol=1e-300)
@@ -114,18 +114,19 @@ def test_activations_keep_their_limits(random_policy, value):
     ],
 )
 def test_parameters_are_weights_and_biases(inputs, units, controls, options, count):
-    assert Architecture(tuple(range(inputs)), units, controls, **options).num_parameters == count
+    names = tuple(f"x{i}" for i in range(inputs))
+    assert Architecture(names, units, controls, **options).num_parameters == count
 
 
 def test_log_density_is_scipys(random_policy, rng):
     policy = random_policy(control_dim=3)
-    states, controls = rng.standard_normal((6, 4)), rng.standard_normal((6, 3))
+    inputs, controls = rng.standard_normal((6, 3)), rng.standard_normal((6, 3))
     covariance = np.diag(policy.noise_std**2)
     expected = [
-        multivariate_normal.logpdf(u, policy.mean(x), covariance)
-        for x, u in zip(states, controls, strict=True)
+        multivariate_normal.logpdf(u, policy.mean(o), covariance)
+        for o, u in zip(inputs, controls, strict=True)
     ]
-    assert_allclose(policy.log_density(states, controls), expected, rtol=1e-12)
+    assert_allclose(policy.log_density(inputs, controls), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -146,15 +147,20 @@ def test_bad_array_is_refused_with_its_value(random_policy, changes, message):
 
 def test_bad_shape_is_refused_with_the_valid_choices():
     with pytest.raises(InvalidInputError, match=r"'sigmoid'.* one of relu, softplus, tanh\."):
-        Architecture((0,), (5,), 2, activation="sigmoid")
+        Architecture(("x0",), (5,), 2, activation="sigmoid")
     with pytest.raises(InvalidInputError, match=r"number of units of a layer is 0"):
-        Architecture((0,), (5, 0), 2)
+        Architecture(("x0",), (5, 0), 2)
+    with pytest.raises(InvalidInputError, match=r"reads \['x0', 'x1', 'x0'\], .* each only once\."):
+        Architecture(("x0", "x1", "x0"), (5,), 2)
 
 
 def test_policy_of_another_robot_is_refused(random_policy):
-    policy: GaussianPolicy = random_policy(observed=(0, 7))
-    policy.check_fits(8, 2)
+    names = ("hip/position", "hip/velocity")
+    policy: GaussianPolicy = random_policy(observed=names)
+    policy.check_fits(names, 2)
     with pytest.raises(InvalidInputError, match=r"has 2 controls, but the task has 6"):
-        policy.check_fits(18, 6)
-    with pytest.raises(InvalidInputError, match=r"coordinate 7 .* coordinates 0 to 6"):
-        policy.check_fits(7, 2)
+        policy.check_fits(names, 6)
+    for other in (("hip/position",), names[::-1], ("hip/position", "knee/velocity")):
+        theirs = rf"policies read {', '.join(other)};"
+        with pytest.raises(InvalidInputError, match=r"reads \['hip/pos.*', 'hip/vel.* " + theirs):
+            policy.check_fits(other, 2)

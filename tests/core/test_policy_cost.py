@@ -1,3 +1,6 @@
+from dataclasses import dataclass, replace
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -15,25 +18,40 @@ def trajectory(rng):
     return Trajectory(rng.standard_normal((HORIZON + 1, N_X)), rng.standard_normal((HORIZON, N_U)))
 
 
+@dataclass(frozen=True)
+class Linear:
+    """The features A x."""
+
+    matrix: np.ndarray
+
+    def __call__(self, states, controls):
+        return states @ self.matrix.T
+
+    def linearize(self, states, controls):
+        by_state = np.broadcast_to(self.matrix, (*states.shape[:-1], 2, N_X))
+        return self(states, controls), by_state, np.zeros((*states.shape[:-1], 2, N_U))
+
+
 @pytest.fixture
 def scaled(rng):
-    matrix = rng.standard_normal((2, N_X))
-    cost = FeatureCost(
-        lambda x: (x @ matrix.T, np.broadcast_to(matrix, (*x.shape[:-1], 2, N_X))),
-        np.array([0.5, -0.5]),
-        0.2,
-    )
+    features = Linear(rng.standard_normal((2, N_X)))
+    targets, control_weights = np.array([0.5, -0.5]), np.full(N_U, 0.2)
+    cost = FeatureCost(features, targets, np.ones(2), np.zeros(2), control_weights)
     return ScaledCost(cost, ALPHA)
 
 
 @pytest.fixture
-def make_cost(rng, scaled, random_policy):
+def make_cost(rng, scaled, coordinates, random_policy):
     def make(**shape):
         deviations = rng.standard_normal((SAMPLES, HORIZON, N_X))
         gains = rng.standard_normal((HORIZON, N_U, N_X))
-        return PolicyCost(scaled, random_policy(**shape), deviations, gains)
+        return PolicyCost(scaled, random_policy(**shape), coordinates(0, 2, 3), deviations, gains)
 
     return make
+
+
+def policy_mean(cost, states):
+    return cost.policy.mean(cost.observation(states))
 
 
 def hessians(expansion, start=None):
@@ -57,7 +75,7 @@ def test_values_average_the_log_density_of_jointly_shifted_samples(make_cost, tr
         log_densities = [
             multivariate_normal.logpdf(
                 trajectory.controls[t] + cost.gains[t] @ delta,
-                cost.policy.mean(trajectory.states[t] + delta),
+                policy_mean(cost, trajectory.states[t] + delta),
                 covariance,
             )
             for delta in cost.deviations[:, t]
@@ -89,7 +107,7 @@ def test_hessian_is_the_mean_gauss_newton_matrix(make_cost, trajectory, finite_d
     for t in range(HORIZON):
         expected = 0.0
         for delta in cost.deviations[:, t]:
-            j = finite_differences(cost.policy.mean, trajectory.states[t] + delta)
+            j = finite_differences(partial(policy_mean, cost), trajectory.states[t] + delta)
             residual_by_z = np.hstack([-j, np.eye(N_U)])  # r = u − μ(x)
             expected += residual_by_z.T @ precision @ residual_by_z / SAMPLES
         assert_allclose(found[t], expected, atol=1e-8)
@@ -112,6 +130,7 @@ def test_hessian_of_a_linear_policy_is_exact(make_cost, trajectory, finite_diffe
 
 def test_single_zero_deviation_is_the_point_cost(make_cost, trajectory):
     cost = make_cost()
-    point = PolicyCost(cost.scaled, cost.policy, np.zeros((1, HORIZON, N_X)), cost.gains)
-    log_density = cost.policy.log_density(trajectory.states[:-1], trajectory.controls)
+    point = replace(cost, deviations=np.zeros((1, HORIZON, N_X)))
+    inputs = cost.observation(trajectory.states[:-1])
+    log_density = cost.policy.log_density(inputs, trajectory.controls)
     assert_allclose(point.values(trajectory), cost.scaled.values(trajectory) - log_density)

@@ -20,7 +20,22 @@ from vgps_ros.core.policy_fit import (
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Trajectory
 
-WHOLE_STATE = (0, 1, 2, 3)
+NAMES = ("x0", "x1", "x2", "x3")
+
+
+@pytest.fixture
+def whole(coordinates):
+    return coordinates(0, 1, 2, 3)
+
+
+@pytest.fixture
+def three(coordinates):
+    """What `random_policy` reads."""
+    return coordinates(0, 2, 3)
+
+
+def start_of(architecture, observation, distributions, rng):
+    return initial_policy(Standardization.of(architecture, observation, distributions), rng)
 
 
 @pytest.fixture
@@ -51,17 +66,19 @@ def expected_objective(policy, q):
 
 
 @pytest.mark.parametrize("form", ["analytic", "sampled"])
-def test_objective_is_the_closed_form_in_expectation(random_policy, random_distribution, rng, form):
-    policy, q = random_policy(observed=WHOLE_STATE, hidden_units=()), random_distribution()
-    draws = [objective(policy, draw_targets([q], form, 200, rng)) for _ in range(200)]
+def test_objective_is_the_closed_form_in_expectation(
+    random_policy, random_distribution, whole, rng, form
+):
+    policy, q = random_policy(observed=NAMES, hidden_units=()), random_distribution()
+    draws = [objective(policy, draw_targets([q], whole, form, 200, rng)) for _ in range(200)]
     assert abs(np.mean(draws) - expected_objective(policy, q)) < 5 * np.std(draws) / np.sqrt(200)
 
 
-def test_analytic_objective_is_the_mean_sampled_one(random_policy, random_distribution, rng):
+def test_analytic_objective_is_the_mean_sampled_one(random_policy, random_distribution, three, rng):
     """With a network, for which no closed form exists; the analytic form has less noise."""
     policy, q = random_policy(hidden_units=(5, 4), activation="tanh"), random_distribution()
     analytic, sampled = (
-        [objective(policy, draw_targets([q], form, 200, rng)) for _ in range(200)]
+        [objective(policy, draw_targets([q], three, form, 200, rng)) for _ in range(200)]
         for form in ("analytic", "sampled")
     )
     error = np.hypot(np.std(analytic), np.std(sampled)) / np.sqrt(200)
@@ -69,25 +86,25 @@ def test_analytic_objective_is_the_mean_sampled_one(random_policy, random_distri
     assert np.std(analytic) < np.std(sampled)
 
 
-def test_sampled_objective_is_the_mean_log_density(random_policy, random_distribution, rng):
+def test_sampled_objective_is_the_mean_log_density(random_policy, random_distribution, three, rng):
     policy = random_policy()
-    targets = draw_targets([random_distribution()], "sampled", 3, rng)
-    log_density = policy.log_density(targets.states, targets.means)
+    targets = draw_targets([random_distribution()], three, "sampled", 3, rng)
+    log_density = policy.log_density(targets.inputs, targets.means)
     assert_allclose(objective(policy, targets), log_density.mean(), rtol=1e-12)
 
 
-def test_targets_pool_every_step_of_every_distribution(random_distribution, rng):
+def test_targets_pool_every_step_of_every_distribution(random_distribution, three, rng):
     qs = [random_distribution(horizon=3), random_distribution(horizon=5)]
-    targets = draw_targets(qs, "analytic", 4, rng)
-    assert targets.states.shape == (32, 4)
+    targets = draw_targets(qs, three, "analytic", 4, rng)
+    assert targets.inputs.shape == (32, 3)
     assert targets.means.shape == targets.variances.shape == (32, 2)
     variances = np.diagonal(qs[1].control_covariances, axis1=1, axis2=2)
     assert_array_equal(targets.variances[-5:], variances)
 
 
-def test_best_noise_maximises_the_objective(random_policy, random_distribution, rng):
+def test_best_noise_maximises_the_objective(random_policy, random_distribution, three, rng):
     policy = random_policy()
-    targets = draw_targets([random_distribution()], "analytic", 10, rng)
+    targets = draw_targets([random_distribution()], three, "analytic", 10, rng)
     best = with_best_noise(policy, targets).noise_std
 
     def at(noise):
@@ -103,14 +120,14 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
     [("lbfgs", 40, 0.01, 1e-5), ("adam", 600, 0.02, 0.1), ("sgd", 1500, 0.01, 0.1)],
 )
 def test_fit_recovers_a_linear_gaussian(
-    linear_target, rng, form, optimizer, iterations, learning_rate, tolerance
+    linear_target, whole, rng, form, optimizer, iterations, learning_rate, tolerance
 ):
     q, gain, bias, std = linear_target
     settings = FitSettings(
         form, optimizer, 40, iterations, resample_every=20, learning_rate=learning_rate
     )
-    start = initial_policy(Architecture(WHOLE_STATE, (), 2), [q], rng)
-    policy = fit_policy(start, [q], settings, rng)
+    start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
+    policy = fit_policy(start, whole, [q], settings, rng)
     if form == "sampled":  # 1000 actions a fit: the estimate has a standard error of 3 %
         tolerance = max(tolerance, 0.15)
     states = q.mean.states
@@ -121,13 +138,17 @@ def test_fit_recovers_a_linear_gaussian(
 
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam", "sgd"])
 @pytest.mark.parametrize("bias", [True, False])
-def test_fit_of_a_network_increases_the_objective(random_distribution, rng, optimizer, bias):
+def test_fit_of_a_network_increases_the_objective(
+    random_distribution, coordinates, rng, optimizer, bias
+):
     qs = [random_distribution(horizon=20), random_distribution(horizon=20)]
-    architecture = Architecture((1, 2), (5,), 2, hidden_bias=bias, output_bias=bias)
-    start = initial_policy(architecture, qs, rng)
-    targets = draw_targets(qs, "analytic", 200, rng)
+    two = coordinates(1, 2)
+    architecture = Architecture(two.names, (5,), 2, hidden_bias=bias, output_bias=bias)
+    start = start_of(architecture, two, qs, rng)
+    targets = draw_targets(qs, two, "analytic", 200, rng)
     improved = with_best_noise(start, targets)
-    policy = fit_policy(start, qs, FitSettings(optimizer=optimizer, iterations=60), rng)
+    settings = FitSettings(optimizer=optimizer, iterations=60)
+    policy = fit_policy(start, two, qs, settings, rng)
     assert objective(policy, targets) > objective(improved, targets) > objective(start, targets)
 
 
@@ -135,29 +156,29 @@ def test_fit_of_a_network_increases_the_objective(random_distribution, rng, opti
 @pytest.mark.parametrize("hidden_bias", [True, False])
 @pytest.mark.parametrize("output_bias", [True, False])
 def test_standardised_units_change_neither_weights_nor_loss(
-    linear_target, random_policy, rng, hidden_units, hidden_bias, output_bias
+    linear_target, random_policy, three, rng, hidden_units, hidden_bias, output_bias
 ):
     q = linear_target[0]
     policy = random_policy(
         hidden_units=hidden_units, hidden_bias=hidden_bias, output_bias=output_bias
     )
-    scaling = Standardization.of(policy.architecture, [q])
+    scaling = Standardization.of(policy.architecture, three, [q])
     standard = scaling.to_standard(policy.parameters)
     assert_allclose(scaling.to_raw(standard), policy.parameters, rtol=1e-12, atol=1e-12)
 
-    targets = draw_targets([q], "analytic", 5, rng)
+    targets = draw_targets([q], three, "analytic", 5, rng)
     loss = policy_fit._loss(scaling, targets)(policy_fit.torch.from_numpy(standard))
     expected = np.log(with_best_noise(policy, targets).noise_std / scaling.output_scale).sum()
     assert_allclose(loss.item(), expected, rtol=1e-10)
 
 
-def test_same_generator_gives_the_same_bits(random_distribution):
-    q, architecture = random_distribution(horizon=10), Architecture(WHOLE_STATE, (5,), 2)
+def test_same_generator_gives_the_same_bits(random_distribution, whole):
+    q, architecture = random_distribution(horizon=10), Architecture(NAMES, (5,), 2)
 
     def fit(seed):
         rng = np.random.default_rng(seed)
-        start = initial_policy(architecture, [q], rng)
-        return fit_policy(start, [q], FitSettings(iterations=50), rng)
+        start = start_of(architecture, whole, [q], rng)
+        return fit_policy(start, whole, [q], FitSettings(iterations=50), rng)
 
     assert_array_equal(fit(1).parameters, fit(1).parameters)
     assert_array_equal(fit(1).noise_std, fit(1).noise_std)
@@ -166,7 +187,7 @@ def test_same_generator_gives_the_same_bits(random_distribution):
 
 @pytest.mark.parametrize(("optimizer", "draws"), [("lbfgs", 3), ("adam", 50), ("sgd", 50)], ids=str)
 def test_samples_are_drawn_anew_as_often_as_set(
-    random_distribution, rng, monkeypatch, optimizer, draws
+    random_distribution, whole, rng, monkeypatch, optimizer, draws
 ):
     """LBFGS every 20 iterations, the others every iteration, and once more for the noise."""
     q, drawn = random_distribution(), []
@@ -176,38 +197,39 @@ def test_samples_are_drawn_anew_as_often_as_set(
         return drawn[-1]
 
     monkeypatch.setattr(policy_fit, "draw_targets", counted)
-    start = initial_policy(Architecture(WHOLE_STATE, (5,), 2), [q], rng)
-    fit_policy(start, [q], FitSettings(optimizer=optimizer, iterations=50, resample_every=20), rng)
+    start = start_of(Architecture(NAMES, (5,), 2), whole, [q], rng)
+    settings = FitSettings(optimizer=optimizer, iterations=50, resample_every=20)
+    fit_policy(start, whole, [q], settings, rng)
     assert len(drawn) == draws + 1
-    assert len({t.states.tobytes() for t in drawn}) == draws + 1
+    assert len({t.inputs.tobytes() for t in drawn}) == draws + 1
 
 
-def test_a_learning_rate_that_diverges_is_named(linear_target, rng):
+def test_a_learning_rate_that_diverges_is_named(linear_target, whole, rng):
     q = linear_target[0]
-    start = initial_policy(Architecture(WHOLE_STATE, (5,), 2), [q], rng)
+    start = start_of(Architecture(NAMES, (5,), 2), whole, [q], rng)
     settings = FitSettings(optimizer="sgd", iterations=2000, learning_rate=1e200)
     with pytest.raises(DivergenceError, match=r"lower fit\.learning_rate, which is 1e\+200"):
-        fit_policy(start, [q], settings, rng)
+        fit_policy(start, whole, [q], settings, rng)
 
 
-def test_a_fit_that_finds_nothing_better_keeps_the_policy(linear_target, rng):
+def test_a_fit_that_finds_nothing_better_keeps_the_policy(linear_target, whole, rng):
     """A huge step of SGD leaves the optimum; the result is the start, with its best noise."""
     q = linear_target[0]
-    start = initial_policy(Architecture(WHOLE_STATE, (), 2), [q], rng)
-    best = fit_policy(start, [q], FitSettings(iterations=40), rng)
+    start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
+    best = fit_policy(start, whole, [q], FitSettings(iterations=40), rng)
     settings = FitSettings(optimizer="sgd", iterations=1, learning_rate=10.0)
-    worse_or_same = fit_policy(best, [q], settings, rng)
-    targets = draw_targets([q], "analytic", 50, rng)
+    worse_or_same = fit_policy(best, whole, [q], settings, rng)
+    targets = draw_targets([q], whole, "analytic", 50, rng)
     assert objective(worse_or_same, targets) > objective(best, targets) - 1e-3
 
 
 def test_draws_come_as_often_as_they_are_probable(rng):
-    states = np.arange(4.0)[:, None]
-    targets = Targets(states, 10 * states, 100 * states)
+    inputs = np.arange(4.0)[:, None]
+    targets = Targets(inputs, 10 * inputs, 100 * inputs)
     draws = resampled(targets, np.array([0.5, 0.2, 0.0, 0.3]), 10_000, rng)
     first, second = next(draws), next(draws)
-    counts = np.bincount(first.states[:, 0].astype(int), minlength=4)
+    counts = np.bincount(first.inputs[:, 0].astype(int), minlength=4)
     assert_allclose(counts / 10_000, [0.5, 0.2, 0.0, 0.3], atol=5 * 0.5 / 100)
-    assert_array_equal(first.means, 10 * first.states)
-    assert_array_equal(first.variances, 100 * first.states)
-    assert first.states.tobytes() != second.states.tobytes()
+    assert_array_equal(first.means, 10 * first.inputs)
+    assert_array_equal(first.variances, 100 * first.inputs)
+    assert first.inputs.tobytes() != second.inputs.tobytes()

@@ -162,12 +162,12 @@ def test_torques_of_the_safe_action_are_counted_apart(tmp_path, capsys, action):
     with BagReader(SAMPLE) as bag:
         last = list(bag.messages(["/trajectory_distribution"]))[-1]
         q = distribution_from_msg(bag.decode(last)).first(swimmer.horizon)
-    marginals = TrainingMarginals(q, swimmer.observed, (10, 2))
+    marginals = TrainingMarginals(q, swimmer.observation, 2)
 
     def change(i, stamp, torques):
         if not 200 <= i < 205:
             return torques
-        return safe_torques(settings, state_at(stamp), [3, 4], [marginals])
+        return safe_torques(settings, state_at(stamp), [8, 9], [marginals])
 
     bag = copy(tmp_path / "bag", commanded(change), safe_action=action, damping=3.0)
     main(["check", str(bag)])

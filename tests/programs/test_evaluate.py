@@ -15,7 +15,7 @@ ROLLOUTS = ["--seconds", "1", "--rollouts", "3", "--seed", "5"]
 
 def rest(task):
     """A policy without torques and with little noise."""
-    shape = Architecture(task.observed, (), task.dynamics.control_dim)
+    shape = Architecture(task.observation.names, (), task.dynamics.control_dim)
     return GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(shape.control_dim))
 
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 from vgps_ros.experiments.gait_search import FALLING, gait_cost
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.simbicon import GAIT
+from vgps_ros.tasks.walker.simbicon import GAIT
 
 
 def test_a_gait_that_walks_beats_one_that_falls():
-    dynamics = make_task("walker").dynamics
+    walker = make_task("walker")
     limp = replace(GAIT, torso_stiffness=1.0)
-    walking, falling = (gait_cost(dynamics, gait, seconds=3.0) for gait in (GAIT, limp))
+    walking, falling = (gait_cost(walker, gait, seconds=3.0) for gait in (GAIT, limp))
     assert 0 < walking < 0.2 * FALLING < falling

@@ -9,7 +9,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 
 PERIOD = 20_000_000  # [ns]
 LIMITS = (10.0, 10.0)
-ACTUATED = [0, 1]
+VELOCITIES = [2, 3]  # of the actuated joints, in the state
 STATE = np.array([0.1, 0.2, 1.0, -2.0])
 TORQUES = np.array([3.0, -4.0])
 
@@ -19,7 +19,7 @@ class Robot:
 
     def __init__(self, **settings):
         self.supervisor = Supervisor(
-            SafetySettings(torque_limits=LIMITS, **settings), ACTUATED, PERIOD * 1e-9
+            SafetySettings(torque_limits=LIMITS, **settings), VELOCITIES, PERIOD * 1e-9
         )
         self.supervisor.begin()
         self.now = 0.0
@@ -159,12 +159,13 @@ def test_the_last_command_is_zero():
     assert robot.supervisor.stop().torques.tolist() == ZERO
 
 
-def test_far_from_the_training_it_warns_and_then_takes_over(random_distribution):
+def test_far_from_the_training_it_warns_and_then_takes_over(random_distribution, coordinates):
     q = random_distribution(horizon=5, n_x=4, n_u=2)
     robot = Robot(distance_warning=2.0, distance_limit=4.0)
     assert robot.send(0) == (DRIVES, 0)  # there is no distribution yet
     assert robot.supervisor.distance is None
-    robot.supervisor.marginals[0] = marginals = TrainingMarginals(q, (1, 2, 3), (4, 2))
+    marginals = TrainingMarginals(q, coordinates(1, 2, 3), 2)
+    robot.supervisor.marginals[0] = marginals
     direction = np.array([0.0, 1.0, -1.0, 2.0])
     outwards = q.mean.states[2] + np.linspace(0.0, 30.0, 200)[:, None] * direction
     seen = set()

@@ -22,8 +22,13 @@ def distribution(random_distribution):
 
 
 @pytest.fixture
-def marginals(distribution):
-    return TrainingMarginals(distribution, OBSERVED, (4, 2))
+def observation(coordinates):
+    return coordinates(*OBSERVED)
+
+
+@pytest.fixture
+def marginals(distribution, observation):
+    return TrainingMarginals(distribution, observation, 2)
 
 
 def plain_distances(q, state):
@@ -51,9 +56,9 @@ def test_on_the_trajectory_it_is_zero_wherever_the_root_is(marginals, distributi
         assert marginals.nearest(moved).step == step
 
 
-def test_the_nearest_of_several_distributions_counts(marginals, distribution):
+def test_the_nearest_of_several_distributions_counts(marginals, distribution, observation):
     mean = dataclasses.replace(distribution.mean, states=distribution.mean.states + 50.0)
-    far = TrainingMarginals(dataclasses.replace(distribution, mean=mean), OBSERVED, (4, 2))
+    far = TrainingMarginals(dataclasses.replace(distribution, mean=mean), observation, 2)
     found = nearest_of([marginals, far], mean.states[3])
     assert found.marginals is far
     assert found.step == 3
@@ -69,21 +74,23 @@ def test_feedback_is_the_ddp_law_and_the_roots_place_makes_no_torque(marginals, 
     safety = SafetySettings(safe_action="feedback")
     for root in (0.0, 1e3):
         moved = state + np.array([root, 0.0, 0.0, 0.0])
-        found = safe_torques(safety, moved, [0, 1], [marginals])
+        found = safe_torques(safety, moved, [2, 3], [marginals])
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_damping_brakes_the_actuated_joints():
+def test_damping_brakes_the_joints_that_the_controls_drive():
     safety = SafetySettings(safe_action="damping", damping=3.0)
     state = np.array([9.0, 9.0, 9.0, 1.0, -2.0, 4.0])
-    np.testing.assert_array_equal(safe_torques(safety, state, [1, 2], []), [6.0, -12.0])
+    np.testing.assert_array_equal(safe_torques(safety, state, [4, 5], []), [6.0, -12.0])
+    # The second control drives no joint of one axis, as a tendon's does.
+    np.testing.assert_array_equal(safe_torques(safety, state, [4, -1], []), [6.0, 0.0])
 
 
 @pytest.mark.parametrize("action", ["zero", "damping", "feedback"])
 def test_without_what_it_needs_the_safe_action_is_zero(action):
     safety = SafetySettings(safe_action=action)
-    np.testing.assert_array_equal(safe_torques(safety, None, [0, 1], []), [0.0, 0.0])
-    zero = safe_torques(safety, np.zeros(4), [0, 1], [])
+    np.testing.assert_array_equal(safe_torques(safety, None, [2, 3], []), [0.0, 0.0])
+    zero = safe_torques(safety, np.zeros(4), [2, 3], [])
     np.testing.assert_array_equal(zero, [0.0, 0.0])
 
 
@@ -94,17 +101,17 @@ FINITE = arrays(float, 4, elements=st.floats(allow_nan=False, allow_infinity=Fal
 @given(state=FINITE, action=st.sampled_from(["zero", "damping", "feedback"]))
 def test_no_finite_state_makes_a_torque_that_is_not_finite(marginals, state, action):
     safety = SafetySettings(safe_action=action, damping=1e6)
-    found = safe_torques(safety, state, [0, 1], [marginals])
+    found = safe_torques(safety, state, [2, 3], [marginals])
     assert np.isfinite(found).all()
 
 
-def test_what_is_no_distribution_of_the_robot_is_refused(distribution):
+def test_what_is_no_distribution_of_the_robot_is_refused(distribution, observation, coordinates):
     with pytest.raises(InvalidInputError, match="states has shape"):
-        TrainingMarginals(distribution, OBSERVED, (5, 2))
+        TrainingMarginals(distribution, coordinates(*OBSERVED, n_x=5), 2)
     with pytest.raises(InvalidInputError, match="controls has shape"):
-        TrainingMarginals(distribution, OBSERVED, (4, 3))
+        TrainingMarginals(distribution, observation, 3)
     with pytest.raises(InvalidInputError, match="has no steps"):
-        TrainingMarginals(distribution.first(0), OBSERVED, (4, 2))
+        TrainingMarginals(distribution.first(0), observation, 2)
     negative = dataclasses.replace(distribution, state_covariances=-distribution.state_covariances)
     with pytest.raises(InvalidInputError, match="not positive semidefinite"):
-        TrainingMarginals(negative, OBSERVED, (4, 2))
+        TrainingMarginals(negative, observation, 2)

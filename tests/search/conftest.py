@@ -10,9 +10,9 @@ from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimiz
 
 
 @pytest.fixture
-def policy(rng):
+def policy(swimmer, rng):
     """Some policy that fits the swimmer."""
-    architecture = Architecture(tuple(range(1, 10)), (5,), 2)
+    architecture = Architecture(swimmer.observation.names, (5,), 2)
     parameters = rng.standard_normal(architecture.num_parameters)
     return GaussianPolicy(architecture, parameters, np.array([3.0, 5.0]))
 

@@ -13,14 +13,10 @@ from vgps_ros.search.metrics import evaluation_metrics
 
 def test_noise_costs_what_its_variance_says(short_swimmer):
     """Without the velocity's term a policy of noise alone costs T w_u Σ σ²."""
-    architecture = Architecture((1,), (), 2)
+    architecture = Architecture(short_swimmer.observation.names, (), 2)
     noise_std = np.array([30.0, 50.0])
-    policy = GaussianPolicy(architecture, np.zeros(4), noise_std)
-    cost = dataclasses.replace(
-        short_swimmer.cost,
-        features=lambda x: (np.zeros((*x.shape[:-1], 1)), None),
-        targets=np.zeros(1),
-    )
+    policy = GaussianPolicy(architecture, np.zeros(20), noise_std)
+    cost = dataclasses.replace(short_swimmer.cost, weights=np.zeros(1))
     task = dataclasses.replace(short_swimmer, cost=cost)
     costs = evaluate(task, policy, [task.initial_state], 200, 0, 1).stochastic_costs
     error = costs.std() / np.sqrt(200)

@@ -20,7 +20,7 @@ ROTOR = make_task("rotor")
 ONE_DECISION = dataclasses.replace(
     ROTOR,
     horizon=2,
-    cost=dataclasses.replace(ROTOR.cost, control_weight=0.01),
+    cost=dataclasses.replace(ROTOR.cost, control_weights=np.array([0.01])),
     guess=lambda rng: np.zeros((2, 1)),
     initial_state=np.array([0.0, 5.0]),
 )
@@ -103,7 +103,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
     def total(u):
         control = np.array([u])
         following = ONE_DECISION.dynamics.step(x, control)
-        return float(ONE_DECISION.cost(x, control) + ONE_DECISION.cost(following, nothing))
+        return ONE_DECISION.cost(np.stack([x, following]), np.stack([control, nothing])).sum()
 
     low, standing, high = total(-1.0), total(0.0), total(1.0)
     optimum = total(0.5 * (low - high) / (high - 2 * standing + low))
@@ -136,7 +136,7 @@ def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
         for t in range(ROTOR.horizon - 1):
             following = ROTOR.dynamics.step(rollouts.states[n, t], rollouts.controls[n, t])
             assert_array_equal(rollouts.states[n, t + 1], following)
-    noise = rollouts.controls - policy.mean(rollouts.states)
+    noise = rollouts.controls - policy.mean(ROTOR.observation(rollouts.states))
     expected = policy.noise_std / np.sqrt(2 * noise.size)
     assert abs(noise.std() - policy.noise_std[0]) < 5 * expected[0]
     np.testing.assert_allclose(rollouts.costs, ROTOR.cost(rollouts.states, rollouts.controls))
@@ -166,4 +166,4 @@ def test_an_unknown_method_names_the_valid_ones():
 
 def test_guided_search_says_when_there_is_nothing_to_learn_from():
     with pytest.raises(DivergenceError, match=r"lower gps\.guiding_noise"):
-        combined([])
+        combined([], ROTOR.observation)

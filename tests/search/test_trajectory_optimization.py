@@ -59,6 +59,7 @@ def test_modified_cost_is_alpha_c_less_the_averaged_log_density(short_swimmer, n
     cost = PolicyCost(
         ScaledCost(short_swimmer.cost, 0.9),
         next_request.policy,
+        short_swimmer.observation,
         deviations,
         next_request.previous.gains,
     )
@@ -153,10 +154,10 @@ def test_policy_without_previous_distribution_is_refused(short_swimmer, first_re
 
 
 def test_policy_that_does_not_fit_the_task_is_refused(short_swimmer, next_request, policy):
-    observed = (*range(8), 10)
+    observed = (*policy.architecture.observed[:-1], "tail/velocity")
     architecture = dataclasses.replace(policy.architecture, observed=observed)
     other = dataclasses.replace(policy, architecture=architecture)
-    with pytest.raises(InvalidInputError, match=r"coordinate 10 .* coordinates 0 to 9"):
+    with pytest.raises(InvalidInputError, match=r"reads .*tail/velocity.* read root_y/pos"):
         optimize(short_swimmer, dataclasses.replace(next_request, policy=other))
 
 

@@ -107,7 +107,8 @@ def test_candidates_are_learned_side_by_side_until_the_likeliest_goes_on(
 
     def likelihood(policy, pair):
         rng = np.random.default_rng(0)
-        return objective(policy, draw_targets(work.scored(pair.solutions), "analytic", 500, rng))
+        observation, solutions = short_swimmer.observation, work.scored(pair.solutions)
+        return objective(policy, draw_targets(solutions, observation, "analytic", 500, rng))
 
     fits = [work.fit(pair.policy, pair.solutions, 3) for pair in before.pairs]
     likelihoods = [likelihood(*both) for both in zip(fits, before.pairs, strict=True)]
@@ -171,7 +172,7 @@ def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
 def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):
     shape = architecture(swimmer, SearchSettings(hidden_units=(5,)))
     assert shape.num_parameters == 62
-    assert 0 not in shape.observed  # root x
+    assert shape.observed[0] == "root_y/position"  # swimming is the same at every root x
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,7 @@ def test_bad_settings_are_refused_before_anything_is_solved(
 
 
 def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, rng):
-    shape = Architecture(short_swimmer.observed, (4,), 2)
+    shape = Architecture(short_swimmer.observation.names, (4,), 2)
     policy = GaussianPolicy(
         shape, 2 * rng.standard_normal(shape.num_parameters), np.array([5.0, 8.0])
     )
@@ -199,7 +200,7 @@ def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, 
 
     def cost_of_rollout(x, noise):
         """Plain MuJoCo, and the paper's cost written out anew."""
-        model = mujoco.MjModel.from_xml_path(str(short_swimmer.model_path))
+        model = mujoco.MjModel.from_xml_string(short_swimmer.mjcf)
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = x[:5], x[5:]
         w1, b1, w2, b2 = np.split(policy.parameters, [36, 40, 48])
@@ -229,10 +230,10 @@ def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, 
 
 
 def test_a_policy_that_diverges_is_reported_as_such(short_swimmer):
-    shape = Architecture(short_swimmer.observed, (), 2)
+    shape = Architecture(short_swimmer.observation.names, (), 2)
     # Positive feedback of a velocity: it grows without bound.
     parameters = np.zeros(shape.num_parameters)
-    parameters[shape.observed.index(8)] = 1e5
+    parameters[shape.observed.index("front_joint/velocity")] = 1e5
     policy = GaussianPolicy(shape, parameters, np.array([1.0, 1.0]))
     evaluation = evaluate(short_swimmer, policy, [np.full(10, 0.1)], 4, seed=0, iteration=1)
     found = evaluation_metrics(evaluation)

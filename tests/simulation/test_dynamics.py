@@ -9,6 +9,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 
 
@@ -44,7 +45,7 @@ def test_derivatives_agree_with_finite_differences_of_step(
 
 def centred_differences(dynamics, trajectory):
     """MuJoCo's own, by the chain rule over the simulator steps of one control."""
-    model, n_x, n_u = dynamics.model, dynamics.state_dim, dynamics.control_dim
+    model, n_x, n_u = dynamics.model, dynamics.space.state_dim, dynamics.control_dim
     data = mujoco.MjData(model)
     for state, control in zip(trajectory.states, trajectory.controls, strict=False):
         data.qpos, data.qvel, data.ctrl = state[: n_x // 2], state[n_x // 2 :], control
@@ -83,7 +84,7 @@ def test_derivatives_along_a_motion_are_those_of_the_simulators_centred_differen
 @pytest.mark.parametrize("name", ["swimmer", "walker"])
 def test_nothing_depends_on_the_coordinates_that_a_task_calls_cyclic(name, rng):
     dynamics = make_task(name).dynamics
-    states = rng.uniform(-0.3, 0.3, (6, dynamics.state_dim))
+    states = rng.uniform(-0.3, 0.3, (6, dynamics.space.state_dim))
     points = Trajectory(states, rng.uniform(-30, 30, (5, dynamics.control_dim)))
     short, _ = dynamics.linearize(points)
     full, _ = Dynamics(dynamics.model, dynamics.substeps).linearize(points)
@@ -214,53 +215,49 @@ def test_control_that_the_simulator_would_drop_makes_a_rollout_diverge(swimmer, 
 
 
 def test_the_model_that_is_handed_in_stays_as_it_is(swimmer):
-    model = mujoco.MjModel.from_xml_path(str(swimmer.model_path))
+    model = mujoco.MjModel.from_xml_string(swimmer.mjcf)
     before = model.opt.disableflags
     assert Dynamics(model).model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
     assert model.opt.disableflags == before
 
 
-@pytest.mark.parametrize(
-    ("joint", "actuator"),
-    [
-        ('<freejoint name="root"/>', ""),
-        ('<joint name="hinge"/>', '<general joint="hinge" dyntype="integrator"/>'),
-    ],
-)
-def test_model_with_quaternions_or_actuator_states_is_refused(joint, actuator):
-    model = mujoco.MjModel.from_xml_string(
-        f"<mujoco><worldbody><body>{joint}<geom size='1'/></body></worldbody>"
-        f"<actuator>{actuator}</actuator></mujoco>"
-    )
-    with pytest.raises(InvalidInputError, match=rf"nq={model.nq}, nv={model.nv}, na={model.na}"):
-        Dynamics(model)
+@pytest.fixture
+def observation(swimmer):
+    """Numbers of the state, and one of the centre of mass."""
+    names = ["root_y/position", "back_joint/position", "root_yaw/velocity", "velocity/y"]
+    return Readings(swimmer.dynamics.simulations, names)
+
+
+def policy_of(observation, hidden, rng, *options, **biases):
+    shape = Architecture(observation.names, hidden, 2, *options, **biases)
+    return GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize(("hidden", "biases"), [((), False), ((4,), True), ((5, 3), False)])
 def test_executing_a_policy_is_a_rollout_of_its_mean_and_noise(
-    swimmer, rng, activation, hidden, biases
+    swimmer, observation, rng, activation, hidden, biases
 ):
-    shape = Architecture((1, 4, 7), hidden, 2, activation, hidden_bias=biases, output_bias=biases)
-    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    policy = policy_of(observation, hidden, rng, activation, hidden_bias=biases, output_bias=biases)
     starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 20, 2))
-    states, controls = swimmer.dynamics.execute(policy, starts, noise)
-    expected = swimmer.dynamics.rollouts(starts, lambda t, x: policy.mean(x) + noise[:, t], 20)
+    states, controls = swimmer.dynamics.execute(policy, observation, starts, noise)
+    expected = swimmer.dynamics.rollouts(
+        starts, lambda t, x: policy.mean(observation(x)) + noise[:, t], 20
+    )
     assert_allclose(states, expected[0], rtol=1e-9, atol=1e-12)
     assert_allclose(controls, expected[1], rtol=1e-9, atol=1e-12)
 
 
 def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no_other(
-    swimmer, rng
+    swimmer, observation, rng
 ):
-    shape = Architecture((2, 3), (3,), 2)
-    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
+    policy = policy_of(observation, (3,), rng)
     starts, noise = np.zeros((3, 10)), rng.standard_normal((3, 12, 2))
-    calm, _ = swimmer.dynamics.execute(policy, starts, noise)
+    calm, _ = swimmer.dynamics.execute(policy, observation, starts, noise)
     noise[1, 4] = 1e8
     for threads in (1, 2, 5):
         dynamics = Dynamics(swimmer.dynamics.model, threads=threads)
-        states, controls = dynamics.execute(policy, starts, noise)
+        states, controls = dynamics.execute(policy, observation, starts, noise)
         assert_array_equal(states[[0, 2]], calm[[0, 2]])
         assert_array_equal(states[1, :5], calm[1, :5])
         assert np.isnan(states[1, 5:]).all()
@@ -268,8 +265,8 @@ def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no
         assert np.isnan(controls[1, 5:]).all()
 
 
-def test_a_policy_of_another_robot_is_not_executed(swimmer):
-    shape = Architecture((0, 12), (3,), 2)
-    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(2))
-    with pytest.raises(InvalidInputError, match="coordinate 12"):
-        swimmer.dynamics.execute(policy, np.zeros((1, 10)), np.zeros((1, 5, 2)))
+def test_a_policy_of_another_robot_is_not_executed(swimmer, observation, rng):
+    other = Readings(swimmer.dynamics.simulations, observation.names[:-1])
+    policy = policy_of(other, (3,), rng)
+    with pytest.raises(InvalidInputError, match=r"policies read root_y/pos.*velocity/y;"):
+        swimmer.dynamics.execute(policy, observation, np.zeros((1, 10)), np.zeros((1, 5, 2)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.optimizer_settings import DdpSettings
@@ -37,6 +37,6 @@ def test_ddp_finds_its_optimum_in_one_iteration(task):
 
 
 def test_cost_is_written_out(task):
-    state, control = np.array([0.5, -2.0]), np.array([3.0])
-    assert_allclose(task.cost(state, control), 3.0**2 + 0.5**2 + 0.1 * 2.0**2)
-    assert task.cost.rest == 0.0
+    state, control = np.array([[0.5, -2.0]]), np.array([[3.0]])
+    assert_allclose(task.cost(state, control), [3.0**2 + 0.5**2 + 0.1 * 2.0**2])
+    assert_array_equal(task.cost.rest(2), [0.0, 0.0])

@@ -1,4 +1,4 @@
-"""The swimmer's cost and symmetry against the simulator's own velocities."""
+"""The swimmer's sensor of velocity against a closed form, its cost, and its symmetry."""
 
 import mujoco
 import numpy as np
@@ -8,48 +8,65 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
+from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.swimmer import centre_of_mass_velocity
 
 SWIMMER = make_task("swimmer")
+VELOCITY = Readings(SWIMMER.dynamics.simulations, ["velocity/x", "velocity/y"])
 states = arrays(float, 10, elements=st.floats(-4, 4))
 
 
-def simulated_velocity(state):
-    model = SWIMMER.dynamics.model
-    data = mujoco.MjData(model)
-    data.qpos, data.qvel = state[:5], state[5:]
-    mujoco.mj_forward(model, data)
-    mujoco.mj_subtreeVel(model, data)
-    return data.subtree_linvel[0, 0]
+def centre_of_mass_velocity(state):
+    """v_x, v_y [m/s].
+
+    The links are alike, so the centre of mass lies at p + (e(a) − e(b)) / 6, where p is the middle
+    of the middle link and e(a), e(b) are unit vectors along the front and the back link.
+    """
+    _, _, yaw, front, back, v_x, v_y, yaw_rate, front_rate, back_rate = state
+    a, a_rate = yaw + front, yaw_rate + front_rate
+    b, b_rate = yaw + back, yaw_rate + back_rate
+    return np.array(
+        [
+            v_x + (np.sin(b) * b_rate - np.sin(a) * a_rate) / 6,
+            v_y + (np.cos(a) * a_rate - np.cos(b) * b_rate) / 6,
+        ]
+    )
 
 
 @given(states)
-def test_centre_of_mass_velocity_is_the_simulators(state):
-    assert_allclose(centre_of_mass_velocity(state)[0], [simulated_velocity(state)], atol=1e-12)
+def test_the_sensor_of_velocity_is_that_of_the_centre_of_mass(state):
+    assert_allclose(VELOCITY(state), centre_of_mass_velocity(state), atol=1e-12)
 
 
 @given(states)
-def test_its_jacobian_agrees_with_finite_differences_of_the_simulators(state):
-    jacobian, eps = centre_of_mass_velocity(state)[1], 1e-5
+def test_its_jacobian_agrees_with_finite_differences_of_the_closed_form(state):
+    velocity, by_state, by_control = VELOCITY.linearize(state)
+    assert_array_equal(velocity, VELOCITY(state))
+    assert_array_equal(by_control, np.zeros((2, 2)))
+    eps = 1e-5
     for i, step in enumerate(eps * np.eye(10)):
-        difference = simulated_velocity(state + step) - simulated_velocity(state - step)
-        assert_allclose(jacobian[0, i], difference / (2 * eps), atol=1e-8)
+        plus, minus = centre_of_mass_velocity(state + step), centre_of_mass_velocity(state - step)
+        assert_allclose(by_state[:, i], (plus - minus) / (2 * eps), atol=1e-6)
 
 
 def test_velocities_of_many_states_are_those_of_each(rng):
     batch = rng.standard_normal((3, 4, 10))
-    velocity, jacobian = centre_of_mass_velocity(batch)
-    assert (velocity.shape, jacobian.shape) == ((3, 4, 1), (3, 4, 1, 10))
-    single = centre_of_mass_velocity(batch[2, 1])
+    velocity, jacobian, _ = VELOCITY.linearize(batch)
+    assert (velocity.shape, jacobian.shape) == ((3, 4, 2), (3, 4, 2, 10))
+    single = VELOCITY.linearize(batch[2, 1])
     assert_array_equal(velocity[2, 1], single[0])
     assert_array_equal(jacobian[2, 1], single[1])
 
 
 def test_cost_of_a_step_is_the_papers(rng):
     state, control = rng.standard_normal(10), 50 * rng.standard_normal(2)
-    expected = 1e-5 * control @ control + (simulated_velocity(state) - 1.0) ** 2
-    assert SWIMMER.cost(state, control) == pytest.approx(expected, rel=1e-12)
+    model = SWIMMER.dynamics.model
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel = state[:5], state[5:]
+    mujoco.mj_forward(model, data)
+    mujoco.mj_subtreeVel(model, data)
+    expected = 1e-5 * control @ control + (data.subtree_linvel[0, 0] - 1.0) ** 2
+    assert SWIMMER.cost(state[None], control[None]) == pytest.approx([expected], rel=1e-12)
 
 
 def test_swimming_is_the_same_everywhere_and_in_every_heading(rng):

@@ -9,7 +9,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.simbicon import GAIT, FootLoads, Gait, standing, walk
+from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Gait, standing, walk
 
 WALKER = make_task("walker")
 LEG = ["hip", "knee", "ankle"]
@@ -26,13 +26,13 @@ def test_walker_has_seven_links_nine_degrees_of_freedom_and_six_torques():
 
 
 def test_policy_of_ten_units_has_the_papers_246_parameters():
-    assert Architecture(WALKER.observed, (10,), 6).num_parameters == 246
+    assert Architecture(WALKER.observation.names, (10,), 6).num_parameters == 246
 
 
 def test_cost_of_a_step_is_the_papers(rng):
     state, control = rng.standard_normal(18), 50 * rng.standard_normal(6)
     expected = 1e-4 * control @ control + (state[9] - 1.0) ** 2 + (state[1] - 0.93) ** 2
-    assert WALKER.cost(state, control) == pytest.approx(expected, rel=1e-12)
+    assert WALKER.cost(state[None], control[None]) == pytest.approx([expected], rel=1e-12)
 
 
 def test_a_foot_bears_a_load_only_on_the_floor():
@@ -94,7 +94,7 @@ def test_gait_survives_its_vector():
 
 def follow(demonstration):
     start = demonstration.states[0]
-    return track(WALKER.dynamics, demonstration, start, WALKER.joint_names, 1e-6)[0]
+    return track(WALKER.dynamics, demonstration, start, WALKER.position_names, 1e-6)[0]
 
 
 def test_demonstration_is_followed_where_open_loop_replay_leaves_it():
@@ -105,5 +105,5 @@ def test_demonstration_is_followed_where_open_loop_replay_leaves_it():
 def test_a_demonstration_that_cannot_be_followed_is_reported_with_where_and_by_how_much():
     states = WALKER.demonstration.states.copy()
     states[100:, 4] += 0.5
-    with pytest.raises(DivergenceError, match=r"at step 100 \(1\.00 s\) left_knee is 0\.\d+ away"):
+    with pytest.raises(DivergenceError, match=r"at step 100 \(1\.00 s\) left_knee/pos.* is 0\.\d"):
         follow(Trajectory(states, WALKER.demonstration.controls))

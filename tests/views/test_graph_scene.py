@@ -110,7 +110,7 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
     recorded.scene.show("/joint_states", state)
     recorded.scene.show("/joint_command", command_to_msg(np.ones(2), ["wrong", "names"], Time()))
     assert recorded.reports == []
-    recorded.scene.show("/robot_description", String(data=swimmer.model_path.read_text()))
+    recorded.scene.show("/robot_description", String(data=swimmer.mjcf))
     assert [topic for topic, text in recorded.reports if text] == ["joint_command"]
     chunks = recorded.close()
     assert sum(c.num_rows for c in chunks["/joint_states/position"] if not c.is_static) == 1

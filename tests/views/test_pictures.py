@@ -72,7 +72,7 @@ def run(swimmer, states):
     """A run with a motion, and a q whose deviation grows with time."""
     deviations = np.linspace(0.0, 0.5, len(states))
     return RunRecord(
-        mjcf=swimmer.model_path.read_text(),
+        mjcf=swimmer.mjcf,
         time_step=0.02,
         initial_states=states + 0.1,
         mean_states=states,

@@ -62,12 +62,16 @@ class FeatureCost:
             controls: shape (..., T, n_u).
             first: place of the first step in the task's horizon.
         """
-        readings = self.features(states, controls)
-        return self._of_readings(readings, first) + (controls**2) @ self.control_weights
+        parts = self.parts(states, controls, first)
+        return parts.sum(axis=-1) + (controls**2) @ self.control_weights
+
+    def parts(self, states: Array, controls: Array, first: int = 0) -> Array:
+        """Returns w ρ(r − r*) of each reading, shape (..., T, m); see `__call__`."""
+        return self._parts_of(self.features(states, controls), first)
 
     def rest(self, steps: int, first: int = 0) -> Array:
         """Returns the cost of steps in which all readings and controls are zero, shape (T,)."""
-        return self._of_readings(np.zeros((steps, len(self.smooth))), first)
+        return self._parts_of(np.zeros((steps, len(self.smooth))), first).sum(axis=-1)
 
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""
@@ -86,7 +90,7 @@ class FeatureCost:
         curvature = weights * np.where(smooth, self.smooth**2 / safe**3, 2.0)  # w ρ''
         c_j = curvature[..., None] * j_x
         return CostExpansion(
-            c=self._of_readings(readings, 0) + (controls**2) @ self.control_weights,
+            c=self._parts_of(readings, 0).sum(axis=-1) + (controls**2) @ self.control_weights,
             c_x=np.einsum("tmx,tm->tx", j_x, slope),
             c_u=np.einsum("tmu,tm->tu", j_u, slope) + 2 * self.control_weights * controls,
             c_xx=np.swapaxes(j_x, 1, 2) @ c_j,
@@ -95,15 +99,22 @@ class FeatureCost:
             c_ux=np.swapaxes(j_u, 1, 2) @ c_j,
         )
 
-    def _of_readings(self, readings: Array, first: int) -> Array:
-        """Returns Σ_i w ρ(r_i − r*_i), shape (..., T), for readings (..., T, m)."""
+    def _parts_of(self, readings: Array, first: int) -> Array:
+        """Returns w ρ(r − r*), shape (..., T, m), for readings (..., T, m)."""
         targets, weights = self._at(first, readings.shape[-2])
         e = readings - targets
         norms = np.where(self.smooth > 0.0, np.sqrt(e**2 + self.smooth**2) - self.smooth, e**2)
-        return np.sum(weights * norms, axis=-1)
+        return np.asarray(weights * norms)
 
     def _at(self, first: int, steps: int) -> tuple[Array, Array]:
-        """Returns r* and w of some steps, (T, m), or (m,) where they do not change."""
-        cut = (slice(first, first + steps),)
-        targets, weights = (a[cut] if a.ndim == 2 else a for a in (self.targets, self.weights))
-        return targets, weights
+        """Returns r* and w of some steps, (T, m), or (m,) where they do not change.
+
+        After the task's horizon, those of its last step but one hold: the last one may be special.
+        """
+        found = []
+        for values in (self.targets, self.weights):
+            if values.ndim == 2:
+                at, count = np.arange(first, first + steps), len(values)
+                values = values[np.where(at < count, at, max(count - 2, 0))]  # noqa: PLW2901
+            found.append(values)
+        return found[0], found[1]

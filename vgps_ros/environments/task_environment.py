@@ -10,9 +10,11 @@ from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.beginnings import control_range
 
 # Torque of an action of 1, about the largest torque of the DDP solution [N·m].
 TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}
+_UNLIMITED = 1e6  # a control's range beyond it is none
 
 
 class TaskEnvironment(gymnasium.Env[Array, Array]):
@@ -24,8 +26,9 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
     pays.
 
     Args:
-        task: name of the task.
-        torque_scale: torque of an action of 1 [N·m]; None for the task's entry in `TORQUE_SCALE`.
+        task: a name, a task file or its folder, or FILE.py:FUNCTION.
+        torque_scale: control for an action of 1 [N·m for motors]; None for the task's entry in
+            `TORQUE_SCALE`, or else for the largest control that the model allows, or 1.
         reward_scale: factor of the reward.
         render_mode: must be None, since the environment draws nothing.
 
@@ -44,8 +47,9 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         render_mode: str | None = None,
     ):
         self._task = make_task(task)
-        own = TORQUE_SCALE.get(task, 1.0)
-        self._torque_scale = positive("torque_scale", own if torque_scale is None else torque_scale)
+        largest = control_range(self._task.dynamics.model)[1]
+        own = TORQUE_SCALE.get(task, np.where(largest < _UNLIMITED, largest, 1.0))
+        self._torque_scale = own if torque_scale is None else positive("torque_scale", torque_scale)
         self._reward_scale = positive("reward_scale", reward_scale)
         self.render_mode = render_mode
         n_u = self._task.dynamics.control_dim

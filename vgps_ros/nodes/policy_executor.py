@@ -71,7 +71,9 @@ class PolicyExecutor(LifecycleNode):
         self._active = False
         time_step = self._task.dynamics.time_step
         velocities = driven_velocities(self._task.dynamics.model)
-        self._supervisor = Supervisor(self._settings, velocities, time_step)
+        self._supervisor = Supervisor(
+            self._settings, velocities, time_step, self._task.limits.broken
+        )
         # A policy that comes before activation is kept for it.
         self._training = TrainingResults(
             self,

@@ -43,6 +43,7 @@ class Supervisor:
         settings: limits, conditions for usable states, and the safe action.
         velocities: index in the state of the velocity that each control drives; -1 for none.
         period: control period [s].
+        broken_limit: says which limit of the task a state breaks; empty where none is broken.
 
     Attributes:
         marginals: training marginals by trajectory index. They may be replaced at any time.
@@ -51,11 +52,18 @@ class Supervisor:
         distance: distance of the newest state from the marginals, or None if it is not measured.
     """
 
-    def __init__(self, settings: SafetySettings, velocities: list[int], period: float):
+    def __init__(
+        self,
+        settings: SafetySettings,
+        velocities: list[int],
+        period: float,
+        broken_limit: Callable[[Array], str] = lambda _: "",
+    ):
         self.marginals: dict[int, TrainingMarginals] = {}
         self.distance: float | None = None
         self._settings = settings
         self._velocities = velocities
+        self._broken_limit = broken_limit
         limits = np.array(settings.torque_limits)
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         self._stamp = -1  # of the newest usable state
@@ -149,6 +157,8 @@ class Supervisor:
         if not np.isfinite(torques).all():
             return f"the policy's output is {torques} in this state; publish another policy."
         self.distance = self.warning = None
+        if broken := self._broken_limit(state):
+            return broken
         settings = self._settings
         if not (settings.distance_warning or settings.distance_limit):
             return None

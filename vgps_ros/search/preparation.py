@@ -41,3 +41,6 @@ def _run_each_loop(task: Task) -> None:
     noise = np.zeros((1, 1, dynamics.control_dim))
     dynamics.execute(policy, task.observation, motion.states[:1], noise)
     task.observation.linearize(motion.states[:1])
+    for read in (task.observation, task.fallen):
+        read(motion.states)
+    task.cost.values(motion)

@@ -13,8 +13,6 @@ from vgps_ros.simulation.mujoco_functions import mj_step_skip
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-# Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
-_KINK = 10.0
 
 
 @compiled
@@ -101,11 +99,12 @@ def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cov
 
 
 @compiled
-def differentiate(sim, columns, eps, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes f_x, f_u at N points, by the chain rule over the simulator steps of one control.
 
     Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
-    so that the stages which a step skips stay valid. Returns the number of simulator steps.
+    so that the stages which a step skips stay valid. They are centred where a velocity is within
+    `kink` of zero. Returns the number of simulator steps.
     """
     n_q, n_v, n_u = len(sim.qpos), len(sim.qvel), len(sim.ctrl)
     n_x, n_dx = states.shape[1], f_x.shape[1]
@@ -122,7 +121,7 @@ def differentiate(sim, columns, eps, states, controls, f_x, f_u):  # type: ignor
             _step(sim, z, warm, _NOTHING, after)
             warm[:] = sim.warmstart  # the neighbours' constraint forces are close to these
             minus[:] = after
-            centred = np.min(np.abs(z[n_q : n_q + n_v])) < _KINK * eps
+            centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
                 moved[:] = z

@@ -24,6 +24,8 @@ from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 
+# Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
+KINK = 10.0
 # A rollout whose states or controls leave these bounds has diverged.
 _BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
 
@@ -177,15 +179,23 @@ class Dynamics:
         )
         return states, controls
 
-    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
-        """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps."""
+    def linearize(
+        self, trajectory: Trajectory, *, centred: bool = False
+    ) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps.
+
+        Args:
+            trajectory: where to differentiate.
+            centred: whether all differences are centred; otherwise few are, where it matters.
+        """
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
         steps = self.simulations.in_threads(
             horizon,
             lambda sim, part: compiled_loops.differentiate(
-                sim, self._columns, self.eps, states[part], controls[part], f_x[part], f_u[part]
+                *(sim, self._columns, self.eps, np.inf if centred else KINK * self.eps),
+                *(states[part], controls[part], f_x[part], f_u[part]),
             ),
         )
         return LinearDynamics(f_x, f_u), sum(steps)

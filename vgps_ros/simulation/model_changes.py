@@ -1,13 +1,15 @@
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
 Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in
-this order: actuators are removed, options set, joints and geoms changed, contacts restricted,
-motors and sensors added. Joints, geoms and actuators without a name get one first, so that changes
-and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator
-after what it drives.
+this order: a floor is added, actuators are removed, options set, joints and geoms changed, contacts
+restricted, motors and sensors added. Joints, geoms and actuators without a name get one first, so
+that changes and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an
+actuator after what it drives.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     except _ERRORS as error:
         raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
     _name_all(spec)
+    if changes.get("floor"):
+        _add_floor(spec)
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
         for actuator in _matching(spec.actuators, "actuator", pattern, "remove_actuators", i):
             spec.delete(actuator)
@@ -65,7 +69,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     for name, motor in changes.get("actuators", {}).items():
         _add_motors(spec, name, motor)
     if "remove_actuators" in changes or "actuators" in changes:
-        _drop_references(spec)
+        _drop_references(spec, changes)
     for name, sensor in sensors.items():
         add_sensor(spec, name, sensor)
     model = _compiled(spec, path)
@@ -74,9 +78,21 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     return spec
 
 
+def _add_floor(spec: mujoco.MjSpec) -> None:
+    """Adds a plane that is as large as it has to be, and drawn in grey."""
+    if spec.geom("floor") is not None:
+        raise InvalidChangeError(
+            ("changes", "floor"), "the model has a geom of this name already; leave floor out."
+        )
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(name="floor", type=plane, size=[0, 0, 1], rgba=[0.8, 0.8, 0.8, 1])
+
+
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
-        return spec.compile()
+        with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
+            warnings.simplefilter("ignore")
+            return spec.compile()
     except _ERRORS as error:
         place = "changes"
         try:
@@ -91,13 +107,11 @@ def _name_all(spec: mujoco.MjSpec) -> None:
     for elements in (spec.joints, spec.geoms, spec.actuators):
         taken = {element.name for element in elements}
         for element in elements:
-            if element.name:
-                continue
-            number, name = 1, _natural_name(element)
-            while (name if number == 1 else f"{name}_{number}") in taken:
-                number += 1
-            element.name = name if number == 1 else f"{name}_{number}"
-            taken.add(element.name)
+            if not element.name:
+                name = _natural_name(element)
+                candidates = chain([name], (f"{name}_{number}" for number in count(2)))
+                element.name = next(each for each in candidates if each not in taken)
+                taken.add(element.name)
 
 
 def _natural_name(element: Any) -> str:
@@ -202,11 +216,13 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
         actuator.ctrlrange = [-limit, limit] if limit is not None else [0, 0]
 
 
-def _drop_references(spec: mujoco.MjSpec) -> None:
+def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:
     """Removes what referred to the former actuators: keyframes' controls, and sensors."""
     names = {actuator.name for actuator in spec.actuators}
     for key in spec.keys:
-        key.ctrl = key.act = []
+        key.ctrl = []
+        if "remove_actuators" in changes:  # added motors have no activations
+            key.act = []
     for sensor in spec.sensors:
         if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in names:
             spec.delete(sensor)

@@ -17,7 +17,8 @@ def self_contained(spec: mujoco.MjSpec) -> str:
     Raises:
         InvalidInputError: the model needs a file of another kind.
     """
-    with warnings.catch_warnings(action="ignore"):  # the same as when it was first compiled
+    with warnings.catch_warnings():  # the same as when it was first compiled
+        warnings.simplefilter("ignore")
         return _written(spec)
 
 

@@ -23,6 +23,22 @@ class Conditions:
     lowest: Array
     highest: Array
 
+    def broken(self, state: Array) -> str:
+        """Says which reading of a state (n_x,) is outside its range; empty where none is."""
+        if not self.lowest.size:
+            return ""
+        rows = zip(
+            self.readings.names, self.readings(state), self.lowest, self.highest, strict=True
+        )
+        return next(
+            (
+                f"{name} is {value:.3g}, but the task allows {low:g} to {high:g}."
+                for name, value, low, high in rows
+                if not low <= value <= high
+            ),
+            "",
+        )
+
     def __call__(self, states: Array) -> NDArray[np.bool_]:
         """Returns whether one is outside, shape (...,), for states (..., n_x); a NaN is not."""
         if not self.lowest.size:

@@ -23,7 +23,8 @@ from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
 from vgps_ros.tasks.start import start_state
 from vgps_ros.tasks.table import read_table
 from vgps_ros.tasks.task import Task
-from vgps_ros.tasks.task_file import model_spec, read_task_file
+from vgps_ros.tasks.task_file import read_task_file
+from vgps_ros.tasks.task_model import model_spec
 from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
 from vgps_ros.tasks.yaml_document import Document, Place
 

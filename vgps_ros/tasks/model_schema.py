@@ -158,6 +158,9 @@ class Changes(Record, frozen=True, kw_only=True):
     actuators: Annotated[
         dict[str, Motor], about("motors to add, by name", {"hip": {"joint": "hip", "limit": 24.0}})
     ] = field(default_factory=dict)
+    floor: Annotated[bool, about("whether to add a level floor at height 0, named floor", True)] = (
+        False
+    )
     only_contacts: Annotated[
         Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=MOST_CONTACTS)] | None,
         about(

@@ -110,6 +110,13 @@ class Task:
         """Names of the joints that the controls drive, in the order of the controls."""
         return actuated_joint_names(self.dynamics.model)
 
+    @property
+    def cost_names(self) -> tuple[str, ...]:
+        """Names of the readings that the cost scores."""
+        features = self.cost.features
+        names: tuple[str, ...] = getattr(features, "names", ())
+        return names or tuple(f"feature {i}" for i in range(len(self.cost.smooth)))
+
     def rollout_costs(self, states: Array, controls: Array) -> Array:
         """Returns Σ_t c of rollouts, shape (N,); inf for one that diverged.
 

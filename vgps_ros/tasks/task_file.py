@@ -23,19 +23,14 @@ import os
 import re
 from pathlib import Path
 
-import msgspec
-import mujoco
-
 from vgps_ros.core.checks import quoted
-from vgps_ros.simulation.change_error import InvalidChangeError
-from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.tasks.document import Document
 from vgps_ros.tasks.misfit import as_record
-from vgps_ros.tasks.task_checks import check_task, is_multiple
+from vgps_ros.tasks.task_checks import check_task
 from vgps_ros.tasks.task_schema import TaskFile
 from vgps_ros.tasks.yaml_document import read_document
 
-SCHEMA_PATH = Path(__file__).with_name("task.schema.json")
+SCHEMA_PATH = Path(__file__).resolve().with_name("task.schema.json")
 _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
 
 
@@ -84,26 +79,6 @@ def find_model(task: TaskFile, document: Document) -> Path:
     )
     existing = (folder for folder in folders if (folder / found[2]).is_file())
     return document.existing(("model",), next(existing, folders[0]), found[2])
-
-
-def model_spec(task: TaskFile, document: Document) -> mujoco.MjSpec:
-    """Returns the task's model with its changes and sensors; it is known to compile.
-
-    Raises:
-        InvalidInputError: the model does not compile, or a change names what it lacks.
-    """
-    changes, sensors = msgspec.to_builtins((task.changes, task.sensors))
-    try:
-        spec = changed_spec(find_model(task, document), changes, sensors)
-    except InvalidChangeError as error:
-        raise document.error(error.place, error.sentence) from error
-    document.refuse(
-        not is_multiple(task.control_period, spec.option.timestep),
-        ("control_period",),
-        f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
-        f"{spec.option.timestep:g} s.",
-    )
-    return spec
 
 
 def _package_folders(name: str) -> list[Path]:

@@ -1,0 +1,75 @@
+"""Names of what states, deviations and controls hold."""
+
+import mujoco
+import pytest
+
+from tests.simulation.robots import everything
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.model import (
+    actuated_joint_names,
+    check_supported,
+    deviation_names,
+    driven_velocities,
+    hinge_names,
+    joint_names,
+    sensor_numbers,
+    state_names,
+)
+
+MODEL = everything()
+HINGES = ["hip", "knee"]
+
+
+def test_each_coordinate_of_a_state_has_a_name():
+    names = state_names(MODEL)
+    assert len(names) == len(set(names)) == MODEL.nq + MODEL.nv + MODEL.na
+    assert names[:7] == [f"base/{c}" for c in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    assert names[7:9] == ["hip/position", "knee/position"]
+    assert names[9:13] == [f"tail/{c}" for c in ("qw", "qx", "qy", "qz")]
+    velocities = names[MODEL.nq : MODEL.nq + MODEL.nv]
+    assert velocities[:6] == [f"base/{c}" for c in ("vx", "vy", "vz", "wx", "wy", "wz")]
+    assert velocities[6:] == ["hip/velocity", "knee/velocity", "tail/wx", "tail/wy", "tail/wz"]
+    assert names[-1] == "slow_knee/activation"
+
+
+def test_a_deviation_has_three_coordinates_of_each_rotation():
+    names = deviation_names(MODEL)
+    assert len(names) == len(set(names)) == 2 * MODEL.nv + MODEL.na
+    assert names[:6] == [f"base/{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
+    assert names[8:11] == ["tail/rx", "tail/ry", "tail/rz"]
+    assert names[MODEL.nv :] == state_names(MODEL)[MODEL.nq :]
+
+
+def test_joints_of_one_axis_are_listed_and_no_others():
+    assert joint_names(MODEL) == hinge_names(MODEL) == HINGES
+
+
+def test_each_number_of_a_sensor_has_a_name():
+    numbers = sensor_numbers(MODEL)
+    assert len(numbers) == MODEL.nsensordata
+    assert sorted(place for _, place in numbers.values()) == list(range(MODEL.nsensordata))
+    assert [n for n in numbers if n.startswith("attitude")] == [f"attitude/{c}" for c in "wxyz"]
+    for name, (sensor, place) in numbers.items():
+        assert MODEL.sensor(sensor).name == name.split("/")[0]
+        assert MODEL.sensor_adr[sensor] <= place
+
+
+def test_a_control_has_the_velocity_of_its_joint_where_it_drives_one_of_one_axis():
+    """One of the controls pulls a tendon, so all bear their actuators' names."""
+    assert actuated_joint_names(MODEL) == ["hip", "slow_knee", "pull", "wag"]
+    names = state_names(MODEL)
+    assert driven_velocities(MODEL) == [names.index("hip/velocity"), -1, -1, -1]
+
+
+def test_what_remembers_more_than_its_state_or_drives_nothing_is_refused():
+    body = "<body><joint name='a'/><geom size='1'/></body>"
+    nothing = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(InvalidInputError, match="1 degrees of freedom and 0 actuators"):
+        check_supported(nothing)
+    delayed = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{body}</worldbody>"
+        '<actuator><motor joint="a" delay="0.02" nsample="3"/></actuator></mujoco>'
+    )
+    assert delayed.nhistory
+    with pytest.raises(InvalidInputError, match="delayed values"):
+        check_supported(delayed)

@@ -1,0 +1,180 @@
+"""A task file and an MJCF become a task, however a user names them."""
+
+import importlib
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tests.tasks.hopper_file import HOPPER, TASK
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.simulation.model import deviation_names
+from vgps_ros.tasks import Task, make_task, recorded_task
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "hopper.xml").write_text(HOPPER)
+    (tmp_path / "reference.csv").write_text("time,com/z\n0,1\n2,3\n")
+    (tmp_path / "task.yaml").write_text(TASK)
+    return tmp_path
+
+
+@pytest.fixture
+def changed(folder):
+    """Returns a function that makes the task with other lines in its file."""
+
+    def make(*pairs):
+        text = TASK
+        for old, new in pairs:
+            assert old in text
+            text = text.replace(old, new)
+        (folder / "task.yaml").write_text(text)
+        return make_task(str(folder))
+
+    return make
+
+
+def test_times_start_and_spreads_are_the_files(folder):
+    task = make_task(str(folder))
+    assert (task.horizon, task.lookahead, task.dynamics.substeps) == (400, 60, 2)
+    assert_allclose(task.initial_state, [0, 0, 0, 0.2, 0, 0, 0, 0])
+    assert_allclose(task.initial_std, [0, 0.01, 0.01, 0.01, 0.1, 0.1, 0.1, 0.1])
+    assert_allclose(task.std_limit, [np.inf, 0.3, 0.3, 0.3, 4, 4, 4, 4])
+    assert task.optimizer.ddp.regularization_floor == 0.1
+    assert task.search == {"hidden_units": (10,), "fit.iterations": 50}
+
+
+def test_a_cost_is_the_sum_of_its_terms(folder, rng):
+    task = make_task(str(folder))
+    states = 0.1 * rng.standard_normal((460, 8))
+    states[:, 3] = 0.2
+    controls = rng.standard_normal((460, 1))
+    data = mujoco.MjData(task.dynamics.model)
+    expected = []
+    for t, (x, u) in enumerate(zip(states, controls, strict=True)):
+        data.qpos, data.qvel = x[:4], x[4:]
+        mujoco.mj_forward(task.dynamics.model, data)
+        e = data.sensor("height").data[2] - 1.2
+        cost = (data.sensor("velocity").data[0] - 1) ** 2 + 1e-4 * u @ u
+        cost += 5 * (np.sqrt(e**2 + 0.2**2) - 0.2)
+        if t == 459:
+            cost += (data.sensor("com").data[2] - 3.0) ** 2  # the reference's last row holds
+        expected.append(cost)
+    assert_allclose(task.cost(states, controls), expected, rtol=1e-12)
+    assert_allclose(task.cost(states[[7]], controls[[7]], first=7), expected[7:8], rtol=1e-12)
+
+
+def test_a_reference_is_linear_between_its_rows(changed):
+    task = changed(("reference: reference.csv, terminal: true", "reference: reference.csv"))
+    assert_allclose(task.cost.targets[[0, 100, 300], -1], [1.0, 2.0, 3.0])
+
+
+def test_a_policy_reads_what_the_file_names(folder):
+    names = make_task(str(folder)).observation.names
+    assert names[:3] == ("root_z/position", "pitch/position", "hip/position")
+    assert names[3:7] == tuple(f"{j}/velocity" for j in ("root_x", "root_z", "pitch", "hip"))
+    assert names[7:] == ("hip/sin", "hip/cos", "up/x", "up/y", "up/z")
+
+
+def test_falls_and_limits_are_ranges_of_readings(changed):
+    task = changed(("begin:", "limits: [{sensor: hip/position, above: 0.5}]\nbegin:"))
+    states = np.zeros((4, 8))
+    states[1, 1], states[2, 2], states[3, 3] = -0.6, -1.1, 0.6
+    assert_array_equal(task.fallen(states), [False, True, True, False])
+    assert task.limits.broken(states[3]) == "hip/position is 0.6, but the task allows -inf to 0.5."
+    assert task.limits.broken(states[0]) == ""
+
+
+def test_a_pose_is_held_by_torques_in_the_motors_range(folder):
+    task = make_task(str(folder))
+    motion = task.demonstrate(task.initial_state, 100)
+    gains = 300 * (0.1 - motion.states[:-1, 3]) - 30 * motion.states[:-1, 7]
+    assert_allclose(motion.controls[:, 0], np.clip(gains, -24, 24), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [("{law: zero}", 0.0), ("{law: noise, std: 3.0}", 3.0), ("{law: noise, std: 300.0}", 24.0)],
+)
+def test_a_beginning_draws_controls_in_the_motors_range(changed, law, expected):
+    begin = TASK[TASK.index("begin:") : TASK.index("optimizer:")]
+    task = changed((begin, f"begin: {law}\n"))
+    controls = task.guess(generator(0, Stream.INITIAL_CONTROLS, 0))
+    assert controls.shape == (460, 1)
+    assert np.abs(controls).max() <= 24.0
+    assert expected == 24.0 or controls.std() == pytest.approx(expected, rel=0.5)
+
+
+def test_the_robots_text_compiles_to_the_very_model(folder):
+    task = make_task(str(folder))
+    again, model = mujoco.MjModel.from_xml_string(task.mjcf), task.dynamics.model
+    assert deviation_names(again) == deviation_names(model)
+    for name in ("body_inertia", "body_ipos", "geom_pos", "actuator_ctrlrange", "jnt_range"):
+        assert_array_equal(getattr(again, name), getattr(model, name))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("sensor: com/z,", "sensor: com/q,", r"cost\[2\].*'com/q'.*'com/"),
+        ("{joint: hip, as: sin_cos}", "{joint: hop, as: sin_cos}", r"observe\[2\].*'hop'.*'hip'"),
+        ("sensor: pitch/position, b", "sensor: pith/position, b", r"fallen\[1\].*'pitch/position'"),
+        ("positions: {hip: 0.2}", "positions: {hop: 0.2}", r"start\.positions\.hop.*'hip'"),
+        ("positions: {hip: 0.2}", "positions: {hip: [1, 2]}", r"'hip' has 1 numbers, but 2"),
+        ("keyframe: stand", "keyframe: stnd", r"start\.keyframe.*'stnd'.*'stand'"),
+        ("pose: stand", "pose: sit", r"begin\.pose.*'sit'"),
+        ("{control: all,", "{control: hap,", r"cost\[3\]\.control.*'hap'.*'hip'"),
+        ("reference: reference.csv", "reference: hopper.xml", r"cost\[2\].*not a readable table"),
+        ("- {sensor: up}", "- {sensor: force}", r"observe\[3\].*'force'"),
+    ],
+)
+def test_what_the_model_lacks_is_named_with_its_line(changed, old, new, sentence):
+    with pytest.raises(InvalidInputError, match=r"task\.yaml line \d+, .*" + sentence):
+        changed((old, new))
+
+
+def test_a_policy_may_not_read_what_depends_on_its_control(changed):
+    with pytest.raises(InvalidInputError, match=r"line \d+, observe: .*depends on the control"):
+        changed(
+            ("sensors:\n", "sensors:\n  force: {type: actuatorfrc, actuator: hip}\n"),
+            ("- {sensor: up}", "- {sensor: force}"),
+        )
+
+
+def test_a_task_may_be_a_function_of_a_file_but_not_of_one_that_data_names(folder):
+    (folder / "mine.py").write_text(
+        "from vgps_ros.tasks import make_task\n"
+        f"def short(): return make_task({str(folder)!r})\n"
+        "def number(): return 5\n"
+    )
+    reference = f"{folder}/mine.py:short"
+    assert isinstance(make_task(reference), Task)
+    with pytest.raises(InvalidInputError, match="returns int, but it must return a"):
+        make_task(f"{folder}/mine.py:number")
+    with pytest.raises(InvalidInputError, match=r"no function 'shrt'.* Did you mean 'short'\?"):
+        make_task(f"{folder}/mine.py:shrt")
+    with pytest.raises(InvalidInputError, match="is Python code, which is not run"):
+        recorded_task(reference)
+    (folder / "broken.py").write_text("1 / 0")
+    with pytest.raises(InvalidInputError, match=r"broken\.py does not run: ZeroDivisionError"):
+        make_task(f"{folder}/broken.py:task")
+
+
+def test_a_package_may_offer_tasks(folder, tmp_path, monkeypatch):
+    package = tmp_path / "site"
+    (package / "offering-1.dist-info").mkdir(parents=True)
+    (package / "offering-1.dist-info" / "METADATA").write_text("Name: offering\nVersion: 1\n")
+    (package / "offering-1.dist-info" / "entry_points.txt").write_text(
+        "[vgps_ros.tasks]\njumper = offering:jumper\n"
+    )
+    (package / "offering.py").write_text(
+        f"from vgps_ros.tasks import make_task\ndef jumper(): return make_task({str(folder)!r})\n"
+    )
+    monkeypatch.syspath_prepend(str(package))
+    importlib.invalidate_caches()
+    assert recorded_task("jumper").horizon == 400
+    with pytest.raises(InvalidInputError, match=r"Did you mean 'jumper'\?"):
+        make_task("jumpr")

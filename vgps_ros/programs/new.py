@@ -1,0 +1,40 @@
+"""Writes a first task file for a robot: DIR/task.yaml, with comments that say what to change.
+
+Example: vgps new hopper --model package://gymnasium/envs/mujoco/assets/hopper.xml
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from vgps_ros.experiments.command_line import Parser, refuse_existing
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of this command."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the task")
+    parser.add_argument(
+        "--model", required=True, help="the robot's MJCF: a path, or package://PACKAGE/PATH"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace DIR/task.yaml")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Writes the file."""
+    from vgps_ros.simulation.model_changes import changed_spec
+    from vgps_ros.tasks.document import Document
+    from vgps_ros.tasks.first_file import first_task_file
+    from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
+    from vgps_ros.tasks.task_schema import TaskFile
+
+    path = arguments.folder / "task.yaml"
+    refuse_existing([path], overwrite=arguments.overwrite)
+    reference = arguments.model
+    if not reference.startswith("package:"):
+        reference = os.path.relpath(reference, arguments.folder)
+    file = TaskFile(model=reference, control_period=1.0, horizon=1.0, cost=())
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    found = find_model(file, Document(path, {}, {(): 1}))
+    text = first_task_file(reference, changed_spec(found, {}, {}).compile(), str(SCHEMA_PATH))
+    path.write_text(text)
+    print(f"Wrote {path}. Next: vgps check {path}, then vgps train --task {path} --output RUN")

@@ -1,0 +1,185 @@
+"""Writes a first task file for a robot, with comments that say what to change."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from vgps_ros.simulation.cyclic import cyclic_positions
+from vgps_ros.simulation.model import deviation_names, joint_names
+from vgps_ros.tasks.beginnings import control_range
+
+_PERIOD = 0.01  # the control period is the multiple of the time step nearest to it [s]
+_STRONG = 0.1  # what a control at its limit costs in each step
+_WEAKEST = 0.5  # height in which a robot has fallen, as a share of the one it starts from
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """What the first file says of a model.
+
+    Attributes:
+        root: the body that carries all others.
+        goes: whether it can travel, as along a floor.
+        is_free: whether it has a free joint, named `joint`.
+        height: of the root at the start [m]; 0 if it cannot rise or fall.
+    """
+
+    model: mujoco.MjModel
+    root: str
+    goes: bool
+    is_free: bool
+    joint: str
+    height: float
+
+
+def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
+    """Returns the text of a task file.
+
+    Args:
+        reference: the model, as the file names it.
+        model: the model, all of whose joints and actuators have names.
+        schema: path of the JSON schema, for editors.
+    """
+    robot = _robot(model)
+    limits = control_range(model)[1]
+    period = max(1, round(_PERIOD / model.opt.timestep)) * model.opt.timestep
+    lines = [
+        f"# yaml-language-server: $schema={schema}",
+        f"# Joints: {_listed([model.joint(i).name for i in range(model.njnt)])}.",
+        f"# Actuators: {_listed([model.actuator(i).name for i in range(model.nu)])}.",
+        f"# Keyframes: {_listed([model.key(i).name or str(i) for i in range(model.nkey)])}.",
+        f"# Sensors: {_listed([model.sensor(i).name for i in range(model.nsensor)])}.",
+        "# After a change, `vgps check task.yaml` says what looks wrong.",
+        f"model: {reference}",
+        *_changes(model),
+        f"control_period: {period:g}      # [s], multiple of the time step, {model.opt.timestep:g}",
+        "horizon: 2.0               # [s], trained on and scored",
+    ]
+    if robot.goes:
+        lines.append("lookahead: 0.5             # [s], optimised beyond it, so that it ends well")
+    lines += _start(model, robot)
+    lines += _sensors(robot)
+    lines += _cost(robot, limits)
+    lines += _observed(robot)
+    if robot.height:
+        lowest = _WEAKEST * robot.height
+        lines.append(f"fallen: [{{sensor: height, index: z, below: {lowest:.2g}}}]   # [m]")
+    lines += _begin(model, robot, limits)
+    lines.append("search: {hidden_units: [16]}")
+    return "\n".join(lines) + "\n"
+
+
+def _robot(model: mujoco.MjModel) -> _Robot:
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    body = int(np.flatnonzero(model.body_dofnum)[0])
+    first = int(model.body_jntadr[body])
+    is_free = model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
+    goes = bool(cyclic_positions(model))
+    falls = goes and abs(model.opt.gravity[2]) > 0
+    return _Robot(
+        model=model,
+        root=model.body(body).name or str(body),
+        goes=goes,
+        is_free=bool(is_free),
+        joint=model.joint(first).name,
+        height=float(data.xpos[body][2]) if falls else 0.0,
+    )
+
+
+def _changes(model: mujoco.MjModel) -> list[str]:
+    lines = []
+    if model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+        lines.append("  option: {integrator: implicitfast}     # stiff joints stay stable")
+    touching = ((model.geom_contype | model.geom_conaffinity) != 0).any()
+    if touching and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        lines += [
+            "  geoms:                                 # soft contact can be differentiated",
+            '    "*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, 2]}',
+        ]
+    if not (model.body_weldid[model.geom_bodyid] == 0).any() and abs(model.opt.gravity[2]) > 0:
+        lines.append("  floor: true                            # the model has none")
+    if not model.nu:
+        lines.append('  actuators: {"*": {joint: "*", limit: 20.0}}   # a motor a joint [N·m]')
+    return (
+        ["changes:                    # made in memory, the model's file stays", *lines]
+        if lines
+        else []
+    )
+
+
+def _start(model: mujoco.MjModel, robot: _Robot) -> list[str]:
+    names = deviation_names(model)
+    exact = [names[i] for i in cyclic_positions(model)]
+    overrides = f", overrides: {{{', '.join(f'{n}: 0.0' for n in exact)}}}" if exact else ""
+    std = f"std: {{position: 0.01, velocity: 0.1{overrides}}}"
+    if not model.nkey:
+        return [f"start: {{{std}}}"]
+    return ["start:", f"  keyframe: {model.key(0).name or 0}", f"  {std}"]
+
+
+def _sensors(robot: _Robot) -> list[str]:
+    if not robot.goes:
+        return []
+    lines = [
+        "sensors:                    # added to the model's own",
+        f"  velocity: {{type: subtreelinvel, body: {robot.root}}}    # of the centre of mass [m/s]",
+    ]
+    if robot.height:
+        lines.append(f"  height: {{type: framepos, xbody: {robot.root}}}          # [m]")
+    if robot.is_free:
+        lines.append(
+            "  # The vertical in the robot's own frame:\n"
+            f"  up: {{type: framezaxis, xbody: world, relative_to: {{xbody: {robot.root}}}}}"
+        )
+    return lines
+
+
+def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
+    lines = ["cost:                       # what is wanted, and what it may cost"]
+    if robot.goes:
+        lines.append("  - {sensor: velocity, index: x, target: 1.0}        # [m/s] forwards")
+        if robot.height:
+            lines.append(
+                f"  - {{sensor: height, index: z, target: {robot.height:.3g}, weight: 10.0}}"
+            )
+        if robot.is_free:
+            lines.append("  - {sensor: up, index: z, target: 1.0, weight: 5.0}")
+    else:
+        lines += [
+            f"  - {{sensor: {name}/position, target: 0.0}}" for name in joint_names(robot.model)
+        ]
+        lines += [
+            f"  - {{sensor: {name}/velocity, weight: 0.1}}" for name in joint_names(robot.model)
+        ]
+    strength = limits[limits < 1e6]
+    weight = _STRONG / float(strength.max()) ** 2 if strength.size else 1e-3
+    lines.append(f"  - {{control: all, weight: {weight:.1e}}}")
+    return lines
+
+
+def _observed(robot: _Robot) -> list[str]:
+    model = robot.model
+    cyclic = {deviation_names(model)[i].rpartition("/")[0] for i in cyclic_positions(model)}
+    out = [name for name in joint_names(model) if name in cyclic]
+    positions = f"{{joint_positions: {{except: [{', '.join(out)}]}}}}" if out else "joint_positions"
+    entries = [positions, "joint_velocities"]
+    if robot.is_free:
+        rates = [f"{robot.joint}/{rate}" for rate in ("z", "vx", "vy", "vz", "wx", "wy", "wz")]
+        entries += ["up", *rates]
+    return ["observe:                    # what the policy reads", f"  [{', '.join(entries)}]"]
+
+
+def _begin(model: mujoco.MjModel, robot: _Robot, limits: np.ndarray) -> list[str]:
+    if robot.height:
+        return ["begin: {law: pd}            # the first motion holds the start"]
+    strength = limits[limits < 1e6]
+    std = 0.2 * float(strength.min()) if strength.size else 1.0
+    return [f"begin: {{law: noise, std: {std:.2g}, time_constant: 0.3}}   # smooth noise"]
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(name for name in names if name) or "none"
