@@ -1,4 +1,4 @@
-"""Writes the JSON schema of task files, by which editors complete and check them.
+"""Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
 Run it in the repository's root after a change of `vgps_ros/tasks/task_schema.py` or
 `vgps_ros/tasks/model_schema.py`:
@@ -7,12 +7,18 @@ Run it in the repository's root after a change of `vgps_ros/tasks/task_schema.py
 """
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 import msgspec
+import yaml
 
 from vgps_ros.tasks.task_file import SCHEMA_PATH
 from vgps_ros.tasks.task_schema import TaskFile
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "task_file.md"
+_BLOCK = re.compile(r"(<!-- keys: .*? -->\n).*?(<!-- end of keys -->)", re.S)
 
 
 def definition() -> str:
@@ -33,6 +39,40 @@ def _finite(value: Any) -> Any:
     return [_finite(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
+def page(text: str) -> str:
+    """Returns the page of task files with its tables of keys."""
+    records = msgspec.json.schema(TaskFile)["$defs"]
+    first, *others = sorted(records, key=lambda name: name != "TaskFile")
+    tables = [_table(name, records[name]) for name in (first, *others)]
+    return _BLOCK.sub(lambda found: f"{found[1]}\n{chr(10).join(tables)}{found[2]}", text)
+
+
+def _table(name: str, record: dict[str, Any]) -> str:
+    rows = [f"### {name}", "", record["description"], ""]
+    rows += ["| key | meaning | default | example |", "| --- | --- | --- | --- |"]
+    for key, value in record["properties"].items():
+        if key == "law":
+            rows.append(f"| `law` | must be `{value['enum'][0]}` | | |")
+            continue
+        required = key in record.get("required", ())
+        default = "must be given" if required else _shown(value.get("default"))
+        example = next(iter(value.get("examples", ())), None)
+        text = value.get("description", "").replace("|", "\\|")
+        rows.append(f"| `{key}` | {text} | {default} | {_shown(example)} |")
+    return "\n".join([*rows, "", ""])
+
+
+def _shown(value: Any) -> str:
+    """Returns a value as YAML has it; nothing for one that is left out or empty."""
+    if value is None or value in ({}, [], ""):
+        return ""
+    if value == float("inf"):
+        return "`.inf`"
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000, sort_keys=False)
+    return f"`{text.removesuffix(chr(10)).removesuffix('...').strip()}`"
+
+
 if __name__ == "__main__":
     SCHEMA_PATH.write_text(definition())
-    print(f"Wrote {SCHEMA_PATH}.")
+    PAGE.write_text(page(PAGE.read_text()))
+    print(f"Wrote {SCHEMA_PATH} and {PAGE}.")

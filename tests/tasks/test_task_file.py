@@ -304,6 +304,8 @@ def test_the_json_schema_is_the_one_that_the_script_writes():
     assert SCHEMA_PATH.read_text() == script["definition"](), (
         "Run `python scripts/write_task_schema.py`: the schema lacks a change of the task file."
     )
+    text = script["PAGE"].read_text()
+    assert text == script["page"](text), "Run `python scripts/write_task_schema.py`."
 
 
 def test_every_field_has_a_description_and_every_number_a_unit_or_a_reason():
