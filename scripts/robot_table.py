@@ -1,0 +1,221 @@
+"""Trains policies for many robots, and writes the table of docs/robots.md.
+
+Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run again,
+and one that was stopped goes on where it was. After `source env.bash`:
+
+    python scripts/robot_table.py                        # all robots, seeds 0 to 2
+    python scripts/robot_table.py --robots arm go1       # some of them
+    python scripts/robot_table.py --robots               # no runs: writes the page from the lines
+
+Robots of others need `pip install -r requirements/robots.txt`.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from vgps_ros.core.ddp.solve import Iteration
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import with_values
+from vgps_ros.experiments.training import train
+from vgps_ros.search.checkpoints import Checkpoints
+from vgps_ros.search.preparation import prepare
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.tasks import Task, make_task
+from vgps_ros.views.filmstrip import filmstrip
+from vgps_ros.views.plots import save
+from vgps_ros.views.run_record import read_results
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, FOLDER = ROOT / "docs" / "robots.md", ROOT / "docs" / "robots"
+RUNS = FOLDER / "runs.jsonl"
+BEGIN, END = "<!-- table: robots -->\n", "<!-- end of table -->"
+OWN = ("swimmer", "walker", "cart_pole", "arm", "half_cheetah", "hopper", "quadruped")
+# The built-in two have the paper's schedule of alpha in their files; here it rises.
+SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "swimmer": {"alphas": (1.0, 3.0), "alpha_iterations": (0, 30), "ddp_iterations": 10},
+    "walker": {
+        "hidden_units": (10,),
+        "alphas": (1.0, 3.0),
+        "alpha_iterations": (0, 40),
+        "fit.samples_per_step": 30,
+        "fit.iterations": 200,
+    },
+}
+OPTIMIZERS: Mapping[str, Mapping[str, Any]] = {
+    "walker": {
+        "ddp.distribution_regularization": 0.01,
+        "marginals.initial_std_factor": 3.0,
+        "marginals.velocity_noise": 0.015,
+        "marginals.std_limit_annealing": 0.0,
+    },
+}
+
+
+def robots() -> dict[str, str]:
+    """Returns what each robot's task is called by: built-in ones, then those of others."""
+    others = sorted((ROOT / "tests" / "robots").glob("*.yaml"))
+    return {name: name for name in OWN} | {path.stem: str(path) for path in others}
+
+
+def first_cost(task: Task, seed: int) -> float:
+    """Returns the cost of the motion from which the first solve starts."""
+    start, steps = task.initial_state, task.planned_horizon
+    if task.guess:
+        controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0))
+        motion = task.dynamics.rollout(start, lambda t, _: controls[t], steps)
+    else:
+        motion = task.demonstration or task.demonstrate(start, steps)  # type: ignore[misc]
+    return task.trajectory_cost(motion.first(task.horizon))
+
+
+def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
+    """Trains a policy, draws its motion, and returns the line of the run."""
+    from dataclasses import replace
+
+    task = make_task(reference)
+    task = replace(task, optimizer=with_values(task.optimizer, OPTIMIZERS.get(name, {})))
+    settings = with_values(SearchSettings(), {**task.search, **SETTINGS.get(name, {})})
+    prepare(task)
+    output, times, log = RunFolder(folder / f"{name}_{seed}"), [time.perf_counter()], []
+
+    def on_initial_ddp(iteration: Iteration) -> None:
+        times.append(time.perf_counter())
+        log.append(iteration)
+
+    content = train(
+        "vgps",
+        task,
+        settings,
+        seed,
+        output,
+        on_initial_ddp=on_initial_ddp,
+        checkpoints=Checkpoints(output.checkpoints, print),
+    )
+    last, ddp = content["iterations"][-1], content["initial_ddp_cost"]
+    seconds = sum(i["q_step_seconds"] + i["m_step_seconds"] for i in content["iterations"])
+    if seed == 0:
+        draw(name, output)
+    return {
+        "robot": name,
+        "seed": seed,
+        **task.dims,
+        "hidden_units": content["hidden_units"],
+        "iterations": len(content["iterations"]),
+        "first_cost": first_cost(task, seed),
+        "ddp_cost": ddp,
+        "ddp_iterations": len(log),
+        "ddp_seconds": float(np.median(np.diff(times))) if log else None,
+        "deterministic": ratio(last["deterministic_cost"], ddp),
+        "stochastic": ratio(last["stochastic_cost_mean"], ddp),
+        "deterministic_survival": last["deterministic_survival"],
+        "stochastic_survival": last["stochastic_survival"],
+        "seconds": round(seconds, 1),
+    }
+
+
+def ratio(cost: float | None, ddp: float) -> float | None:
+    """Returns a cost divided by DDP's; None for a rollout that diverged."""
+    return None if cost is None else cost / ddp
+
+
+def draw(name: str, output: RunFolder) -> None:
+    """Writes a small picture of the policy's motion beside the page."""
+    figure = filmstrip(read_results(output))
+    if figure is None:
+        return
+    path = FOLDER / f"{name}.png"
+    save(figure, path)
+    with Image.open(path) as picture:
+        small = picture.convert("RGB").resize((1000, round(1000 * picture.height / picture.width)))
+    small.quantize(64, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def table(lines: list[dict[str, Any]]) -> str:
+    """Returns the table of all runs, and a picture of each robot."""
+    text = (
+        "| robot | n_x | n_u | DDP's cost, first → last | s/iteration | hidden units | "
+        "deterministic ÷ DDP | with noise ÷ DDP | survival, with noise | training [s] |\n"
+        "|---|---|---|---|---|---|---|---|---|---|\n"
+    )
+    drawn = []
+    for name, runs in grouped(lines):
+        one = runs[0]
+        cells = [
+            name,
+            one["n_dx"],
+            one["n_u"],
+            ", ".join(f"{r['first_cost']:.4g} → {r['ddp_cost']:.4g}" for r in runs),
+            listed([r["ddp_seconds"] for r in runs], "{:.3f}"),
+            ", ".join(str(units) for units in one["hidden_units"]),
+            listed([r["deterministic"] for r in runs], "{:.2f}"),
+            listed([r["stochastic"] for r in runs], "{:.2f}"),
+            listed([percent(r) for r in runs], "{}"),
+            listed([r["seconds"] for r in runs], "{:.0f}"),
+        ]
+        text += f"| {' | '.join(map(str, cells))} |\n"
+        if (FOLDER / f"{name}.png").exists():
+            drawn.append(f"\n{name}:\n\n![{name}](robots/{name}.png)\n")
+    return text + "".join(drawn)
+
+
+def percent(one: dict[str, Any]) -> str:
+    """Returns the share of the rollouts that stayed up, without noise and with it."""
+    return f"{one['deterministic_survival']:.0%}, {one['stochastic_survival']:.0%}"
+
+
+def listed(values: list[Any], form: str) -> str:
+    """Returns the values of all seeds, one after another; a dash for a run that diverged."""
+    return " / ".join("–" if value is None else form.format(value) for value in values)
+
+
+def grouped(lines: list[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yields the runs of each robot, in the order of the seeds."""
+    for name in robots():
+        runs = sorted((r for r in lines if r["robot"] == name), key=lambda r: r["seed"])
+        if runs:
+            yield name, runs
+
+
+def known_lines() -> list[dict[str, Any]]:
+    """Returns the lines of all runs so far."""
+    return [json.loads(line) for line in RUNS.read_text().splitlines()] if RUNS.exists() else []
+
+
+def write_page() -> None:
+    """Writes the table into its page."""
+    before, _, rest = PAGE.read_text().partition(BEGIN)
+    PAGE.write_text(before + BEGIN + table(known_lines()) + END + rest.partition(END)[2])
+
+
+def main() -> None:
+    """Runs what is missing, and writes the page after each run."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", nargs="*", default=list(robots()), choices=list(robots()))
+    parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
+    parser.add_argument("--output", type=Path, default=ROOT / "recordings" / "robots")
+    arguments = parser.parse_args()
+    silence_mujoco()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for seed in range(arguments.seeds):
+        for name in arguments.robots:
+            if any((r["robot"], r["seed"]) == (name, seed) for r in known_lines()):
+                continue
+            line = run(name, robots()[name], seed, arguments.output)
+            with RUNS.open("a") as file:
+                file.write(json.dumps(line) + "\n")
+            print(json.dumps(line), flush=True)
+            write_page()
+    write_page()
+
+
+if __name__ == "__main__":
+    main()
