@@ -1,6 +1,6 @@
 """Trains policies for many robots, and writes the table of docs/robots.md.
 
-Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run again,
+Each run adds a line to docs/robots/runs.jsonl when it ends; runs with a line are not run again,
 and one that was stopped goes on where it was. After `source env.bash`:
 
     python scripts/robot_table.py                        # all robots, seeds 0 to 2

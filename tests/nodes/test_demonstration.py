@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from tests.nodes.malformed import broken
 from vgps_ros.messages.conversions import command_from_msg, stamp_of, state_to_msg
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.simbicon import GAIT, TORQUE_LIMIT, walk
+from vgps_ros.tasks.walker.simbicon import GAIT, TORQUE_LIMIT, walk
 
 PERIOD = 10_000_000  # [ns]
 
