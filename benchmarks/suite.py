@@ -9,7 +9,15 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import graph, learning, optimizers, real_time, reinforcement, solver
+from benchmarks import (
+    graph,
+    learning,
+    optimizers,
+    real_time,
+    reinforcement,
+    solver,
+    task_files,
+)
 from benchmarks.report import growth_figure, markdown, terminal_table
 from benchmarks.timing import Comparison
 from vgps_ros.core.checks import nearest
@@ -26,6 +34,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ddp_iteration": solver.ddp_iteration,
     "derivatives": solver.derivatives,
     "convergence": solver.convergence,
+    "task_files": task_files.task_files,
     "lock_step": graph.lock_step,
     "real_time": real_time.real_time,
     "start": real_time.start,

@@ -10,11 +10,13 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import compiled_readings as compiled
+from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.model import sensor_numbers, state_names
 from vgps_ros.simulation.sensor_dependence import needs_everything, velocities_felt
 from vgps_ros.simulation.simulations import Simulations
@@ -137,11 +139,18 @@ def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.Plan:
         n_dx = space.tangent_dim
         needs, columns = compiled.EVERYTHING, np.arange(n_dx + model.nu)[::-1].copy()
     elif sensors:
-        felt = np.flatnonzero(np.any([velocities_felt(model, s) for s in sensors], axis=0))
-        of_velocities = any(
-            model.sensor_needstage[s] == mujoco.mjtStage.mjSTAGE_VEL for s in sensors
-        )
-        needs = compiled.KINEMATICS
-        columns = np.r_[felt + model.nv if of_velocities else [], felt].astype(np.int64)
+        needs, columns = compiled.KINEMATICS, _columns_felt(model, sorted(sensors))
     kinds, places, tangent = np.array(rows, dtype=np.int64).reshape(-1, 3).T.copy()
     return compiled.Plan(needs, kinds, places, tangent, columns)
+
+
+def _columns_felt(model: mujoco.MjModel, sensors: list[int]) -> NDArray[np.int64]:
+    """Returns the coordinates of a deviation that sensors may depend on, positions last."""
+    positions, velocities = np.zeros((2, model.nv), dtype=bool)
+    for sensor in sensors:
+        felt = velocities_felt(model, sensor)
+        if model.sensor_needstage[sensor] == mujoco.mjtStage.mjSTAGE_VEL:
+            velocities |= felt
+            felt[cyclic_positions(model)] = False  # how fast it goes is the same everywhere
+        positions |= felt
+    return np.r_[np.flatnonzero(velocities) + model.nv, np.flatnonzero(positions)].astype(np.int64)
