@@ -12,8 +12,11 @@ _EPS = 1e-6
 class CentredDynamics(Dynamics):
     """The same dynamics, differentiated by `mjd_transitionFD`."""
 
-    def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
+    def linearize(
+        self, trajectory: Trajectory, *, centred: bool = True
+    ) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""
+        assert centred
         horizon, n_dx, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.tile(np.eye(n_dx), (horizon, 1, 1)), np.zeros((horizon, n_dx, n_u))
         a, b = np.empty((n_dx, n_dx)), np.empty((n_dx, n_u))

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from benchmarks.problems import moving, with_threads
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp.solve import solve
-from vgps_ros.core.records import Array
+from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks import Task
 
 
@@ -24,11 +25,11 @@ class ByHand:
     readings: Callable[[Array], tuple[Array, Array]]
     control_dim: int
 
-    def __call__(self, states: Array, _: Array) -> Array:
+    def __call__(self, states: Array, controls: Array) -> Array:
         """Returns r."""
         return self.readings(states)[0]
 
-    def linearize(self, states: Array, _: Array) -> tuple[Array, Array, Array]:
+    def linearize(self, states: Array, controls: Array) -> tuple[Array, Array, Array]:
         """Returns r and its derivatives."""
         r, j = self.readings(states)
         return r, j, np.zeros((*r.shape, self.control_dim))
@@ -75,13 +76,13 @@ def task_files() -> Iterator[Comparison]:
         peer = written_by_hand(single, readings)
         costs = [each.trajectory_cost(motion) for each in (single, peer)]
 
-        def iterate(task=single, motion=motion) -> None:  # type: ignore[no-untyped-def]
+        def iterate(task: Task, motion: Trajectory = motion) -> None:
             solve(task.dynamics, task.cost, motion, task.optimizer.ddp, 1)
 
         yield compare(
             f"{name}: DDP iteration by a task file / by hand-written Jacobians",
-            iterate,
-            lambda task=peer, iterate=iterate: iterate(task),
+            partial(iterate, single),
+            partial(iterate, peer),
             1.1,
             repetitions=41,
             remark=f"the motion costs {costs[0]:.6f}, and {costs[1]:.6f} by hand",

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.simulation import mujoco_functions as c
-from vgps_ros.simulation.compiled_states import move, put_state
+from vgps_ros.simulation.compiled_states import put_state
+from vgps_ros.simulation.mujoco_functions import mj_integrate_pos
 
 # What a reading is: a coordinate of the state, its sine or cosine, or a number in sensordata.
 COORDINATE, SINE, COSINE, SENSOR = range(4)
@@ -83,20 +84,33 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
     The width of the differences is eps. They are zero with respect to the control, except where
     MuJoCo has to compute everything.
     """
-    n_v, n_x, n_dx = len(sim.qvel), states.shape[1], by_state.shape[2]
-    z, direction = np.empty(n_x + len(sim.ctrl)), np.zeros(n_v)
+    n_q, n_v, n_dx = len(sim.qpos), len(sim.qvel), by_state.shape[2]
+    direction = np.zeros(n_v)
     by_state[:] = 0.0
     by_control[:] = 0.0
     for n in range(len(states)):
+        x = states[n]
         sim.ctrl[:] = controls[n]
-        read(sim, plan, states[n], out[n])
-        for j in plan.columns:
-            z[:n_x] = states[n]
-            z[n_x:] = controls[n]
-            move(sim, z, direction, j, eps)
-            put_state(sim, z)
-            sim.ctrl[:] = z[n_x:]
-            _compute(sim, plan.needs, j < n_v)
+        read(sim, plan, x, out[n])
+        for j in plan.columns:  # each is moved in the simulation, and put back
+            if j < n_v:
+                direction[j] = eps
+                mj_integrate_pos(sim.model, sim.qpos.ctypes.data, direction.ctypes.data, 1.0)
+                direction[j] = 0.0
+                _compute(sim, plan.needs, True)
+                sim.qpos[:] = x[:n_q]
+            elif j < 2 * n_v:
+                sim.qvel[j - n_v] += eps
+                _compute(sim, plan.needs, False)
+                sim.qvel[j - n_v] = x[n_q + j - n_v]
+            elif j < n_dx:
+                sim.act[j - 2 * n_v] += eps
+                _compute(sim, plan.needs, False)
+                sim.act[j - 2 * n_v] = x[n_q + j - n_v]
+            else:
+                sim.ctrl[j - n_dx] += eps
+                _compute(sim, plan.needs, False)
+                sim.ctrl[j - n_dx] = controls[n, j - n_dx]
             for i in range(len(plan.kinds)):
                 if plan.kinds[i] == SENSOR:
                     slope = (sim.sensordata[plan.places[i]] - out[n, i]) / eps
