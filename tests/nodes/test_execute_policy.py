@@ -43,7 +43,7 @@ def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy
         assert "Traceback" not in program.output
         return program.output
 
-    assert "task is 'crawler'" in ends_with("--task", "crawler", code=2)
+    assert "There is no task 'crawler'" in ends_with("--task", "crawler")
     assert "--steps is 0" in ends_with("--steps", "0")
     assert "No simulation is there" in ends_with("--timeout", "1")
     graph.start("simulation")

@@ -12,6 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
+from vgps_ros.simulation.readings import Readings
 
 OBSERVED = (1, 2, 3)  # of four: root x does not count
 
@@ -76,6 +77,29 @@ def test_feedback_is_the_ddp_law_and_the_roots_place_makes_no_torque(marginals, 
         moved = state + np.array([root, 0.0, 0.0, 0.0])
         found = safe_torques(safety, moved, [2, 3], [marginals])
         np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_sensors_count_as_they_change_with_the_state(random_distribution, swimmer, rng):
+    """A velocity's differences along root x are zero but for rounding."""
+    q = random_distribution(horizon=5, n_x=10, n_u=2)
+    observation = Readings(swimmer.dynamics.simulations, ["velocity/x", "front_joint/position"])
+    marginals = TrainingMarginals(q, observation, 2)
+    state = q.mean.states[3] + 0.1 * rng.standard_normal(10)
+    distances = []
+    for mean, covariance in zip(q.mean.states[:-1], q.state_covariances[:-1], strict=True):
+        deviation = observation(state) - observation(mean)
+        h_x = observation.linearize(mean)[1]
+        wide = h_x @ covariance @ h_x.T + 1e-4 * np.eye(2)
+        distances.append(np.sqrt(deviation @ np.linalg.solve(wide, deviation)))
+    found = marginals.nearest(state)
+    assert found.distance == pytest.approx(min(distances), rel=1e-9)
+    assert found.step == np.argmin(distances)
+    deviation = state - q.mean.states[found.step]
+    deviation[[0, 1, 6]] = 0.0  # root x, root y and its rate do not change what is read
+    expected = q.mean.controls[found.step] + q.gains[found.step] @ deviation
+    for root in (0.0, 1e3):
+        moved = state + root * np.eye(10)[0]
+        np.testing.assert_allclose(marginals.feedback(moved, found.step), expected, rtol=1e-9)
 
 
 def test_damping_brakes_the_joints_that_the_controls_drive():

@@ -1,12 +1,17 @@
 """The swimmer is the paper's, and the registry names what it has."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tests.simulation.robots import everything, random_states
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import deviation_names
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.task import smoothed_noise
 
@@ -60,6 +65,19 @@ def test_a_diverged_rollout_costs_infinity_and_the_others_their_own(swimmer):
     states, controls = np.zeros((2, 501, 10)), np.zeros((2, 500, 2))
     states[1, 200:] = np.nan
     np.testing.assert_array_equal(swimmer.rollout_costs(states, controls), [500.0, np.inf])
+
+
+def test_a_robot_with_a_free_base_has_its_coordinates_named_and_told_apart(swimmer, rng):
+    model = everything()
+    task = dataclasses.replace(swimmer, dynamics=Dynamics(model))
+    assert task.dims == {"n_x": 13 + 11 + 1, "n_dx": 11 + 11 + 1, "n_u": 4}
+    assert task.joint_names == ["hip", "knee"]
+    assert task.position_names[:6] == [f"base/{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
+    assert deviation_names(model)[task.velocities][:3] == ["base/vx", "base/vy", "base/vz"]
+    assert deviation_names(model)[task.velocities][-1] == "tail/wz"
+    assert task.angles.tolist() == [False] * 3 + [True] * 8
+    before, after = random_states(model, rng, 3), random_states(model, rng, 3)
+    assert_allclose(task.distance(before, after), after[:, 0] - before[:, 0])
 
 
 def test_distance_is_along_the_first_slide_and_nothing_without_one(swimmer, rng):

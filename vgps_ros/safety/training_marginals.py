@@ -19,6 +19,9 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation, observed_marginals, widened
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
+# A derivative that is smaller than this share of a reading's largest is a difference's rounding.
+_ROUNDING = 1e-5
+
 
 @dataclass(frozen=True)
 class Nearest:
@@ -68,7 +71,8 @@ class TrainingMarginals:
         self._observation, self._space = observation, space
         # The feedback acts on coordinates that the policy feels somewhere along the mean.
         everywhere = np.broadcast_to(np.eye(n), (q.mean.horizon, n, n))
-        self._felt = observation.pull_back(everywhere, q.mean.states[:-1]).any(axis=(0, 1))
+        largest = np.abs(observation.pull_back(everywhere, q.mean.states[:-1])).max(axis=0)
+        self._felt = (largest > _ROUNDING * largest.max(axis=1, keepdims=True)).any(axis=0)
         # With Σ = L Lᵀ, d is the norm of L⁻¹ o − L⁻¹ ō. The rows of L⁻¹ of all steps are stacked,
         # so that a query needs one product only.
         whitening = np.linalg.inv(roots)
