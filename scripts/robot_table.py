@@ -1,7 +1,7 @@
 """Trains policies for many robots, and writes the table of docs/robots.md.
 
-Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run again,
-and one that was stopped goes on where it was. After `source env.bash`:
+Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run
+again, and one that was stopped goes on where it was. After `source env.bash`:
 
     python scripts/robot_table.py                        # all robots, seeds 0 to 2
     python scripts/robot_table.py --robots arm go1       # some of them
@@ -14,6 +14,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,6 @@ def first_cost(task: Task, seed: int) -> float:
 
 def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
     """Trains a policy, draws its motion, and returns the line of the run."""
-    from dataclasses import replace
-
     task = make_task(reference)
     task = replace(task, optimizer=with_values(task.optimizer, OPTIMIZERS.get(name, {})))
     settings = with_values(SearchSettings(), {**task.search, **SETTINGS.get(name, {})})
@@ -116,6 +115,7 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         "ddp_seconds": float(np.median(np.diff(times))) if log else None,
         "deterministic": ratio(last["deterministic_cost"], ddp),
         "stochastic": ratio(last["stochastic_cost_mean"], ddp),
+        "stochastic_median": ratio(last["stochastic_cost_median"], ddp),
         "deterministic_survival": last["deterministic_survival"],
         "stochastic_survival": last["stochastic_survival"],
         "seconds": round(seconds, 1),
@@ -143,8 +143,8 @@ def table(lines: list[dict[str, Any]]) -> str:
     """Returns the table of all runs, and a picture of each robot."""
     text = (
         "| robot | n_x | n_u | DDP's cost, first → last | s/iteration | hidden units | "
-        "deterministic ÷ DDP | with noise ÷ DDP | survival, with noise | training [s] |\n"
-        "|---|---|---|---|---|---|---|---|---|---|\n"
+        "deterministic ÷ DDP | with noise ÷ DDP, mean | median | survival, with noise | training [s] |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     drawn = []
     for name, runs in grouped(lines):
@@ -158,6 +158,7 @@ def table(lines: list[dict[str, Any]]) -> str:
             ", ".join(str(units) for units in one["hidden_units"]),
             listed([r["deterministic"] for r in runs], "{:.2f}"),
             listed([r["stochastic"] for r in runs], "{:.2f}"),
+            listed([r["stochastic_median"] for r in runs], "{:.2f}"),
             listed([percent(r) for r in runs], "{}"),
             listed([r["seconds"] for r in runs], "{:.0f}"),
         ]
