@@ -12,8 +12,9 @@ class RobotShape:
     Attributes:
         data: MuJoCo's data for the state that was asked for last.
         names: names of the capsules in the MJCF.
-        plane: the two coordinates in which the robot moves. They are the axes of its first two
-            slides, or the two that are perpendicular to its first hinge if it has no slides.
+        plane: the two coordinates in which the robot moves: those perpendicular to its hinges, or
+            the axes of two slides if it has no hinge. A robot that moves in space is seen from its
+            side.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -21,11 +22,7 @@ class RobotShape:
         self.data = mujoco.MjData(model)
         self._ids = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
         self.names = [model.geom(i).name for i in self._ids]
-        slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
-        axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
-        if len(set(axes)) < 2:
-            axes = np.delete([0, 1, 2], np.abs(model.jnt_axis[:1]).sum(axis=0).argmax()).tolist()
-        self.plane: tuple[int, int] = (axes[0], axes[1])
+        self.plane = _plane(model)
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each capsule's axis, shape (G, 2, 3) [m]."""
@@ -49,3 +46,16 @@ class RobotShape:
     def _place(self, state: Array) -> None:
         self.data.qpos[:] = state[: self._model.nq]
         mujoco.mj_kinematics(self._model, self.data)
+
+
+def _plane(model: mujoco.MjModel) -> tuple[int, int]:
+    """Returns the coordinates of the plane that a robot's joints leave it in; else x and z."""
+    in_space = model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)
+    hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    normals, slides = (set(np.abs(data.xaxis[a]).argmax(axis=1)) for a in (hinges, ~hinges))
+    if in_space.any() or len(normals) > 1 or (not normals and len(slides) != 2):
+        return 0, 2
+    first, second = sorted({0, 1, 2} - normals if normals else slides)
+    return first, second
