@@ -101,8 +101,6 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
     )
     last, ddp = content["iterations"][-1], content["initial_ddp_cost"]
     seconds = sum(i["q_step_seconds"] + i["m_step_seconds"] for i in content["iterations"])
-    if seed == 0:
-        draw(name, output)
     return {
         "robot": name,
         "seed": seed,
@@ -127,12 +125,14 @@ def ratio(cost: float | None, ddp: float) -> float | None:
     return None if cost is None else cost / ddp
 
 
-def draw(name: str, output: RunFolder) -> None:
-    """Writes a small picture of the policy's motion beside the page."""
+def draw(name: str, folder: Path) -> None:
+    """Writes a small picture of the first policy's motion beside the page, unless it is there."""
+    path, output = FOLDER / f"{name}.png", RunFolder(folder / f"{name}_0")
+    if path.exists() or not output.trajectories.exists():
+        return
     figure = filmstrip(read_results(output))
     if figure is None:
         return
-    path = FOLDER / f"{name}.png"
     save(figure, path)
     with Image.open(path) as picture:
         small = picture.convert("RGB").resize((1000, round(1000 * picture.height / picture.width)))
@@ -143,7 +143,8 @@ def table(lines: list[dict[str, Any]]) -> str:
     """Returns the table of all runs, and a picture of each robot."""
     text = (
         "| robot | n_x | n_u | DDP's cost, first → last | s/iteration | hidden units | "
-        "deterministic ÷ DDP | with noise ÷ DDP, mean | median | survival, with noise | training [s] |\n"
+        "deterministic ÷ DDP | with noise ÷ DDP, mean | median | survival, with noise | "
+        "training [s] |\n"
         "|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     drawn = []
@@ -198,7 +199,7 @@ def write_page() -> None:
 
 
 def main() -> None:
-    """Runs what is missing, and writes the page after each run."""
+    """Runs what is missing, draws what is missing, and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="*", default=list(robots()), choices=list(robots()))
     parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
@@ -214,7 +215,8 @@ def main() -> None:
             with RUNS.open("a") as file:
                 file.write(json.dumps(line) + "\n")
             print(json.dumps(line), flush=True)
-            write_page()
+    for name in robots():
+        draw(name, arguments.output)
     write_page()
 
 
