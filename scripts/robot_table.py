@@ -1,7 +1,7 @@
 """Trains policies for many robots, and writes the table of docs/robots.md.
 
-Each run adds a line to docs/robots/runs.jsonl when it ends; runs with a line are not run again,
-and one that was stopped goes on where it was. After `source env.bash`:
+Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run
+again, and one that was stopped goes on where it was. After `source env.bash`:
 
     python scripts/robot_table.py                        # all robots, seeds 0 to 2
     python scripts/robot_table.py --robots arm go1       # some of them
@@ -14,6 +14,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,6 @@ def first_cost(task: Task, seed: int) -> float:
 
 def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
     """Trains a policy, draws its motion, and returns the line of the run."""
-    from dataclasses import replace
-
     task = make_task(reference)
     task = replace(task, optimizer=with_values(task.optimizer, OPTIMIZERS.get(name, {})))
     settings = with_values(SearchSettings(), {**task.search, **SETTINGS.get(name, {})})
@@ -102,8 +101,6 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
     )
     last, ddp = content["iterations"][-1], content["initial_ddp_cost"]
     seconds = sum(i["q_step_seconds"] + i["m_step_seconds"] for i in content["iterations"])
-    if seed == 0:
-        draw(name, output)
     return {
         "robot": name,
         "seed": seed,
@@ -116,6 +113,7 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         "ddp_seconds": float(np.median(np.diff(times))) if log else None,
         "deterministic": ratio(last["deterministic_cost"], ddp),
         "stochastic": ratio(last["stochastic_cost_mean"], ddp),
+        "stochastic_median": ratio(last["stochastic_cost_median"], ddp),
         "deterministic_survival": last["deterministic_survival"],
         "stochastic_survival": last["stochastic_survival"],
         "seconds": round(seconds, 1),
@@ -127,12 +125,14 @@ def ratio(cost: float | None, ddp: float) -> float | None:
     return None if cost is None else cost / ddp
 
 
-def draw(name: str, output: RunFolder) -> None:
-    """Writes a small picture of the policy's motion beside the page."""
+def draw(name: str, folder: Path) -> None:
+    """Writes a small picture of the first policy's motion beside the page, unless it is there."""
+    path, output = FOLDER / f"{name}.png", RunFolder(folder / f"{name}_0")
+    if path.exists() or not output.trajectories.exists():
+        return
     figure = filmstrip(read_results(output))
     if figure is None:
         return
-    path = FOLDER / f"{name}.png"
     save(figure, path)
     with Image.open(path) as picture:
         small = picture.convert("RGB").resize((1000, round(1000 * picture.height / picture.width)))
@@ -143,8 +143,9 @@ def table(lines: list[dict[str, Any]]) -> str:
     """Returns the table of all runs, and a picture of each robot."""
     text = (
         "| robot | n_x | n_u | DDP's cost, first → last | s/iteration | hidden units | "
-        "deterministic ÷ DDP | with noise ÷ DDP | survival, with noise | training [s] |\n"
-        "|---|---|---|---|---|---|---|---|---|---|\n"
+        "deterministic ÷ DDP | with noise ÷ DDP, mean | median | survival, with noise | "
+        "training [s] |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     drawn = []
     for name, runs in grouped(lines):
@@ -158,6 +159,7 @@ def table(lines: list[dict[str, Any]]) -> str:
             ", ".join(str(units) for units in one["hidden_units"]),
             listed([r["deterministic"] for r in runs], "{:.2f}"),
             listed([r["stochastic"] for r in runs], "{:.2f}"),
+            listed([r["stochastic_median"] for r in runs], "{:.2f}"),
             listed([percent(r) for r in runs], "{}"),
             listed([r["seconds"] for r in runs], "{:.0f}"),
         ]
@@ -197,7 +199,7 @@ def write_page() -> None:
 
 
 def main() -> None:
-    """Runs what is missing, and writes the page after each run."""
+    """Runs what is missing, draws what is missing, and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="*", default=list(robots()), choices=list(robots()))
     parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
@@ -213,7 +215,8 @@ def main() -> None:
             with RUNS.open("a") as file:
                 file.write(json.dumps(line) + "\n")
             print(json.dumps(line), flush=True)
-            write_page()
+    for name in robots():
+        draw(name, arguments.output)
     write_page()
 
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from vgps_ros.views.filmstrip import filmstrip, write_moving_picture
+from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.plots import learning_curve, motion, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
@@ -93,13 +93,23 @@ def test_motion_shows_the_path_of_the_centre_of_mass_beside_the_initial_one(swim
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
 
 
-def test_a_robot_that_moves_upright_is_seen_from_the_side():
+@pytest.mark.parametrize(
+    ("joints", "plane"),
+    [
+        ('<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>', (0, 2)),
+        ('<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>', (0, 1)),
+        ('<joint type="slide" axis="1 0 0"/><joint axis="0 1 0"/>', (0, 2)),  # a cart-pole
+        ('<joint axis="0 0 1"/><joint axis="0 0 1" pos="1 0 0"/>', (0, 1)),
+        ('<joint axis="0 0 1"/><joint axis="0 1 0"/>', (0, 2)),  # an arm
+        ("<freejoint/>", (0, 2)),
+    ],
+)
+def test_a_robot_is_seen_so_that_its_motion_shows(joints, plane):
     model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><body>
-        <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
-        <geom type="capsule" size=".1 .2"/></body></worldbody></mujoco>"""
+        f"<mujoco><worldbody><body>{joints}"
+        '<geom type="capsule" size=".1 .2"/></body></worldbody></mujoco>'
     )
-    assert RobotShape(model).plane == (0, 2)
+    assert RobotShape(model).plane == plane
 
 
 def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_angle(run):
@@ -133,10 +143,10 @@ needs_egl = pytest.mark.skipif(
 @needs_egl
 def test_a_filmstrip_shows_the_robot_as_it_moves(run):
     figure = filmstrip(run)
-    frames = [axes.images[0].get_array() for axes in figure.axes]
-    assert len(frames) == 5
+    pictures = [axes.images[0].get_array() for axes in figure.axes]
+    assert len(pictures) == 5
     assert [axes.get_title() for axes in figure.axes][-1] == "0.4 s"
-    for frame, after in itertools.pairwise(frames):
+    for frame, after in itertools.pairwise(pictures):
         assert frame.std() > 5.0  # something is there
         assert np.any(frame != after)
 
@@ -182,3 +192,11 @@ def test_shape_agrees_with_the_link_geometry_worked_out_by_hand(swimmer, states)
             assert_allclose(found, sorted(map(tuple, np.round(expected[name], 9))))
         centres = [np.mean(pair, axis=0) for pair in expected.values()]
         assert_allclose(shape.centre_of_mass(state)[:2], np.mean(centres, axis=0), atol=1e-12)
+
+
+def test_a_robot_without_capsules_is_drawn_too():
+    mjcf = """<mujoco><worldbody><body><freejoint/><geom type="box" size=".1 .2 .1"/></body>
+        </worldbody></mujoco>"""
+    (picture,) = frames(mjcf, np.array([[0.0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]]), 60, 80)
+    assert picture.shape == (60, 80, 3)
+    assert picture.std() > 1

@@ -56,7 +56,8 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
         shape, camera = RobotShape(model), mujoco.MjvCamera()
         camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
         half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
-        camera.distance = _MARGIN * _extent(shape, states, width / height) / half_view
+        half_height = _extent(shape, states, width / height) if shape.names else model.stat.extent
+        camera.distance = _MARGIN * half_height / half_view
         for state in states:
             camera.lookat[:] = shape.centre_of_mass(state)
             mujoco.mj_forward(model, shape.data)

@@ -12,9 +12,9 @@ class RobotShape:
     Attributes:
         data: MuJoCo's data for the state that was asked for last.
         names: names of the limbs in the MJCF, which are the geometries of moving bodies.
-        plane: the two coordinates in which the robot moves. They are the axes of its first two
-            slides, or the two that are perpendicular to its first hinge if it has no slides. A free
-            base is seen from the side.
+        plane: the two coordinates in which the robot moves: those perpendicular to its hinges, or
+            the axes of two slides if it has no hinge. A robot that moves in space is seen from its
+            side.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -24,13 +24,7 @@ class RobotShape:
         self._ids = np.flatnonzero(moving & (model.geom_type >= mujoco.mjtGeom.mjGEOM_SPHERE.value))
         self._halves = np.array([_half_axis(model, i) for i in self._ids.tolist()]).reshape(-1, 3)
         self.names = [model.geom(i).name for i in self._ids]
-        slides = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)[:2]
-        axes = np.abs(model.jnt_axis[slides]).argmax(axis=1).tolist()
-        if len(set(axes)) < 2:
-            across = np.abs(model.jnt_axis[:1]).sum(axis=0).argmax()
-            is_free = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-            axes = np.delete([0, 1, 2], 1 if is_free else across).tolist()
-        self.plane: tuple[int, int] = (axes[0], axes[1])
+        self.plane = _plane(model)
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each limb's longest axis, shape (G, 2, 3) [m]."""
@@ -54,14 +48,3 @@ class RobotShape:
     def _place(self, state: Array) -> None:
         self.data.qpos[:] = state[: self._model.nq]
         mujoco.mj_kinematics(self._model, self.data)
-
-
-def _half_axis(model: mujoco.MjModel, i: int) -> Array:
-    """Returns half of a geometry's longest axis, in its own frame, shape (3,) [m]."""
-    half, size = np.zeros(3), model.geom_size[i]
-    round_about_z = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
-    if mujoco.mjtGeom(model.geom_type[i]) in round_about_z:
-        half[2] = size[1]
-    else:
-        half[size.argmax()] = size.max()
-    return half
