@@ -48,3 +48,27 @@ class RobotShape:
     def _place(self, state: Array) -> None:
         self.data.qpos[:] = state[: self._model.nq]
         mujoco.mj_kinematics(self._model, self.data)
+
+
+def _half_axis(model: mujoco.MjModel, i: int) -> Array:
+    """Returns half of a geometry's longest axis, in its own frame, shape (3,) [m]."""
+    half, size = np.zeros(3), model.geom_size[i]
+    round_about_z = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+    if mujoco.mjtGeom(model.geom_type[i]) in round_about_z:
+        half[2] = size[1]
+    else:
+        half[size.argmax()] = size.max()
+    return half
+
+
+def _plane(model: mujoco.MjModel) -> tuple[int, int]:
+    """Returns the coordinates of the plane that a robot's joints leave it in; else x and z."""
+    in_space = model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)
+    hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    normals, slides = (set(np.abs(data.xaxis[a]).argmax(axis=1)) for a in (hinges, ~hinges))
+    if in_space.any() or len(normals) > 1 or (not normals and len(slides) != 2):
+        return 0, 2
+    first, second = sorted({0, 1, 2} - normals if normals else slides)
+    return first, second
