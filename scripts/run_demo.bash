@@ -1,16 +1,21 @@
 #!/usr/bin/env bash
 # Learns a policy in a graph of separate ROS 2 processes, then executes it.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
+# TASK is a name, a task file or its folder. HIDDEN and ITERATIONS that are left out are the task's own.
 # PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source env.bash
 
-task=${TASK:-swimmer} method=${METHOD:-vgps} hidden=${HIDDEN:-5} seed=${SEED:-0} iterations=${ITERATIONS:-50}
-output=${OUTPUT:-recordings/$task-$(date +%Y%m%d-%H%M%S)}
-read -ra widths <<<"$hidden"
-search=(--seed "$seed" --iterations "$iterations" --hidden-units "${widths[@]}")
-parameters=(--params-file "config/$task.yaml")
+task=${TASK:-swimmer} method=${METHOD:-vgps} seed=${SEED:-0}
+name=$(basename "${task%/task.yaml}")
+output=${OUTPUT:-recordings/$name-$(date +%Y%m%d-%H%M%S)}
+search=(--seed "$seed")
+[[ -z ${ITERATIONS:-} ]] || search+=(--iterations "$ITERATIONS")
+read -ra widths <<<"${HIDDEN:-}"
+[[ -z ${HIDDEN:-} ]] || search+=(--hidden-units "${widths[@]}")
+parameters=(--params-file config/any_task.yaml)
+[[ ! -f config/$task.yaml ]] || parameters=(--params-file "config/$task.yaml")
 [[ -z ${PARAMETERS:-} ]] || parameters+=(--params-file "$PARAMETERS")
 # The command of a training in process knows all the rules, and says what is wrong.
 vgps train --check --task "$task" --method "$method" "${search[@]}" --output "$output" \
@@ -51,13 +56,12 @@ trap 'exit 143' TERM
 # The recorder and the visualizer first, so that they miss nothing.
 start recorder -p output:="$output/bag"
 start visualizer -p output:="$output/run.rrd"
-start simulation
-start trajectory_optimizer
-start policy_executor
-start policy_learner -p method:="$method" -p checkpoint_folder:="$output/checkpoints"
+start simulation -p task:="$task"
+start trajectory_optimizer -p task:="$task"
+start policy_executor -p task:="$task"
+start policy_learner -p task:="$task" -p method:="$method" -p checkpoint_folder:="$output/checkpoints"
 
-printf 'Learning: task %s, method %s, %s hidden units, seed %s, %s iterations; logs in %s.\n' \
-  "$task" "$method" "$hidden" "$seed" "$iterations" "$output/log"
+printf 'Learning: task %s, method %s, seed %s; logs in %s.\n' "$task" "$method" "$seed" "$output/log"
 vgps train-through-graph "${search[@]}" --output "$output"
 printf 'Executing: the learned policy drives the simulation in lock-step.\n'
 vgps execute-policy --task "$task" --json "$output/execution.json" \

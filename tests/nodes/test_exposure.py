@@ -37,6 +37,16 @@ SOMETIMES = {
     ("policy_executor", Use("subscribe", "/trajectory_distribution")),
     ("recorder", Use("request", "/*/get_parameters")),
     ("recorder", Use("request", "/*/list_parameters")),
+    # With a robot that has a free base, balls or activations:
+    *(
+        (node, Use(how, topic))
+        for node, how in (
+            ("simulation", "publish"),
+            ("policy_executor", "subscribe"),
+            ("execute_policy", "subscribe"),
+        )
+        for topic in ("/activations", "/multi_dof_joint_states", "/odom")
+    ),
 }
 
 
