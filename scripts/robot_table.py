@@ -28,6 +28,7 @@ from vgps_ros.experiments.training import train
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.workspace import initial_states
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task, make_task
@@ -67,15 +68,17 @@ def robots() -> dict[str, str]:
     return {name: name for name in OWN} | {path.stem: str(path) for path in others}
 
 
-def first_cost(task: Task, seed: int) -> float:
-    """Returns the cost of the motion from which the first solve starts."""
-    start, steps = task.initial_state, task.planned_horizon
-    if task.guess:
-        controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0))
-        motion = task.dynamics.rollout(start, lambda t, _: controls[t], steps)
-    else:
-        motion = task.demonstration or task.demonstrate(start, steps)  # type: ignore[misc]
-    return task.trajectory_cost(motion.first(task.horizon))
+def first_cost(task: Task, settings: SearchSettings, seed: int) -> float:
+    """Returns the mean cost of the motions from which the first solves start."""
+    steps, costs = task.planned_horizon, []
+    for i, start in enumerate(initial_states(task, settings, seed)):
+        if task.guess:
+            controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
+            motion = task.dynamics.rollout(start, lambda t, _: controls[t], steps)  # noqa: B023
+        else:
+            motion = task.demonstration or task.demonstrate(start, steps)  # type: ignore[misc]
+        costs.append(task.trajectory_cost(motion.first(task.horizon)))
+    return float(np.mean(costs))
 
 
 def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
@@ -107,7 +110,7 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         **task.dims,
         "hidden_units": content["hidden_units"],
         "iterations": len(content["iterations"]),
-        "first_cost": first_cost(task, seed),
+        "first_cost": first_cost(task, settings, seed),
         "ddp_cost": ddp,
         "ddp_iterations": len(log),
         "ddp_seconds": float(np.median(np.diff(times))) if log else None,
