@@ -66,7 +66,7 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         lowest = _WEAKEST * robot.height
         lines.append(f"fallen: [{{sensor: height, index: z, below: {lowest:.2g}}}]   # [m]")
     lines += _begin(model, robot, limits)
-    lines.append("search: {hidden_units: [16]}")
+    lines.append("search: {hidden_units: [16], alphas: [1.0, 3.0], ddp_iterations: 5}")
     return "\n".join(lines) + "\n"
 
 
@@ -103,12 +103,21 @@ def _changes(model: mujoco.MjModel) -> list[str]:
     if not (model.body_weldid[model.geom_bodyid] == 0).any() and abs(model.opt.gravity[2]) > 0:
         lines.append("  floor: true                            # the model has none")
     if not model.nu:
-        lines.append('  actuators: {"*": {joint: "*", limit: 20.0}}   # a motor a joint [N·m]')
+        lines.append("  actuators:                             # motors [N·m]; the model has none")
+        lines += [f"    {name}: {{joint: {name}, limit: 20.0}}" for name in _driven(model)]
     return (
         ["changes:                    # made in memory, the model's file stays", *lines]
         if lines
         else []
     )
+
+
+def _driven(model: mujoco.MjModel) -> list[str]:
+    """Returns the joints that a motor may drive: not those that carry the whole robot along."""
+    first = int(np.flatnonzero(model.body_dofnum)[0])
+    base = model.body_jntadr[first] + np.arange(model.body_jntnum[first])
+    carried = {model.joint(j).name for j in base if len(base) > 1}
+    return [name for name in joint_names(model) if name not in carried]
 
 
 def _start(model: mujoco.MjModel, robot: _Robot) -> list[str]:
