@@ -21,7 +21,9 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
+    from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec
+    from vgps_ros.simulation.self_contained import self_contained
     from vgps_ros.tasks.document import Document
     from vgps_ros.tasks.first_file import first_task_file
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
@@ -35,6 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
     file = TaskFile(model=reference, control_period=1.0, horizon=1.0, cost=())
     arguments.folder.mkdir(parents=True, exist_ok=True)
     found = find_model(file, Document(path, {}, {(): 1}))
-    text = first_task_file(reference, changed_spec(found, {}, {}).compile(), str(SCHEMA_PATH))
+    model = compile_model(self_contained(changed_spec(found, {}, {})))
+    text = first_task_file(reference, model, str(SCHEMA_PATH))
     path.write_text(text)
     print(f"Wrote {path}. Next: vgps check {path}, then vgps train --task {path} --output RUN")

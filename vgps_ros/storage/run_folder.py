@@ -89,8 +89,8 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
         return GaussianPolicy(shape, **arrays), str(content["task"])
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInputError(
-            f"{path} is not a policy of vgps_ros ({error}); name the policy.json of a run, and train "
-            "again where an older version wrote it."
+            f"{path} is not a policy of vgps_ros ({error}); name the policy.json of a run, and "
+            "train again where an older version wrote it."
         ) from error
 
 
