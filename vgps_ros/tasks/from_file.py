@@ -28,6 +28,10 @@ from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
 from vgps_ros.tasks.yaml_document import Document, Place
 
 
+# What a policy may read of all joints at once, and what that is of each.
+_OF_ALL_JOINTS = {"joint_positions": "position", "joint_velocities": "velocity"}
+
+
 def load_task(path: Path, name: str) -> Task:
     """Returns the task that a file describes.
 
@@ -134,9 +138,9 @@ class _Reader:
 
     def _observed(self, entry: str | Observation, place: Place) -> list[str]:
         if isinstance(entry, str):
-            if entry not in ("joint_positions", "joint_velocities"):
+            if entry not in _OF_ALL_JOINTS:
                 return self.names(entry, None, place)
-            return [f"{joint}/{entry[6:-1].replace('ie', 'y')}" for joint in self._joints()]
+            return [f"{joint}/{_OF_ALL_JOINTS[entry]}" for joint in self._joints()]
         if entry.sensor is not None:
             return self.names(entry.sensor, entry.index, place)
         if entry.joint is not None:
