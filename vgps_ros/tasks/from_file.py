@@ -27,7 +27,6 @@ from vgps_ros.tasks.task_model import model_text
 from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
 from vgps_ros.tasks.yaml_document import Document, Place
 
-
 # What a policy may read of all joints at once, and what that is of each.
 _OF_ALL_JOINTS = {"joint_positions": "position", "joint_velocities": "velocity"}
 
