@@ -9,8 +9,8 @@ from gymnasium.spaces import Box
 from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.beginnings import control_range
 
 # Torque of an action of 1, about the largest torque of the DDP solution [N·m].
 TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}

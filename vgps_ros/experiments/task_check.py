@@ -12,8 +12,8 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.beginnings import control_range
 
 _POINTS = 40  # steps whose derivatives are compared with centred differences
 _HARD = 1e-2  # error of a derivative from which on contact is too hard

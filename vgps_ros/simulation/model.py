@@ -155,6 +155,13 @@ def driven_velocities(model: mujoco.MjModel) -> list[int]:
     return [names.index(name) if name in names else -1 for name in velocities]
 
 
+def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Returns the smallest and the largest value of each control, shapes (n_u,)."""
+    limited = model.actuator_ctrllimited.astype(bool)
+    low, high = model.actuator_ctrlrange.T
+    return np.where(limited, low, -CONTROL_BOUND), np.where(limited, high, CONTROL_BOUND)
+
+
 def model_torque_limits(model: mujoco.MjModel) -> Array:
     """Returns the largest control of each actuator that the model allows, shape (n_u,), [N·m].
 

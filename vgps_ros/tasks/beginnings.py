@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.patterns import matching
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks.motion_file import with_demonstration
 from vgps_ros.tasks.start import keyframe
 from vgps_ros.tasks.task import Task, smoothed_noise
@@ -66,13 +66,6 @@ def _executed(
     dynamics: Dynamics, law: Callable[[int, Array], Array], start: Array, steps: int
 ) -> Trajectory:
     return dynamics.rollout(start, law, steps)
-
-
-def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Returns the smallest and the largest value of each control, shapes (n_u,)."""
-    limited = model.actuator_ctrllimited.astype(bool)
-    low, high = model.actuator_ctrlrange.T
-    return np.where(limited, low, -CONTROL_BOUND), np.where(limited, high, CONTROL_BOUND)
 
 
 def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array], Array]:
