@@ -34,7 +34,7 @@ TURTLE = """
       <body name="right" pos="0 -0.2 0">
         <joint name="right_hip" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.03"/>
-        <body name="right_end" pos="0 0 -0.2"><geom name="right_foot" size="0.05"/></body>
+        <body pos="0 0 -0.2"><geom name="right_foot" size="0.05"/></body>
       </body>
       <body name="tail" pos="-0.3 0 0"><joint type="ball"/><geom name="tail" size="0.05"/></body>
     </body>
@@ -76,6 +76,9 @@ def test_without_changes_the_model_is_the_file_s(turtle, compiled):
 
 def test_what_has_no_name_gets_one(compiled):
     model = compiled()
+    assert names(model, "body", model.nbody) == [
+        *("world", "trunk", "left", "right", "right_body", "tail"),
+    ]
     assert names(model, "joint", model.njnt) == ["trunk_free", "left_hip", "right_hip", "tail_ball"]
     assert names(model, "geom", 4) == ["floor", "wall", "trunk_geom", "left_geom"]
     assert names(model, "actuator", model.nu) == ["left_hip", "servo"]

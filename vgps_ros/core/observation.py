@@ -1,4 +1,4 @@
-"""What a policy reads of a state, o = h(x), as a protocol.
+"""The protocol of an observation o = h(x), which is all that a policy reads of a state.
 
 A policy may know less than the optimiser does (section 5): joint angles or their sines and
 cosines, velocities, sensors. `vgps_ros.simulation.readings` implements it for MuJoCo models.

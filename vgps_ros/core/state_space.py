@@ -81,7 +81,7 @@ class StateSpace:
 
     @cached_property
     def plain(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Where the plain numbers stand in x, and where in δ."""
+        """The indices of the plain numbers in x, and those in δ."""
         in_x, in_dx = np.ones(self.state_dim, bool), np.ones(self.tangent_dim, bool)
         for i, first in enumerate(self.quaternions):
             in_x[first : first + 4] = in_dx[first - i : first - i + 3] = False

@@ -23,7 +23,7 @@ _UNMOVED = 1e-9  # a reading that all controls together move by less does not co
 
 @dataclass
 class TaskCheck:
-    """What was found.
+    """The findings about a task.
 
     Attributes:
         parts: name of each part of the cost with what it costs along the first rollout, and along

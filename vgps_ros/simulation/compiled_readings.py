@@ -17,7 +17,7 @@ NOTHING, KINEMATICS, EVERYTHING = range(3)
 
 
 class Plan(NamedTuple):
-    """What the loops need to know of r readings.
+    """A plan tells the loops how to compute r readings.
 
     Attributes:
         needs: what MuJoCo has to compute.

@@ -10,7 +10,7 @@ from vgps_ros.simulation.mujoco_functions import address, mj_differentiate_pos, 
 
 
 class Simulation(NamedTuple):
-    """What the loops need of a simulation; valid only while its model and data live.
+    """The arrays of a simulation, for the loops; valid only while its model and data live.
 
     Attributes:
         model: address of the model.
@@ -32,7 +32,7 @@ class Simulation(NamedTuple):
 
 
 def simulation_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Simulation:
-    """Returns what the loops need of a simulation."""
+    """Returns the arrays of a simulation, for the loops."""
     arrays = (data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata)
     may_skip = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
     return Simulation(address(model), address(data), *arrays, substeps, bool(may_skip))

@@ -2,9 +2,9 @@
 
 Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in
 this order: a floor is added, actuators are removed, options set, joints and geoms changed, contacts
-restricted, motors and sensors added. Joints, geoms and actuators without a name get one first, so
-that changes and tasks can name them: a joint or geom after its body (`trunk_free`, `foot_geom`), an
-actuator after what it drives.
+restricted, motors and sensors added. Bodies, joints, geoms and actuators without a name get one
+first, so that changes and tasks can name them: a body after the one that carries it, a joint or
+geom after its body (`trunk_free`, `foot_geom`), an actuator after what it drives.
 """
 
 import warnings
@@ -103,8 +103,8 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:
-    """Names each joint, geom and actuator that has no name."""
-    for elements in (spec.joints, spec.geoms, spec.actuators):
+    """Names each body, joint, geom and actuator that has no name; a parent comes before its own."""
+    for elements in (spec.bodies, spec.joints, spec.geoms, spec.actuators):
         taken = {element.name for element in elements}
         for element in elements:
             if not element.name:
@@ -117,10 +117,10 @@ def _name_all(spec: mujoco.MjSpec) -> None:
 def _natural_name(element: Any) -> str:
     if isinstance(element, mujoco.MjsActuator):
         return element.target or "actuator"
-    kind = "geom"
+    kind = "body" if isinstance(element, mujoco.MjsBody) else "geom"
     if isinstance(element, mujoco.MjsJoint):
         kind = mujoco.mjtJoint(element.type).name.removeprefix("mjJNT_").lower()
-    return f"{element.parent.name}_{kind}" if element.parent.name else kind
+    return kind if element.parent.name == "world" else f"{element.parent.name}_{kind}"
 
 
 def _matching(elements: Sequence[Any], what: str, pattern: str, *place: str | int) -> list[Any]:

@@ -75,10 +75,8 @@ class Readings:
         x, u = self._rows(states, controls)
         n, r = len(x), len(self.names)
         out = np.empty((n, r))
-        by_state, by_control = (
-            np.empty((n, r, self.space.tangent_dim)),
-            np.empty((n, r, u.shape[1])),
-        )
+        by_state = np.empty((n, r, self.space.tangent_dim))
+        by_control = np.empty((n, r, u.shape[1]))
         self._simulations.in_threads(
             n,
             lambda sim, part: compiled.differentiate_each(
@@ -100,7 +98,7 @@ class Readings:
 
     @property
     def plan(self) -> compiled.Plan:
-        """What compiled loops need to know of the readings."""
+        """The plan by which compiled loops compute the readings."""
         return self._plan
 
     def _rows(self, states: Array, controls: Array | None) -> tuple[Array, Array]:
@@ -113,6 +111,7 @@ class Readings:
 
 
 def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.Plan:
+    """Finds each name in the model, and what MuJoCo has to compute for all of them."""
     model, space = simulations.model, simulations.space
     numbers, states = sensor_numbers(model), state_names(model)
     tangent_of = dict(zip(*(places.tolist() for places in space.plain), strict=True))

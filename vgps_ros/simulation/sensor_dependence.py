@@ -1,4 +1,4 @@
-"""What a sensor's value depends on, read off the tree of bodies.
+"""Reads off the tree of bodies which joints a sensor's value depends on.
 
 A sensor of where a body is, or how it moves, feels the joints between that body and the world only.
 So few finite differences are needed for it, and no forces.

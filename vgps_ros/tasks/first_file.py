@@ -15,7 +15,7 @@ _WEAKEST = 0.5  # height in which a robot has fallen, as a share of the one it s
 
 @dataclass(frozen=True)
 class _Robot:
-    """What the first file says of a model.
+    """Facts about a model from which its first task file is written.
 
     Attributes:
         root: the body that carries all others.

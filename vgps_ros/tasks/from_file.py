@@ -10,12 +10,13 @@ import numpy as np
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.optimizer_settings import OptimizerSettings
-from vgps_ros.core.patterns import known, matching
+from vgps_ros.core.patterns import matching
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import with_values
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import compile_model, deviation_names, joint_names, sensor_numbers
 from vgps_ros.simulation.readings import Readings
+from vgps_ros.simulation.sensor_types import scalar_names
 from vgps_ros.tasks.beginnings import with_beginning
 from vgps_ros.tasks.conditions import Conditions
 from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
@@ -80,28 +81,23 @@ class _Reader:
         self.model: mujoco.MjModel = dynamics.model
 
     def readings(self, names: Sequence[str], place: Place) -> Readings:
+        """Returns the readings of these names; an error has the line of the place."""
         with self.document.at(place):
             return Readings(self.dynamics.simulations, names)
 
     def names(self, sensor: str, index: Any, place: Place) -> list[str]:
         """Returns the full names of the numbers that a sensor and an index pick."""
         numbers = sensor_numbers(self.model)
-        parts = [name for name in numbers if name.startswith(f"{sensor}/")]
+        prefix = f"{sensor}/"
+        parts = [name.removeprefix(prefix) for name in numbers if name.startswith(prefix)]
         if sensor in numbers or not parts:  # a scalar by its full name, or an unknown one
             self.readings([sensor], place)
-            return [sensor]
-        if index is None:
-            return parts
-        wanted = [index] if isinstance(index, str | int) else index
+            parts = []
         with self.document.at((*place, "index")):
-            return [
-                parts[i]
-                if isinstance(i, int) and i < len(parts)
-                else known("part", f"{sensor}/{i}", parts)
-                for i in wanted
-            ]
+            return scalar_names(sensor, tuple(parts), index)
 
     def conditions(self, limits: Sequence[Limit], key: str) -> Conditions:
+        """Returns the limits that the entry `key` lists, one number each."""
         names, low, high = [], [], []
         for i, limit in enumerate(limits):
             found = self.names(limit.sensor, limit.index, (key, i))
@@ -116,6 +112,7 @@ class _Reader:
         return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
 
     def observation(self, entries: Sequence[str | Observation]) -> Readings:
+        """Returns what the policy reads; it depends on states alone."""
         names: list[str] = []
         for i, entry in enumerate(entries):
             place = ("observe", i)

@@ -1,4 +1,4 @@
-"""What a user calls a task by: a name, a task file or its folder, or a function of Python.
+"""Resolves what a user calls a task by: a name, a task file or its folder, or a Python function.
 
 Names are those of the folders beside this module, and of the entry-point group `vgps_ros.tasks`,
 through which other packages offer tasks. An entry point is a function that returns a `Task`.

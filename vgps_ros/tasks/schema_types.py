@@ -1,4 +1,4 @@
-"""What all parts of the task file's form share: their base record, and types of values."""
+"""The base record and the types of values that all parts of the task file's form share."""
 
 from typing import Annotated, Any
 
