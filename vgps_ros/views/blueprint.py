@@ -2,18 +2,36 @@
 
 from collections.abc import Sequence
 
+import mujoco
+import numpy as np
 import rerun.blueprint as rrb
 
 from vgps_ros.views.recording import TIME
+from vgps_ros.views.robot_shape import RobotShape
 
+_FROM_SIDE, _FROM_ABOVE = (-0.6, -2.4, 0.7), (0.0, -0.3, 2.5)  # in sizes of the robot
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
 
-def blueprint(hinge_names: Sequence[str], *, has_base: bool = False) -> rrb.Blueprint:
+def eye(model: mujoco.MjModel, shape: RobotShape) -> rrb.EyeControls3D:
+    """Returns an eye that sees the whole robot in the plane it moves in, and goes with it."""
+    target = shape.centre_of_mass(model.qpos0)
+    away = _FROM_ABOVE if shape.plane == (0, 1) else _FROM_SIDE
+    return rrb.EyeControls3D(
+        position=target + model.stat.extent * np.array(away),
+        look_target=target,
+        tracking_entity=f"world/robot/{shape.names[0]}" if shape.names else None,
+    )
+
+
+def blueprint(
+    hinge_names: Sequence[str], eye: rrb.EyeControls3D, *, has_base: bool = False
+) -> rrb.Blueprint:
     """Returns the layout for a robot with the named hinges, its turning joints.
 
     Args:
         hinge_names: names of the hinges.
+        eye: from where the robot is seen.
         has_base: whether the robot has a free base, whose position is then shown too.
     """
     whole_run = rrb.VisibleTimeRanges(
@@ -32,6 +50,7 @@ def blueprint(hinge_names: Sequence[str], *, has_base: bool = False) -> rrb.Blue
             origin="world",
             name="robot; centre of mass: learned (blue), initial DDP (black)",
             overrides={"world/centre_of_mass": [whole_run]},
+            eye_controls=eye,
         ),
         rrb.TimeSeriesView(contents=[f"learning/{c}" for c in _COSTS], name="cost by iteration"),
         rrb.Tabs(

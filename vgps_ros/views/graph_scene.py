@@ -120,7 +120,8 @@ class GraphScene:
             return  # several nodes publish the same description
         self._robot = robot = RobotScene(self.recording, message.data)
         self._collector = StateCollector(robot.states.topics)
-        self.recording.lay_out(blueprint(robot.hinge_names, has_base=robot.states.base is not None))
+        layout = blueprint(robot.hinge_names, robot.eye, has_base=robot.states.base is not None)
+        self.recording.lay_out(layout)
         while self._waiting:
             self.show(*self._waiting.popleft())
 

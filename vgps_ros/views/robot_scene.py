@@ -17,6 +17,7 @@ from vgps_ros.simulation.model import (
     hinge_names,
     state_names,
 )
+from vgps_ros.views.blueprint import eye
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import TIME, Recording
 from vgps_ros.views.robot_shape import RobotShape
@@ -29,6 +30,7 @@ class RobotScene:
     """Draws one robot.
 
     Attributes:
+        eye: from where the robot is seen.
         states: the messages of the robot's states, and the names of its joints.
         state_names: name of each coordinate of a state.
         deviation_names: name of each coordinate of a deviation.
@@ -51,6 +53,7 @@ class RobotScene:
         self._geometries = geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
+        self.eye = eye(model, self._shape)
         self.states = StateMessages(model)
         self.state_names, self.deviation_names = state_names(model), deviation_names(model)
         self._joints, self._rates = (
