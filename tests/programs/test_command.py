@@ -107,6 +107,7 @@ def test_every_command_and_node_is_an_executable_of_the_package_too(tmp_path):
         ("vgps train --alpha", {"--alphas", "--alpha-iterations"}),
         ("vgps train --method weigh", {"weighted_dagger"}),
         ("vgps node s", {"simulation"}),
+        ("vgps train --task w", {"walker"}),
         ("vgps bag re", {"rerun", "reindex"}),
     ],
 )

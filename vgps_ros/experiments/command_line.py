@@ -12,6 +12,7 @@ from vgps_ros import NODES
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
+from vgps_ros.tasks.references import task_names
 
 Record = TypeVar("Record")
 
@@ -40,7 +41,10 @@ class Parser(argparse.ArgumentParser):
         if default is not False and default not in (None, "", argparse.SUPPRESS):
             shown = " ".join(map(str, default)) if isinstance(default, tuple) else default
             options["help"] += f"; default {shown}"
-        return super().add_argument(*names, **options)
+        action = super().add_argument(*names, **options)
+        if action.dest == "task":
+            action.completer = _tasks_or_files  # type: ignore[attr-defined]
+        return action
 
     def add_settings(self, *settings: Setting, unset: str = "") -> None:
         """Adds a flag for each setting, for example `--fit-form` for `fit.form`.
@@ -50,7 +54,7 @@ class Parser(argparse.ArgumentParser):
             unset: who chooses a value that is left out; the setting's default if empty.
         """
         for s in settings:
-            self.add_argument(
+            action = self.add_argument(
                 "--" + s.name.replace("_", "-").replace(".", "-"),
                 dest=s.name,
                 type=_parser(s),
@@ -62,7 +66,9 @@ class Parser(argparse.ArgumentParser):
                 help=s.description
                 + ("" if s.choices else f"; {s.range()}")
                 + (f"; default: {unset}" if unset else ""),
-            ).completer = lambda choices=s.choices, **_: choices or ()  # type: ignore[attr-defined]
+            )
+            if s.name != "task":
+                action.completer = lambda choices=s.choices, **_: choices or ()  # type: ignore[attr-defined]
 
     def add_output(self, flag: str, text: str, **options: Any) -> None:
         """Adds a flag for a path to write, and the one that allows it to be replaced."""
@@ -95,6 +101,13 @@ class Parser(argparse.ArgumentParser):
         self.exit(
             2, f"{self.prog}: {message}{end}{nearest(word, choices)} See `{self.prog} --help`.\n"
         )
+
+
+def _tasks_or_files(prefix: str, **_: Any) -> list[str]:
+    """Returns the words with which the shell may complete the name of a task."""
+    from argcomplete.completers import FilesCompleter
+
+    return [*task_names(), *FilesCompleter(["yaml"])(prefix)]
 
 
 def refuse_existing(paths: Sequence[Path], *, overwrite: bool) -> None:

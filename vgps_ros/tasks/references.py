@@ -20,6 +20,11 @@ BUILT_IN = tuple(sorted(path.parent.name for path in _FOLDER.glob("*/task.yaml")
 _FORMS = "a task file (.yaml) or its folder, or FILE.py:FUNCTION"
 
 
+def task_names() -> list[str]:
+    """Returns the names of all tasks that are installed, those of other packages too."""
+    return [*BUILT_IN, *(point.name for point in entry_points(group="vgps_ros.tasks"))]
+
+
 def task_file_of(reference: str) -> Path | None:
     """Returns the task file that a reference stands for; None if it stands for Python code.
 
@@ -33,7 +38,7 @@ def task_file_of(reference: str) -> Path | None:
     path = Path(reference).expanduser()
     if path.suffix in (".yaml", ".yml") or (path / "task.yaml").is_file():
         return path / "task.yaml" if path.is_dir() else path
-    names = [*BUILT_IN, *(point.name for point in entry_points(group="vgps_ros.tasks"))]
+    names = task_names()
     raise InvalidInputError(
         f"There is no task {quoted(reference)}; name one of {', '.join(names)}, {_FORMS}."
         f"{nearest(reference, names)}"
