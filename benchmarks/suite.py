@@ -17,6 +17,7 @@ from benchmarks import (
     reinforcement,
     solver,
     task_files,
+    trajectory_peers,
 )
 from benchmarks.report import growth_figure, markdown, terminal_table
 from benchmarks.timing import Comparison
@@ -35,6 +36,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "derivatives": solver.derivatives,
     "convergence": solver.convergence,
     "task_files": task_files.task_files,
+    "trajectory_peers": trajectory_peers.trajectory_peers,
     "lock_step": graph.lock_step,
     "real_time": real_time.real_time,
     "start": real_time.start,
@@ -46,7 +48,10 @@ BENCHMARKS: dict[str, Benchmark] = {
     "reinforcement_learning": reinforcement.reinforcement_learning,
 }
 LONG = ("reinforcement_learning",)  # run only by name
-PEERS = {"backward_pass": "crocoddyl", "reinforcement_learning": "stable_baselines3"}
+PEERS = {
+    **dict.fromkeys(("backward_pass", "trajectory_peers"), "crocoddyl"),
+    "reinforcement_learning": "stable_baselines3",
+}
 RESULT, TABLE = "benchmarks.json", "benchmarks.md"
 
 
