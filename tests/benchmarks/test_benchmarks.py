@@ -14,7 +14,7 @@ from benchmarks.problems import linear_quadratic, with_threads
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp.backward_pass import _recursion, backward_pass
 from vgps_ros.search.preparation import prepare
-from vgps_ros.simulation import compiled_loops, compiled_readings
+from vgps_ros.simulation import compiled_derivatives, compiled_loops, compiled_readings
 from vgps_ros.tasks import make_task
 
 
@@ -95,7 +95,7 @@ def test_after_its_preparation_a_search_compiles_nothing(name):
     task = make_task(name)
     prepare(task)
     loops = [
-        *(compiled_loops.advance, compiled_loops.differentiate),
+        *(compiled_loops.advance, compiled_derivatives.differentiate),
         *(compiled_loops.execute, compiled_loops.follow, _recursion),
         compiled_readings.differentiate_each,
     ]

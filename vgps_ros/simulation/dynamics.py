@@ -18,7 +18,7 @@ from vgps_ros.core.compiled_network import compiled_network
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.simulation import compiled_loops
+from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_states import Simulation
 from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.readings import Readings
@@ -65,7 +65,7 @@ class Dynamics:
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
-        # Controls and activations, velocities, positions: see `compiled_loops.differentiate`.
+        # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
 
     @property
@@ -193,7 +193,7 @@ class Dynamics:
         states, controls = trajectory.states[:-1], trajectory.controls
         steps = self.simulations.in_threads(
             horizon,
-            lambda sim, part: compiled_loops.differentiate(
+            lambda sim, part: compiled_derivatives.differentiate(
                 *(sim, self._columns, self.eps, np.inf if centred else KINK * self.eps),
                 *(states[part], controls[part], f_x[part], f_u[part]),
             ),
