@@ -85,10 +85,8 @@ def _judge_torques(found: BagCheck) -> None:
     if not torques.counted:
         found.unproven.append("the number of torques, which the executor did not count")
     elif torques.counted.missing or torques.counted.surplus:
-        found.wrong.append(
-            f"the bag has {torques.counted.missing} torques less and {torques.counted.surplus} more "
-            "than the executor counted"
-        )
+        less, more = torques.counted.missing, torques.counted.surplus
+        found.wrong.append(f"the executor counted {less} torques more and {more} less")
 
 
 def _judge_files(found: BagCheck, path: Path, counts: dict[str, int]) -> None:

@@ -1,7 +1,7 @@
 """The manifest of a bag: what its recorder wrote, with a SHA-256 of each chunk and of each file.
 
-It is the file `manifest.json` beside `metadata.yaml`, written last. Who alters the bag can alter the
-manifest too, unless it is signed: `ssh-keygen -Y sign -n vgps-bag -f KEY manifest.json` writes
+It is the file `manifest.json` beside `metadata.yaml`, written last. Who alters the bag can alter
+the manifest too, unless it is signed: `ssh-keygen -Y sign -n vgps-bag -f KEY manifest.json` writes
 `manifest.json.sig`, as git signs commits with ssh keys.
 """
 
