@@ -11,7 +11,7 @@ from typing import get_type_hints
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 
 PATH = Path(__file__).parents[1] / "msg_schemas" / "msg" / "LearningProgress.msg"
-TYPES = {float: "float64", int: "uint64", tuple[float, ...]: "float64[]"}
+TYPES = {float: "float64", int: "uint64", str: "string", tuple[float, ...]: "float64[]"}
 HEAD = """\
 # One iteration of Algorithm 1 in numbers.
 # Written by scripts/write_progress_message.py from vgps_ros/search/metrics.py; do not edit.

@@ -71,6 +71,7 @@ class BagReader:
         self.start = self._reader.start_time
         # rosbags counts to 1 ns after the last message.
         self.duration = max(0, self._reader.duration - 1)
+        self.damages: list[str] = []
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""

@@ -35,6 +35,7 @@ class RecordedExecutor:
 
     Attributes:
         seed: seed of the policy's noise.
+        is_in_lock_step: whether a simulation waited for the answer to each state.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
 
@@ -46,6 +47,8 @@ class RecordedExecutor:
         nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
         of_nodes: list[dict[str, Any]] = [node["ros__parameters"] for node in nodes.values()]
         parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
+        simulated = next((p for p in of_nodes if {"mode", "real_time_factor"} <= set(p)), {})
+        self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.seed = int(parameters.get("seed", 0))
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)

@@ -4,11 +4,12 @@ The file is made of mcap's public records. mcap's own `Writer` is not used: it h
 count, or to go back to an earlier state, as a bag on a full disk must.
 """
 
+import hashlib
 import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import lz4.frame
 import yaml
@@ -17,6 +18,7 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from vgps_ros.bags.manifest import FileDigest
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
 from vgps_ros.storage.disk import DiskFile
@@ -43,6 +45,8 @@ class _Block(NamedTuple):
     end: int  # of the block in the file [bytes]
     entry: _Entry  # in the file's index
     counts: Counter[int]  # messages by the numbers of their channels
+    sha256: str  # of the block
+    so_far: Any  # SHA-256 of the file up to its end, which can go on
 
 
 class StorageWriter:
@@ -67,7 +71,10 @@ class StorageWriter:
         self._blocks: list[_Block] = []
         self._counts: Counter[int] = Counter()
         self._file = file
-        self._file.write(_MAGIC + _bytes_of(records.Header("ros2", "vgps_ros")))
+        header = _MAGIC + _bytes_of(records.Header("ros2", "vgps_ros"))
+        self._file.write(header)
+        self._header_hash = hashlib.sha256(header)
+        self._hash = self._header_hash.copy()
         self.begin = self._file.tell()
         self._begin_chunk()
 
@@ -75,6 +82,16 @@ class StorageWriter:
     def counts(self) -> dict[str, int]:
         """Messages of each topic so far."""
         return {topic: self._counts[channel.id] for topic, channel in self._channels.items()}
+
+    @property
+    def digest(self) -> FileDigest:
+        """What the file must be; once it is closed, this describes it to its end."""
+        begins = [self.begin, *(block.end for block in self._blocks)]
+        chunks = [
+            (begin, block.end, block.sha256)
+            for begin, block in zip(begins, self._blocks, strict=False)
+        ]
+        return FileDigest(self._hash.hexdigest(), chunks, self.counts)
 
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""
@@ -173,7 +190,9 @@ class StorageWriter:
         )
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, at + len(data), 0)
         checksum = struct.pack("<I", zlib.crc32(summary + footer))
-        self._file.write(data + summary + footer + checksum + _MAGIC)
+        end = data + summary + footer + checksum + _MAGIC
+        self._hash.update(end)
+        self._file.write(end)
         self._file.close()
 
     def go_back(self, position: int) -> int:
@@ -191,6 +210,7 @@ class StorageWriter:
         chunks = [entry for entry in entries if isinstance(entry, records.ChunkIndex)]
         self.start = min((chunk.message_start_time for chunk in chunks), default=0)
         self.end = max((chunk.message_end_time for chunk in chunks), default=0)
+        self._hash = (self._blocks[-1].so_far if self._blocks else self._header_hash).copy()
         self._begin_chunk()
         return self._blocks[-1].end if self._blocks else self.begin
 
@@ -207,7 +227,9 @@ class StorageWriter:
     def _put(self, data: bytes, entry: _Entry, counts: Counter[int]) -> None:
         """Hands a block over to the file, and notes it for the index."""
         self._file.write(data)
-        self._blocks.append(_Block(self._file.tell(), entry, counts))
+        self._hash.update(data)
+        sha256, so_far = hashlib.sha256(data).hexdigest(), self._hash.copy()
+        self._blocks.append(_Block(self._file.tell(), entry, counts, sha256, so_far))
 
 
 def _bytes_of(*parts: records.McapRecord) -> bytes:

@@ -1,23 +1,27 @@
 """Checks that a bag's torques are those that its policy gives for its states, bit for bit.
 
-The torques are computed again with the limits from the executor's recorded parameters. Torques of
-the safe action are counted separately from the policy's.
+The torques are computed again with the limits from the executor's recorded parameters. Those of the
+safe action count only where the executor's diagnostics say that it drove, and zero torques also at
+the end of its activity. Each state that came while a policy drove must have its answer.
 
 A torque answers the state that has the same stamp. The topics reach a recorder independently, so
 the bag may hold a state or a policy somewhat later than the torque that was computed from it.
 """
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from vgps_ros.bags import BagReader
+from vgps_ros.bags.executor_log import SLACK, Counted, ExecutorLog
 from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.bags.states import recorded_states
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy, executed_control
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -29,8 +33,10 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
 
-_SLACK = 10**9  # largest delay with which the bag holds a state after its torque [ns]
 _NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
+# Between the torques of two BLAS kernels, relative to the largest torque. Versions whose executors
+# did not count their commands computed torques by BLAS.
+TOLERANCE = 1e-9
 
 
 @dataclass
@@ -40,33 +46,45 @@ class TorqueCheck:
     Attributes:
         deterministic: torques that equal the policy's mean.
         stochastic: torques that equal the policy's mean plus the noise of the recorded seed.
-        clipped: torques among these two kinds that are at a limit of their size.
-        rate_limited: torques among these two kinds that are at a limit of their change.
-        safe: other torques that are zero, or equal those of the safe action.
+        rounded: torques of an old version that equal one of these within `TOLERANCE`.
+        clipped: torques among these kinds that are at a limit of their size.
+        rate_limited: torques among these kinds that are at a limit of their change.
+        safe: other torques, of the safe action where the diagnostics say that it drove.
+        last: zero torques with which the executor ended its activity.
+        unexplained: zero or safe torques where nothing says that the safe action drove.
         unchecked: torques whose change is limited, but whose predecessor is not in the bag.
         unusable: states that no torque may answer, such as one that is not finite.
-        unanswered: states without a torque, between the first torque and the last.
+        unanswered: states without a torque while a policy drove in lock-step.
+        skipped: states without a torque while a policy drove in real time.
         stateless: torques whose state is not in the bag, although earlier states are.
         different: torques that neither the policy nor the safe action gives.
-        first_difference: a sentence on the first different torque.
+        counted: the executor's own count; None of a version that did not count.
+        first_difference: a sentence on the first torque that is wrong.
     """
 
     deterministic: int = 0
     stochastic: int = 0
+    rounded: int = 0
     clipped: int = 0
     rate_limited: int = 0
     safe: int = 0
+    last: int = 0
+    unexplained: int = 0
     unchecked: int = 0
     unusable: int = 0
     unanswered: int = 0
+    skipped: int = 0
     stateless: int = 0
     different: int = 0
+    counted: Counted | None = None
     first_difference: str = ""
 
     @property
     def is_good(self) -> bool:
-        """True if every torque has a state, and is what the policy or the safe action gives."""
-        return not (self.different or self.stateless)
+        """True if each torque is explained, and each state that needs a torque has one."""
+        miscounted = self.counted and (self.counted.missing or self.counted.surplus)
+        wrong = (self.different, self.unexplained, self.stateless, self.unanswered)
+        return not (any(wrong) or miscounted)
 
 
 @dataclass
@@ -82,8 +100,8 @@ class _Timeline:
 
     def around(self, time: int) -> list[Any]:
         """Returns the values that may have been the latest at a time, the likeliest first."""
-        first = max(0, int(np.searchsorted(self.received, time - _SLACK, side="right")) - 1)
-        last = int(np.searchsorted(self.received, time + _SLACK, side="right"))
+        first = max(0, int(np.searchsorted(self.received, time - SLACK, side="right")) - 1)
+        last = int(np.searchsorted(self.received, time + SLACK, side="right"))
         now = int(np.searchsorted(self.received, time, side="right")) - 1
         return [self.values[i] for i in sorted(range(first, last), key=lambda i: abs(i - now))]
 
@@ -99,20 +117,27 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     executor = RecordedExecutor(bag, model)
     policies = _Timeline()
     for received, message in bag.decoded(topics["policy"]):
-        policies.add(received, (message.iteration, executor.named(policy_from_msg(message))))
+        policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
+        policies.add(received, (message.iteration, policy))
     robot_states, actuated = StateMessages(model), actuated_joint_names(model)
     marginals = _marginals(bag, executor)
-    found = TorqueCheck()
+    log, found = ExecutorLog(bag), TorqueCheck()
     states: dict[int, _Timeline] = defaultdict(_Timeline)
+    runs: list[_Run] = []
     for received, messages in recorded_states(bag, robot_states):
         try:
             state = robot_states.join(messages)
         except InvalidInputError:  # noqa: PERF203
             found.unusable += 1
         else:
-            states[nanoseconds(messages[JOINTS].header.stamp)].add(received, state)
-    first_state = min((timeline.received[0] for timeline in states.values()), default=0)
-    answered: set[int] = set()
+            stamp = nanoseconds(messages[JOINTS].header.stamp)
+            states[stamp].add(received, state)
+            if not runs or runs[-1].stamp != stamp:
+                runs.append(_Run(stamp, received))
+    first_state = runs[0].received if runs else 0
+    answers: dict[int, list[int]] = defaultdict(list)
+    commands: list[int] = []
+    before: _Sent | None = None
     for received, message in bag.decoded(topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
         torques = command_from_msg(message, actuated)
@@ -121,19 +146,67 @@ def check_torques(bag: BagReader) -> TorqueCheck:
             # Even the first policy may be recorded late, since it was published long before.
             known = policies.around(received) or policies.values[:1]
             had = marginals.around(received) or [()]
-            sent = _Sent(torques, stamp, known, answered_states, had, is_first=not answered)
-            is_safe = _compare(found, sent, executor, actuated)
+            sent = _Sent(torques, stamp, received, known, answered_states, had, before)
+            is_safe, is_answer = _compare(found, sent, executor, log, actuated)
+            before = sent
         else:
             found.stateless += received > first_state
-            is_safe = False
+            is_safe = is_answer = False
         if is_safe:
             executor.limiter.note_safe(torques)
         else:
             executor.limiter.note(torques, stamp)
-        answered.add(stamp)
-    between = [stamp for stamp in states if min(answered) <= stamp <= max(answered)]
-    found.unanswered = len(set(between) - answered)
+        commands.append(received)
+        if is_answer:
+            answers[stamp].append(received)
+    found.counted = log.count(commands) if log.counts else None
+    begin = policies.received[0] + SLACK
+    unanswered = _unanswered(runs, answers, log, begin, executor.is_in_lock_step)
+    if executor.is_in_lock_step:
+        found.unanswered = unanswered
+    else:
+        found.skipped = unanswered
     return found
+
+
+@dataclass(frozen=True)
+class _Run:
+    """States of one stamp that came one after the other; a paused simulation repeats its state."""
+
+    stamp: int
+    received: int  # the first one [ns]
+
+
+def _unanswered(
+    runs: list[_Run],
+    answers: dict[int, list[int]],
+    log: ExecutorLog,
+    begin: int,
+    is_in_lock_step: bool,
+) -> int:
+    """Counts the states that lack a torque, although a policy drove when they came.
+
+    In lock-step a later state proves that the one before it was answered. The newest states of a
+    bag may lack a torque, since their answers may have come after its end.
+
+    Args:
+        runs: usable states.
+        answers: times of the torques by the stamps of the states that they answer [ns].
+        log: what the executor said of its activity.
+        begin: time from which on there was a policy [ns], for an executor that did not say so.
+        is_in_lock_step: whether a simulation waited for each torque.
+    """
+    count = 0
+    for run, following in pairwise(runs):
+        drove = log.was_ready(run.received) if log.counts else run.received > begin
+        if not drove or log.has_fault(run.received):
+            continue
+        if is_in_lock_step and following.stamp < run.stamp:
+            continue  # a reset, which needs no answer
+        times = answers.get(run.stamp, [])
+        first = bisect_left(times, run.received - SLACK)
+        count += first == bisect_right(times, following.received + SLACK)
+    return count
 
 
 @dataclass(frozen=True)
@@ -142,51 +215,80 @@ class _Sent:
 
     torques: Array
     stamp: int
-    policies: list[tuple[int, GaussianPolicy]]
+    received: int
+    policies: list[tuple[int, ExecutedPolicy]]
     states: list[Array]
     marginals: list[tuple[TrainingMarginals, ...]]
-    is_first: bool
+    before: "_Sent | None"  # the torques before; None for the first
 
 
 def _compare(
-    found: TorqueCheck, sent: _Sent, executor: RecordedExecutor, actuated: list[str]
-) -> bool:
-    """Counts torques as what they are. Returns True for torques of the safe action."""
+    found: TorqueCheck, sent: _Sent, executor: RecordedExecutor, log: ExecutorLog, names: list[str]
+) -> tuple[bool, bool]:
+    """Counts torques as what they are.
+
+    Returns:
+        Whether they are of the safe action, and whether they answer their state.
+    """
     limiter = executor.limiter
     for state in sent.states:
         for _, policy in sent.policies:
             for seed in (None, executor.seed):
-                inputs = executor.inputs(policy, state)
-                wanted = executed_control(policy, inputs, sent.stamp, seed)
-                if not np.array_equal(sent.torques, limiter.limited(wanted, sent.stamp)):
-                    continue
-                if seed is None:
-                    found.deterministic += 1
+                inputs = executor.inputs(policy.policy, state)
+                wanted = policy.control(inputs, sent.stamp, seed)
+                expected = limiter.limited(wanted, sent.stamp)
+                if np.array_equal(sent.torques, expected):
+                    if seed is None:
+                        found.deterministic += 1
+                    else:
+                        found.stochastic += 1
+                elif not log.counts and _is_close(sent.torques, expected):
+                    found.rounded += 1
                 else:
-                    found.stochastic += 1
+                    continue
                 clipped = limiter.clipped(wanted)
                 found.clipped += not np.array_equal(clipped, wanted)
-                found.rate_limited += not np.array_equal(clipped, sent.torques)
-                return False
+                found.rate_limited += not np.array_equal(clipped, expected)
+                return False, True
         if executor.is_safe(sent.torques, state, sent.marginals):
-            found.safe += 1
-            return True
-    if sent.is_first and executor.settings.torque_rate_limit:
+            return True, _counts_safe(found, sent, log)
+    if sent.before is None and executor.settings.torque_rate_limit:
         found.unchecked += 1
-        return False
+        return False, True
     found.different += 1
     if not found.first_difference:
         iteration, policy = sent.policies[0]
-        inputs = executor.inputs(policy, sent.states[0])
-        wanted = executed_control(policy, inputs, sent.stamp)
+        wanted = policy.control(executor.inputs(policy.policy, sent.states[0]), sent.stamp)
         expected = limiter.limited(wanted, sent.stamp)
         joint = int(np.argmax(sent.torques != expected))
         found.first_difference = (
-            f"At {sent.stamp * 1e-9:.3f} s the torque of {actuated[joint]} is "
-            f"{sent.torques[joint]!r} N·m, but the policy of iteration {iteration} gives "
-            f"{expected[joint]!r} N·m (without noise)."
+            f"At {sent.stamp * 1e-9:.3f} s the torque of {names[joint]} is "
+            f"{float(sent.torques[joint])!r} N·m, but the policy of iteration {iteration} gives "
+            f"{float(expected[joint])!r} N·m (without noise)."
         )
-    return False
+    return False, True
+
+
+def _counts_safe(found: TorqueCheck, sent: _Sent, log: ExecutorLog) -> bool:
+    """Counts torques of the safe action by what explains them; returns whether they answer."""
+    repeats = sent.before is not None and sent.before.stamp == sent.stamp
+    if log.has_fault(sent.received):
+        found.safe += 1
+        return True
+    if repeats and not sent.torques.any() and log.has_ended(sent.received):
+        found.last += 1
+        return False
+    found.unexplained += 1
+    found.first_difference = found.first_difference or (
+        f"At {sent.stamp * 1e-9:.3f} s the torques are {sent.torques.tolist()} N·m as of the safe "
+        "action, but the executor's diagnostics do not say that it drove."
+    )
+    return True
+
+
+def _is_close(torques: Array, expected: Array) -> bool:
+    allowed = TOLERANCE * max(1.0, float(np.abs(expected).max()))
+    return bool((np.abs(torques - expected) <= allowed).all())
 
 
 def _marginals(bag: BagReader, executor: RecordedExecutor) -> _Timeline:

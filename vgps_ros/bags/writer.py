@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
+from vgps_ros.bags.manifest import FileDigest, write_manifest
 from vgps_ros.bags.metadata import bag_information, write_metadata
 from vgps_ros.bags.storage import FileSummary, Topic
 from vgps_ros.bags.storage_writer import StorageWriter
@@ -37,7 +38,8 @@ class BagWriter:
     Attributes:
         path: the folder.
         topics: topics that messages can be written to, by their names.
-        lost: number of messages that could not be written.
+        lost: number of messages that could not be written; the manifest states it, so who knows of
+            others that never came here may add to it.
         disk: the disk, which says what waits for it and why nothing can be written now.
 
     Raises:
@@ -63,6 +65,7 @@ class BagWriter:
         self._max_backlog = max_backlog
         self._definitions = MessageDefinitions()
         self._attachments: dict[str, tuple[bytes, int]] = {}
+        self._digests: dict[str, FileDigest] = {}  # of the files that have all of their content
         self._finished: list[FileSummary] = []  # files that are on the disk as a whole
         self._files: list[_BagFile] = []  # those that are not; the last one takes the messages
         try:
@@ -117,7 +120,7 @@ class BagWriter:
         size, duration, file = self._max_file_size, self._max_file_duration, self._file
         is_long = duration and file.start and stamp - file.start >= duration
         if is_long or (size and file.on_disk.tell() >= size):
-            file.close(self._information())
+            self._complete(file)
             self._begin_file()
         self._file.write(topic, stamp, data)
 
@@ -141,7 +144,7 @@ class BagWriter:
             self._finished.append(self._files.pop(0).summary)
 
     def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
-        """Completes the bag: the last file's index and `metadata.yaml`.
+        """Completes the bag: the last file's index, `metadata.yaml` and `manifest.json`.
 
         What a full disk, or one that hangs, does not take is lost; a slow one is waited for.
 
@@ -158,14 +161,20 @@ class BagWriter:
             self.disk.min_space = 0
             for file in self._files:
                 if not file.on_disk.is_closed:
-                    file.close(self._information())
+                    self._complete(file)
             if not self.disk.drain(_PATIENCE, hurried):
                 raise self._unfinished()
             write_metadata(self.path, self._information())
+            write_manifest(self.path, self._digests, self.lost)
         except OSError as error:
-            raise self._unfinished(f"metadata.yaml cannot be written, {error.strerror}") from error
+            raise self._unfinished(f"its end cannot be written, {error.strerror}") from error
         finally:
             self.disk.stop()
+
+    def _complete(self, file: "_BagFile") -> None:
+        """Hands the end of a file to the disk, and notes what the whole file is."""
+        file.close(self._information())
+        self._digests[file.on_disk.path.name] = file.digest
 
     def _give_up_waiting(self) -> None:
         """Counts what the disk did not take as lost, and goes back to what it took.

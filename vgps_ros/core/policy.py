@@ -20,7 +20,6 @@ import numpy as np
 from vgps_ros.core.arrays import Array, Shape, array_shapes
 from vgps_ros.core.checks import finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.seeding import Stream, generator
 
 # A message or goal that asks for more is a mistake, whose fit would take gigabytes.
 MAX_LAYERS = 100
@@ -207,18 +206,3 @@ class GaussianPolicy:
         z = (controls - mean) / self.noise_std
         normaliser = np.sum(np.log(self.noise_std)) + 0.5 * len(self.noise_std) * np.log(2 * np.pi)
         return -0.5 * np.sum(z**2, -1) - normaliser
-
-
-def executed_control(
-    policy: GaussianPolicy, inputs: Array, stamp: int, seed: int | None = None
-) -> Array:
-    """Returns the control that an executed policy gives, u, shape (n_u,), [N·m].
-
-    It is μ_θ(o), plus noise if a seed is given. The noise depends only on that seed and on the time
-    of the state, `stamp` [ns], at least 0, so that recorded torques can be checked.
-    """
-    mean = policy.mean(inputs)
-    if seed is None:
-        return mean
-    rng = generator(seed, Stream.EXECUTION, stamp)
-    return mean + policy.noise_std * rng.standard_normal(len(mean))

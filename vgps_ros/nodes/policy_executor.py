@@ -14,10 +14,11 @@ from std_msgs.msg import Float64MultiArray
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy, executed_control
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
+from vgps_ros.messages.executor_diagnostics import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
@@ -63,7 +64,9 @@ class PolicyExecutor(LifecycleNode):
         finite_array("torque_limits", self._settings.torque_limits, (control_dim,))
         topic = "commands" if self._plain else "joint_command"
         self._health = Health(self, owns=topic, when_alone=when_alone)
-        self._active = False
+        self._set_active(False)
+        self._sent = 0
+        self._health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self._task.dynamics.time_step
         velocities = driven_velocities(self._task.dynamics.model)
         self._supervisor = Supervisor(
@@ -96,7 +99,7 @@ class PolicyExecutor(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets torques flow."""
         self._supervisor.begin()
-        self._active = True
+        self._set_active(True)
         self._training.wait()
         self._health.wait_for(self._awaited)
         return super().on_activate(state)
@@ -112,11 +115,15 @@ class PolicyExecutor(LifecycleNode):
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
         if self._active:
             self._send(self._supervisor.stop())
-        self._active = False
+        self._set_active(False)
         self._watchdog.cancel()
         self._training.stop_waiting()
         self._health.stop_waiting(self._awaited)
         self._health.clear("state", "distance")
+
+    def _set_active(self, is_active: bool) -> None:
+        self._active = is_active
+        self._health.set_value(IS_ACTIVE, is_active)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         if not self._active:
@@ -134,7 +141,7 @@ class PolicyExecutor(LifecycleNode):
         self._send(command)
         self._report()
 
-    def _answer(self, policy: GaussianPolicy, messages: dict[str, Any]) -> Command | None:
+    def _answer(self, policy: ExecutedPolicy, messages: dict[str, Any]) -> Command | None:
         state = self._states.join(messages)
         stamp = nanoseconds(messages[JOINTS].header.stamp)
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
@@ -143,7 +150,7 @@ class PolicyExecutor(LifecycleNode):
             stamp,
             lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
             time.monotonic(),
-            lambda: executed_control(policy, self._task.observation(state), stamp, seed),
+            lambda: policy.control(self._task.observation(state), stamp, seed),
         )
 
     def _watch(self) -> None:
@@ -154,6 +161,8 @@ class PolicyExecutor(LifecycleNode):
 
     def _send(self, command: Command | None) -> None:
         if command:
+            self._sent += 1
+            self._health.set_value(COMMANDS_SENT, self._sent)
             self._commands.publish(
                 Float64MultiArray(data=pack(command.torques))
                 if self._plain
@@ -167,10 +176,7 @@ class PolicyExecutor(LifecycleNode):
         supervisor, settings = self._supervisor, self._settings
         sentence = ""
         if supervisor.fault:
-            sentence = (
-                f"Not the policy drives, but the safe action ({settings.safe_action}): "
-                f"{supervisor.fault}"
-            )
+            sentence = f"{SAFE_ACTION_DRIVES} ({settings.safe_action}): {supervisor.fault}"
             if settings.recovery == "manual":
                 sentence += " It stays until the node is deactivated and activated."
         self._health.report("state", error=sentence)

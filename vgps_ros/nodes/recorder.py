@@ -106,12 +106,13 @@ class Recorder(Node):
     def close(self, is_hurried: Callable[[], bool]) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
+        self._writer.lost += self._missed.total()
         try:
             self._writer.close(is_hurried)
         except UnfinishedBagError as error:
             self.get_logger().error(str(error))
         count, topics = self._writer.message_count, len(self._writer.topics)
-        lost = self._writer.lost + self._missed.total()
+        lost = self._writer.lost
         words = f" {lost} messages are lost." if lost else ""
         path = self._writer.path
         print(f"Recorded {count} messages of {topics} topics to {path}.{words}", flush=True)

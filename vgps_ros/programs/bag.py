@@ -13,6 +13,8 @@ import yaml
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.command_line import Parser
 
+_UNPROVEN = 3  # exit code of a check that found nothing wrong, but could not prove everything
+
 
 def info(arguments: argparse.Namespace) -> None:
     """Prints topics, parameters and versions."""
@@ -64,38 +66,52 @@ def info(arguments: argparse.Namespace) -> None:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Checks that the torques are those that the policy gives; ends with 1 if not."""
-    from vgps_ros.bags import BagReader
+    """Checks torques, policies and files; ends with 1 if any is wrong, with 3 if any is unproven.
+
+    The last line says how much is proven, and of what.
+    """
+    from vgps_ros.bags.bag_check import check_bag
     from vgps_ros.bags.reindex import missing_parts
-    from vgps_ros.bags.torque_check import check_torques
+    from vgps_ros.storage.run_folder import load_policy
 
     if missing := missing_parts(arguments.bag):
         raise InvalidInputError(missing)
-    with BagReader(arguments.bag) as bag:
-        found = check_torques(bag)
+    trusted = load_policy(arguments.policy)[0] if arguments.policy else None
+    found = check_bag(arguments.bag, trusted, arguments.signers)
+    torques = found.torques
     print(
-        f"{found.deterministic + found.stochastic} torques are bit for bit what the policy gives "
-        f"for their states: {found.deterministic} without noise, {found.stochastic} with the noise "
-        f"of the seed. {found.unanswered} states have no torque."
+        f"{torques.deterministic + torques.stochastic} torques are bit for bit what the policy "
+        f"gives for their states: {torques.deterministic} without noise, {torques.stochastic} with "
+        "the noise of the seed."
     )
     for count, sentence in (
-        (found.clipped, "of them are clipped to torque_limits."),
-        (found.rate_limited, "of them are held back by torque_rate_limit."),
-        (found.safe, "other torques are those of the safe action, or zero."),
-        (
-            found.unchecked,
-            "torques follow one that is not in the bag, which torque_rate_limit needs.",
-        ),
-        (found.unusable, "states could not be used."),
-        (found.stateless, "torques answer states that are not in the bag."),
-        (found.different, "torques differ from what the policy gives."),
+        (torques.clipped, "of them are clipped to torque_limits."),
+        (torques.rate_limited, "of them are held back by torque_rate_limit."),
+        (torques.safe, "other torques are those of the safe action, while it drove."),
+        (torques.last, "zero torques end the executor's activity."),
+        (torques.unusable, "states could not be used."),
+        (torques.skipped, "states came too fast for the executor in real time."),
     ):
         if count:
             print(f"{count} {sentence}")
-    if not found.is_good:
-        raise InvalidInputError(
-            found.first_difference or "The bag lacks states, so not all torques can be checked."
-        )
+    if torques.first_difference:
+        print(torques.first_difference)
+    for heading, parts in (("Wrong", found.wrong), ("Not proven", found.unproven)):
+        for part in parts:
+            print(f"{heading}: {part}.")
+    print(f"Proven: {', '.join(found.proven) or 'nothing'}.")
+    if found.wrong:
+        raise InvalidInputError(torques.first_difference or f"{found.wrong[0]}.")
+    if found.unproven:
+        sys.exit(_UNPROVEN)
+
+
+def sign(arguments: argparse.Namespace) -> None:
+    """Signs the bag's manifest with an ssh key, as git signs commits; check --signers verifies."""
+    from vgps_ros.bags import manifest
+
+    manifest.sign(arguments.bag, arguments.key)
+    print(f"Wrote {arguments.bag / manifest.SIGNATURE}.")
 
 
 def rerun(arguments: argparse.Namespace) -> None:
@@ -157,13 +173,22 @@ def reindex(arguments: argparse.Namespace) -> None:
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     commands = parser.add_subparsers(metavar="COMMAND", dest="action", required=True)
-    for action in (info, check, rerun, table, reindex):
+    for action in (info, check, sign, rerun, table, reindex):
         name, text = action.__name__, action.__doc__
         command = commands.add_parser(name, help=text, description=text, words=parser.words[1:])
         command.add_argument("bag", type=Path, help="folder of the bag")
         command.set_defaults(action=action)
         if action is info:
             command.add_argument("--json", action="store_true", help="print JSON instead of tables")
+        elif action is check:
+            command.add_argument(
+                "--policy", type=Path, help="policy.json that the executor was started with"
+            )
+            command.add_argument(
+                "--signers", type=Path, help="trusted signers, of whom one must have signed the bag"
+            )
+        elif action is sign:
+            command.add_argument("--key", type=Path, required=True, help="private ssh key")
         elif action is rerun:
             command.add_argument(
                 "--output", type=Path, help="file to write, which must not exist; default BAG.rrd"

@@ -9,6 +9,7 @@ from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.settings import Setting
@@ -18,6 +19,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     policy_to_msg,
 )
+from vgps_ros.messages.executor_diagnostics import POLICY_OF_ITERATION
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
@@ -53,7 +55,7 @@ class TrainingResults:
             needed.
 
     Attributes:
-        policy: the latest one, or None.
+        policy: the latest one, ready to drive, or None.
 
     Raises:
         InvalidInputError: a file that the node was started with is wrong.
@@ -66,7 +68,7 @@ class TrainingResults:
         health: Health,
         take_marginals: Callable[[int, TrainingMarginals], None] | None,
     ):
-        self.policy: GaussianPolicy | None = None
+        self.policy: ExecutedPolicy | None = None
         self._node = node
         self._task = task
         self._health = health
@@ -94,7 +96,7 @@ class TrainingResults:
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
-            policy = self._checked(policy_from_msg(message), message.task)
+            policy = ExecutedPolicy(self._checked(policy_from_msg(message), message.task))
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
             self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
@@ -102,7 +104,7 @@ class TrainingResults:
         self.policy = policy
         self._health.arrived(POLICY)
         self._health.clear("policy")
-        self._health.set_value("policy of iteration", message.iteration)
+        self._health.set_value(POLICY_OF_ITERATION, message.iteration)
 
     def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
         try:

@@ -25,10 +25,11 @@ from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimization import check_distribution
 from vgps_ros.search.workspace import Update, initial_states
 from vgps_ros.storage.files import part_of, read_archive, write_archive
+from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
 
-FORMAT = 3  # of the files; a change of the records that they hold is a new one
+FORMAT = 4  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 
 
@@ -169,6 +170,9 @@ def _check(state: SearchState, run: Run) -> None:
     if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
         raise InvalidInputError("its policy has another shape.")
     if state.last:
+        before = state.history[-2].policy_digest if state.k > 1 else ""
+        if policy_digest(state.last.policy, before) != state.digest:
+            raise InvalidInputError("its policy is not the one of its chain of digests.")
         state.last.check(run.task)
 
 

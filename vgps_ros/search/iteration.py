@@ -31,6 +31,11 @@ class SearchState:
         """Number of iterations that are done."""
         return len(self.history)
 
+    @property
+    def digest(self) -> str:
+        """The digest of the last policy, which vouches for all policies before it."""
+        return self.history[-1].policy_digest if self.history else ""
+
 
 @dataclass(frozen=True)
 class SearchIteration(IterationMetrics):

@@ -14,6 +14,7 @@ import numpy as np
 
 from vgps_ros.core.gaussians import entropy, kl_divergence
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.storage.policy_digest import policy_digest
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation
@@ -66,6 +67,9 @@ class IterationMetrics:
     simulator_steps: Annotated[
         int, Metric("simulator steps that learning has taken, finite differences included")
     ]
+    policy_digest: Annotated[
+        str, Metric("SHA-256 of the policy and of the digest before it; see policy_digest.py")
+    ]
 
     def entry(self) -> dict[str, Any]:
         """Returns k and the metrics as JSON values; what is not finite is null there."""
@@ -113,6 +117,7 @@ def measure(
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,
+        policy_digest=policy_digest(policy, before.digest),
     )
 
 
@@ -151,4 +156,4 @@ def result_content(
 def _json_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_json_value(entry) for entry in value]
-    return value if math.isfinite(value) else None
+    return value if isinstance(value, str) or math.isfinite(value) else None

@@ -1,0 +1,102 @@
+"""Says of a bag what is proven, what is wrong, and what cannot be proven."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.manifest import check_manifest, signer
+from vgps_ros.bags.policy_check import check_policies
+from vgps_ros.bags.torque_check import TOLERANCE, TorqueCheck, check_torques
+from vgps_ros.core.policy import GaussianPolicy
+
+
+@dataclass
+class BagCheck:
+    """The outcome of a check, in words that follow "Proven: ", "Wrong: " and "Not proven: ".
+
+    Attributes:
+        proven: what is proven, and of how much.
+        wrong: what contradicts a genuine record.
+        unproven: what nothing in the bag proves.
+        torques: the torques by what they are.
+    """
+
+    proven: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    unproven: list[str] = field(default_factory=list)
+    torques: TorqueCheck = field(default_factory=TorqueCheck)
+
+
+def check_bag(
+    path: Path, trusted: GaussianPolicy | None = None, signers: Path | None = None
+) -> BagCheck:
+    """Checks a whole bag: its torques, its policies, and its files.
+
+    Args:
+        path: folder of the bag.
+        trusted: a policy that the executor was started with; None if all came from a learner.
+        signers: file of the signers that are trusted; None if the bag need not be signed.
+
+    Raises:
+        InvalidInputError: the bag cannot be read, lacks a topic, or is not signed as it should be.
+    """
+    found = BagCheck()
+    with BagReader(path) as bag:
+        found.torques = check_torques(bag)
+        _judge_torques(found)
+        policies = check_policies(bag, trusted)
+        counts = bag.counts
+        found.wrong += bag.damages
+    total = policies.proven + policies.unproven + len(policies.altered)
+    if policies.proven:
+        found.proven.append(f"{policies.proven} of {total} policies")
+    found.wrong += [f"the policy of iteration {k} is not its learner's" for k in policies.altered]
+    if policies.unproven:
+        found.unproven.append(f"{policies.unproven} policies, of which no learner says a digest")
+    _judge_files(found, path, counts)
+    if signers:
+        found.proven.append(f"the signature of {signer(path, signers)}")
+    return found
+
+
+def _judge_torques(found: BagCheck) -> None:
+    torques = found.torques
+    exact = torques.deterministic + torques.stochastic
+    explained = exact + torques.safe + torques.last
+    total = explained + torques.rounded + torques.unchecked + torques.stateless
+    total += torques.unexplained + torques.different
+    if explained:
+        found.proven.append(f"{explained} of {total} torques")
+    for count, words in (
+        (torques.different, "torques differ from what the policy gives"),
+        (torques.unexplained, "torques are zero or safe, and nothing says that they had to be"),
+        (torques.stateless, "torques answer states that are not in the bag"),
+        (torques.unanswered, "states lack the torque that answers them"),
+    ):
+        if count:
+            found.wrong.append(f"{count} {words}")
+    if torques.rounded:
+        found.unproven.append(
+            f"{torques.rounded} torques of an old version, which computed them by BLAS; they agree "
+            f"within {TOLERANCE:g} of the largest"
+        )
+    if torques.unchecked:
+        found.unproven.append(f"{torques.unchecked} torques that torque_rate_limit bounds")
+    if not torques.counted:
+        found.unproven.append("the number of torques, which the executor did not count")
+    elif torques.counted.missing or torques.counted.surplus:
+        less, more = torques.counted.missing, torques.counted.surplus
+        found.wrong.append(f"the executor counted {less} torques more and {more} less")
+
+
+def _judge_files(found: BagCheck, path: Path, counts: dict[str, int]) -> None:
+    manifest = check_manifest(path)
+    if manifest is None:
+        found.unproven.append("the files, since the bag has no manifest.json")
+        return
+    found.proven.append(f"{manifest.chunks} chunks in {manifest.files} files")
+    found.wrong += manifest.wrong
+    if manifest.messages != {topic: count for topic, count in counts.items() if count}:
+        found.wrong.append("the numbers of messages are not those of the recorder")
+    if manifest.lost:
+        found.unproven.append(f"{manifest.lost} messages, which the recorder lost")

@@ -1,0 +1,64 @@
+"""Checks that a bag's policies are those that their learner published."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.storage.policy_digest import policy_digest
+
+
+@dataclass
+class PolicyCheck:
+    """The outcome of a check, as numbers of policies.
+
+    Attributes:
+        proven: those whose digest is what their learner, or a file, says.
+        unproven: those of which nobody says a digest.
+        altered: the iterations of those that have another digest than their learner says.
+    """
+
+    proven: int
+    unproven: int
+    altered: list[int]
+
+
+def check_policies(bag: BagReader, trusted: GaussianPolicy | None = None) -> PolicyCheck:
+    """Compares each policy with the chain of digests in `learning_progress`.
+
+    Args:
+        bag: the bag.
+        trusted: a policy that needs no learner, such as one that was loaded from a file.
+
+    Raises:
+        InvalidInputError: a policy cannot be read.
+    """
+    # By task and iteration, since a bag may hold several trainings.
+    said: dict[tuple[str, int], set[str]] = defaultdict(set)
+    topic = bag.filled_topics.get("learning_progress")
+    for _, message in bag.decoded(topic) if topic else ():
+        digest = getattr(message, "policy_digest", "")
+        if digest:
+            said[message.task, message.iteration].add(digest)
+    found = PolicyCheck(0, 0, [])
+    trusted_digest = policy_digest(trusted) if trusted else ""
+    for _, message in bag.decoded(bag.needed_topic("policy")):
+        k = int(message.iteration)
+        wanted = said[message.task, k]
+        before = said[message.task, k - 1] if k > 1 else {""}
+        try:
+            policy = policy_from_msg(message)
+            digests = {policy_digest(policy, digest) for digest in before}
+        except InvalidInputError as error:
+            raise InvalidInputError(
+                f"The policy of iteration {k} cannot be read: {error}"
+            ) from error
+        if digests & wanted or policy_digest(policy) == trusted_digest:
+            found.proven += 1
+        elif wanted and before:
+            found.altered.append(k)
+        else:
+            found.unproven += 1
+    return found

@@ -1,0 +1,6 @@
+"""What policy_executor says on /diagnostics that a check of its bag relies on."""
+
+COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
+IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
+POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
+SAFE_ACTION_DRIVES = "Not the policy drives, but the safe action"  # begins a status's sentence
