@@ -44,7 +44,9 @@ class RecordedExecutor:
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
         nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
-        of_nodes: list[dict[str, Any]] = [node["ros__parameters"] for node in nodes.values()]
+        of_nodes: list[dict[str, Any]] = [
+            nodes[name]["ros__parameters"] for name in bag.of_robot(nodes)
+        ]
         parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
         self.seed = int(parameters.get("seed", 0))
         self._velocities, self._state_names = driven_velocities(model), state_names(model)

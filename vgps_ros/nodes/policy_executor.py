@@ -62,7 +62,7 @@ class PolicyExecutor(LifecycleNode):
         control_dim = self._task.dynamics.control_dim
         finite_array("torque_limits", self._settings.torque_limits, (control_dim,))
         topic = "commands" if self._plain else "joint_command"
-        self._health = Health(self, owns=topic, when_alone=when_alone)
+        self._health = Health(self, owns=(topic,), when_alone=when_alone)
         self._active = False
         time_step = self._task.dynamics.time_step
         velocities = driven_velocities(self._task.dynamics.model)
