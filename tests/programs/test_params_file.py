@@ -90,7 +90,7 @@ def test_each_line_of_the_five_unit_walkers_file_changes_a_setting():
         ("policy_learner", search_settings(task)),
         ("trajectory_optimizer", task.optimizer),
     ):
-        block = yaml.safe_load(path.read_text())[node]["ros__parameters"]
+        block = yaml.safe_load(path.read_text())[f"/**/{node}"]["ros__parameters"]
         before, after = settings_of(record), settings_of(with_parameters_of(record, node, path))
         changed = sum(a.default != b.default for a, b in zip(before, after, strict=True))
         lines = sum(len(value) if isinstance(value, dict) else 1 for value in block.values())

@@ -28,7 +28,10 @@ class BagCheck:
 
 
 def check_bag(
-    path: Path, trusted: GaussianPolicy | None = None, signers: Path | None = None
+    path: Path,
+    trusted: GaussianPolicy | None = None,
+    signers: Path | None = None,
+    namespace: str | None = None,
 ) -> BagCheck:
     """Checks a whole bag: its torques, its policies, and its files.
 
@@ -36,12 +39,13 @@ def check_bag(
         path: folder of the bag.
         trusted: a policy that the executor was started with; None if all came from a learner.
         signers: file of the signers that are trusted; None if the bag need not be signed.
+        namespace: of the robot that is meant, for a bag of several.
 
     Raises:
         InvalidInputError: the bag cannot be read, lacks a topic, or is not signed as it should be.
     """
     found = BagCheck()
-    with BagReader(path) as bag:
+    with BagReader(path, namespace) as bag:
         found.torques = check_torques(bag)
         _judge_torques(found)
         policies = check_policies(bag, trusted)

@@ -1,6 +1,6 @@
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,9 @@ from vgps_ros.bags.metadata import FILE_NAME
 from vgps_ros.bags.reindex import missing_parts, storage_files
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
+
+# What a graph has once for each robot.
+_OF_A_ROBOT = {"joint_states", "joint_command", "policy", "robot_description"}
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,12 @@ class BagReader:
 
     Args:
         path: folder of the bag.
+        namespace: of the robot whose topics are meant, such as `/robot1`. It may be left out for a
+            bag of one robot.
 
     Attributes:
         path: folder of the bag.
+        namespace: the namespace that was given, or None.
         topics: type of each topic.
         type_hashes: type hash of each topic, in the format RIHS01.
         counts: number of messages of each topic.
@@ -50,8 +56,8 @@ class BagReader:
         InvalidInputError: the folder is not a bag, or its recorder did not close it.
     """
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, path: Path, namespace: str | None = None):
+        self.path, self.namespace = path, namespace
         if not path.is_dir():
             raise InvalidInputError(f"'{path}' is not a bag: name the folder with {FILE_NAME}.")
         try:
@@ -91,8 +97,41 @@ class BagReader:
 
     @property
     def filled_topics(self) -> dict[str, str]:
-        """The topics that have messages, by the last part of their names, without namespaces."""
-        return {topic.rpartition("/")[2]: topic for topic, n in self.counts.items() if n}
+        """The robot's topics that have messages, by the last part of their names.
+
+        Raises:
+            InvalidInputError: there are several robots, and no namespace was given.
+        """
+        filled = [topic for topic, n in self.counts.items() if n]
+        names = [topic.rpartition("/")[2] for topic in self.of_robot(filled)]
+        several = _OF_A_ROBOT & {name for name in names if names.count(name) > 1}
+        if several and self.namespace is None:
+            topics = sorted(topic for topic in filled if topic.rpartition("/")[2] in several)
+            robots = sorted({topic.rpartition("/")[0] or "/" for topic in topics})
+            raise InvalidInputError(
+                f"'{self.path}' has several robots ({', '.join(topics)}); choose one with "
+                f"--namespace, which is one of {', '.join(robots)}."
+            )
+        return dict(zip(reversed(names), reversed(self.of_robot(filled)), strict=True))
+
+    def of_robot_nodes(self, name: str) -> list[str]:
+        """Returns the topics of this name that the robot's nodes have for themselves."""
+        nodes = [
+            topic.removesuffix(f"/{name}") for topic in self.topics if topic.endswith(f"/{name}")
+        ]
+        return [f"{node}/{name}" for node in self.of_robot(nodes)]
+
+    def of_robot(self, names: Iterable[str]) -> list[str]:
+        """Returns those full names of topics or nodes that may be the robot's.
+
+        They are those in its namespace, and then those in the namespaces above it, whose nodes may
+        serve several robots. Without a namespace they are all names.
+        """
+        if self.namespace is None:
+            return list(names)
+        inside = f"{self.namespace.rstrip('/')}/"
+        above = [name for name in names if inside.startswith(f"{name.rpartition('/')[0]}/")]
+        return sorted(above, key=lambda name: name.count("/"), reverse=True)
 
     def needed_topic(self, name: str) -> str:
         """Returns the full name of a topic, given the last part of it.
@@ -102,8 +141,9 @@ class BagReader:
         """
         if name not in (topics := self.filled_topics):
             raise InvalidInputError(
-                f"'{self.path}' has no messages on {name}; `vgps bag info {self.path}` lists the "
-                "topics that it has."
+                f"'{self.path}' has no messages on {name}"
+                f"{f' for {self.namespace}' if self.namespace else ''}; `vgps bag info "
+                f"{self.path}` lists the topics that it has."
             )
         return topics[name]
 

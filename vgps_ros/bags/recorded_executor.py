@@ -45,7 +45,9 @@ class RecordedExecutor:
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
         nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
-        of_nodes: list[dict[str, Any]] = [node["ros__parameters"] for node in nodes.values()]
+        of_nodes: list[dict[str, Any]] = [
+            nodes[name]["ros__parameters"] for name in bag.of_robot(nodes)
+        ]
         parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
         simulated = next((p for p in of_nodes if {"mode", "real_time_factor"} <= set(p)), {})
         self.is_in_lock_step = simulated.get("mode") == "lock_step"

@@ -13,8 +13,12 @@ from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.run_record import RunRecord, read_results
 
 
-def read_run(path: Path) -> RunRecord:
+def read_run(path: Path, namespace: str | None = None) -> RunRecord:
     """Reads a run from the folder of a bag, or from the folder with the results of a run.
+
+    Args:
+        path: the folder.
+        namespace: of the robot that is meant, for a bag of several.
 
     Raises:
         InvalidInputError: the folder is neither of these, or cannot be read.
@@ -23,17 +27,17 @@ def read_run(path: Path) -> RunRecord:
     if folder.trajectories.is_file():
         return read_results(folder)
     if folder.bag.is_dir():
-        return _read_bag(folder.bag)
+        return _read_bag(folder.bag, namespace)
     if folder.result.is_file():
         raise InvalidInputError(
             f"'{path}' has costs but no motion, which is in {folder.bag.name}/ or in "
             f"{folder.trajectories.name}: name the folder of a run that has finished."
         )
-    return _read_bag(path)
+    return _read_bag(path, namespace)
 
 
-def _read_bag(path: Path) -> RunRecord:
-    with BagReader(path) as bag:
+def _read_bag(path: Path, namespace: str | None) -> RunRecord:
+    with BagReader(path, namespace) as bag:
         bag.needed_topic("robot_description")
         topics = bag.filled_topics
 

@@ -84,6 +84,11 @@ class Parser(argparse.ArgumentParser):
             nargs=argparse.REMAINDER,
             help="arguments of ROS, such as -r NAME:=NEW_NAME",
         )
+        self.add_namespace("in which the nodes are")
+
+    def add_namespace(self, text: str) -> None:
+        """Adds a flag for the namespace of one robot's nodes and topics."""
+        self.add_argument("--namespace", type=_namespace, help=f"namespace {text}, as /robot1")
 
     def error(self, message: str) -> NoReturn:
         """Ends the program with one sentence, which names what is nearest to a misspelt word."""
@@ -218,6 +223,15 @@ def _parser(s: Setting) -> Callable[[str], Any]:
 
     parse.__name__ = kind.__name__  # for the sentence "invalid int value: 'many'"
     return parse
+
+
+def _namespace(text: str) -> str:
+    if not re.fullmatch(r"/|(/?[A-Za-z_]\w*)+", text, re.ASCII):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' must be a namespace of ROS: words of letters, digits and '_' behind '/', as "
+            "in /robot1"
+        )
+    return f"/{text.lstrip('/')}"
 
 
 def _boolean(text: str) -> bool:

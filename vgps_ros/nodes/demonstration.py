@@ -23,7 +23,7 @@ class Demonstration(Node):
         super().__init__("demonstration")
         self._task = make_task("walker")
         self._loads = FootLoads(self._task.dynamics.model)
-        self._health = Health(self, owns="joint_command")
+        self._health = Health(self, owns=("joint_command",))
         self._answer = JointState()
         self._restart()
         self._commands = self.create_publisher(JointState, "joint_command", STREAM)

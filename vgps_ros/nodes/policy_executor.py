@@ -63,7 +63,7 @@ class PolicyExecutor(LifecycleNode):
         control_dim = self._task.dynamics.control_dim
         finite_array("torque_limits", self._settings.torque_limits, (control_dim,))
         topic = "commands" if self._plain else "joint_command"
-        self._health = Health(self, owns=topic, when_alone=when_alone)
+        self._health = Health(self, owns=(topic,), when_alone=when_alone)
         self._set_active(False)
         self._sent = 0
         self._health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag

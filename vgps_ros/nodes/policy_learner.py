@@ -77,7 +77,7 @@ class PolicyLearner(Node):
         declare(self, OPTIMIZERS)
         declare(self, OPTIMIZER_TIMEOUT, may_change=True)
         prepare(self._task)  # before the node is there: no peer waits for the compiler
-        self._health = Health(self, owns="learning_progress")
+        self._health = Health(self, owns=("learning_progress",))
         self._pool = OptimizerPool(self, self._task, self._health)
         self._busy = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "search")  # each thread that computes keeps memory

@@ -83,7 +83,7 @@ class Simulation(Node):
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
         self._control = RunControl(paused=declare(self, START_PAUSED))
-        self._health = Health(self, owns="joint_states")
+        self._health = Health(self, owns=("joint_states", "/clock"))
         self._robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time

@@ -71,9 +71,11 @@ class Visualizer(Node):
         self._health.set_value("messages_left_out", self._left_out)
         fault = self._scene.recording.disk.fault
         self._health.report("disk", error=fault.sentence if fault else "")
-        # Every optimizer is listened to, whatever its name.
+        # Every optimizer of this namespace is listened to, whatever its name.
         for topic, kinds in self.get_topic_names_and_types():
-            if is_drawn(topic, kinds[0]) and topic.endswith(_SOLVES) and topic not in self._shown:
+            is_near = topic.startswith(f"{self.get_namespace().rstrip('/')}/")
+            is_new = is_near and topic.endswith(_SOLVES) and topic not in self._shown
+            if is_new and is_drawn(topic, kinds[0]):
                 self._shown.add(topic)
                 self._listen(topic, kinds[0])
 

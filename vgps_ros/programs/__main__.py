@@ -50,6 +50,7 @@ def _run(words: Sequence[str]) -> None:
     is_completing = "_ARGCOMPLETE" in os.environ
     if is_completing:
         words = os.environ["COMP_LINE"].split()[1:2]
+    words = _without_ros_arguments(words)
     name, sentence = " ".join(["vgps", *words[:1]]), "interrupted."
     try:
         parser = _parser(words)
@@ -69,6 +70,19 @@ def _run(words: Sequence[str]) -> None:
         sys.exit(f"{name}: {error}")
     except KeyboardInterrupt:
         sys.exit(f"{name}: {sentence}")
+
+
+def _without_ros_arguments(words: Sequence[str]) -> list[str]:
+    """Returns the words without those between --ros-args and --, which ROS reads itself."""
+    kept, is_of_ros = [], False
+    for word in words:
+        if word == "--ros-args":
+            is_of_ros = True
+        elif not is_of_ros:
+            kept.append(word)
+        elif word == "--":
+            is_of_ros = False
+    return kept
 
 
 def _parser(words: Sequence[str]) -> "Parser":

@@ -77,7 +77,7 @@ def check(arguments: argparse.Namespace) -> None:
     if missing := missing_parts(arguments.bag):
         raise InvalidInputError(missing)
     trusted = load_policy(arguments.policy)[0] if arguments.policy else None
-    found = check_bag(arguments.bag, trusted, arguments.signers)
+    found = check_bag(arguments.bag, trusted, arguments.signers, arguments.namespace)
     torques = found.torques
     print(
         f"{torques.deterministic + torques.stochastic} torques are bit for bit what the policy "
@@ -123,10 +123,11 @@ def rerun(arguments: argparse.Namespace) -> None:
     from vgps_ros.views.graph_scene import GraphScene, is_drawn
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".rrd")
-    with BagReader(arguments.bag) as bag:
-        topics = [topic for topic, kind in bag.topics.items() if is_drawn(topic, kind)]
+    with BagReader(arguments.bag, arguments.namespace) as bag:
         for needed in ("robot_description", "joint_states"):
             bag.needed_topic(needed)
+        of_robot = {*bag.filled_topics.values(), *bag.of_robot_nodes("iterations")}
+        topics = [topic for topic in sorted(of_robot) if is_drawn(topic, bag.topics[topic])]
         left_out: Counter[str] = Counter()
         scene = GraphScene(output, lambda _, text: left_out.update([text] if text else []))
         try:
@@ -148,7 +149,7 @@ def table(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model import compile_model
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
-    with BagReader(arguments.bag) as bag:
+    with BagReader(arguments.bag, arguments.namespace) as bag:
         mjcf = next(bag.decoded(bag.needed_topic("robot_description")))[1].data
         episode = last_episode(bag, compile_model(mjcf))
     if episode is None:
@@ -178,6 +179,8 @@ def add_arguments(parser: Parser) -> None:
         command = commands.add_parser(name, help=text, description=text, words=parser.words[1:])
         command.add_argument("bag", type=Path, help="folder of the bag")
         command.set_defaults(action=action)
+        if action in (check, rerun, table):
+            command.add_namespace("of the robot that is meant, for a bag of several")
         if action is info:
             command.add_argument("--json", action="store_true", help="print JSON instead of tables")
         elif action is check:

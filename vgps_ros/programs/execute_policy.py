@@ -64,7 +64,7 @@ def _execute(arguments: argparse.Namespace) -> None:
     if steps < 1:
         raise VgpsError(f"--steps is {steps}, but it must be at least 1.")
     training = read_result(arguments.result) if arguments.result else None
-    node = PolicyRun(task, arguments.simulation, arguments.timeout)
+    node = PolicyRun(task, arguments.simulation, arguments.timeout, arguments.namespace)
     try:
         with Progress(console=console) as progress:
             bar = progress.add_task("Executing the policy", total=steps)

@@ -12,7 +12,7 @@ from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
 
 
-def plot(source: Path, output: Path, *, overwrite: bool) -> None:
+def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None = None) -> None:
     """Draws what is known of a run, which is the folder of a run or of a bag.
 
     Raises:
@@ -36,7 +36,7 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
     else:
         from vgps_ros.bags.run_reader import read_run  # needs ROS
 
-        run = read_run(source)
+        run = read_run(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
@@ -78,6 +78,7 @@ def plot(source: Path, output: Path, *, overwrite: bool) -> None:
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, or of a bag")
+    parser.add_namespace("of the robot that is drawn, for a bag of several")
     parser.add_output("--output", "folder for the pictures; default RUN/plots, or BAG-plots")
 
 
@@ -86,4 +87,5 @@ def run(arguments: argparse.Namespace) -> None:
     source = arguments.run.resolve()
     beside = source.with_name(f"{source.name}-plots")  # a bag's folder holds its own files only
     default = source / "plots" if (source / "result.json").is_file() else beside
-    plot(arguments.run, arguments.output or default, overwrite=arguments.overwrite)
+    output = arguments.output or default
+    plot(arguments.run, output, overwrite=arguments.overwrite, namespace=arguments.namespace)

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
-    node = TrainingClient(arguments.learner, arguments.lost_timeout)
+    node = TrainingClient(arguments.learner, arguments.lost_timeout, arguments.namespace)
     signal.signal(signal.SIGINT, node.interrupt)
     try:
         goal = TrainPolicy.Goal(

@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -11,7 +11,8 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.ros_runtime.parameters import declare, refuse_unknown, value
+from vgps_ros.ros_runtime.given_parameters import check_given_parameters
+from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -47,27 +48,31 @@ class Health:
 
     Args:
         node: the node, which has declared all its other parameters.
-        owns: topic that only one node of the graph may publish. Of two that say so the one that
-            was started later ends with a sentence.
-        when_alone: called once it is clear that no other node owns the same topic.
+        owns: topics that only one node of the graph may publish. Of two nodes that say so of the
+            same topic the one that was started later ends with a sentence.
+        when_alone: called once it is clear that no other node owns one of these topics.
 
     Attributes:
         peers: the other nodes.
     """
 
     def __init__(
-        self, node: Node, *, owns: str = "", when_alone: Callable[[], object] = lambda: None
+        self,
+        node: Node,
+        *,
+        owns: Sequence[str] = (),
+        when_alone: Callable[[], object] = lambda: None,
     ):
         self._node = node
         self.peers = Peers(node, owns)
         declare(node, WAIT_TIMEOUT, may_change=True)
-        refuse_unknown(node)
+        check_given_parameters(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._waiting: dict[str, _Wait] = {}
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()
         self._said: dict[str, tuple[str, float]] = {}
-        self._values = {INSTANCE: self.peers.instance, OWNS: self.peers.owns}
+        self._values = {INSTANCE: self.peers.instance, OWNS: " ".join(self.peers.owns)}
         self._ticks = 0
         self._when_alone = when_alone
         self._timer = steady_timer(node, _FIRST_PERIOD, self._tick)

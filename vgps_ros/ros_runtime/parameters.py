@@ -1,13 +1,8 @@
 """Settings of the core as ROS parameters: one declaration serves both."""
 
-import re
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypeVar
 
-import yaml
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -18,7 +13,6 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 
@@ -98,46 +92,6 @@ def declare_settings(node: Node, record: Record) -> Record:
         InvalidInputError: one of them is wrong.
     """
     return with_values(record, {s.name: declare(node, s) for s in settings_of(record)})
-
-
-def refuse_unknown(node: Node) -> None:
-    """Checks, once all parameters are declared, that the node was given no others.
-
-    A parameter file's block for all nodes, such as `/**`, may have parameters of other nodes.
-
-    Raises:
-        InvalidInputError: the command line, or the node's own block of a file, names another one.
-    """
-    for name in _given(node.get_name()):
-        if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
-            declared = [descriptor.name for descriptor, _ in DECLARED]
-            raise InvalidInputError(
-                f"{node.get_name()} has no parameter {quoted(name)}.{nearest(name, declared)} "
-                "Start it with --help alone to see all of them."
-            )
-
-
-def _given(node: str) -> Iterator[str]:
-    """Yields the names of the parameters that this process's arguments give to the node."""
-    arguments = sys.argv[sys.argv.index("--ros-args") :] if "--ros-args" in sys.argv else []
-    for flag, argument in pairwise(arguments):
-        if flag in ("-p", "--param"):
-            target, _, name = argument.partition(":=")[0].rpartition(":")
-            yield from [name] if target in ("", node) else []
-        elif flag == "--params-file":
-            for path in _paths(yaml.safe_load(Path(argument).read_text())):
-                block, _, name = "\n".join(path).partition("\nros__parameters\n")
-                if re.split("[/\n]", block)[-1] == node:
-                    yield name.replace("\n", ".")
-
-
-def _paths(content: Any, *above: str) -> Iterator[tuple[str, ...]]:
-    """Yields the keys that lead to each value of a parameter file."""
-    if isinstance(content, Mapping):
-        for key, inner in content.items():
-            yield from _paths(inner, *above, str(key))
-    else:
-        yield above
 
 
 def _range(setting: Setting, message: type, kind: type, limit: float) -> list[Any]:

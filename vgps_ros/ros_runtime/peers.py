@@ -23,7 +23,7 @@ HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 _GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
-OWNS = "owns"  # key of the value that names what only one node may publish
+OWNS = "owns"  # key of the value that names the topics that only one node may publish
 TRAINING = "training"  # key of the value that tells how far a training is; empty: there is none
 
 PEER_TIMEOUT = Setting(
@@ -51,17 +51,17 @@ class Peers:
 
     Args:
         node: the node that looks.
-        owns: topic that only one node of the graph may publish; empty if there is none.
+        owns: topics that only one node of the graph may publish.
 
     Attributes:
         instance: identifies this run of the node; a later one is greater.
     """
 
-    def __init__(self, node: Node, owns: str):
+    def __init__(self, node: Node, owns: Sequence[str] = ()):
         self._node = node
         self._name = node.get_fully_qualified_name()
         self._timeout = declare(node, PEER_TIMEOUT)
-        self.owns = node.resolve_topic_name(owns) if owns else ""
+        self.owns = [node.resolve_topic_name(topic) for topic in owns]
         self.instance = f"{time.time_ns()}-{socket.gethostname()}-{os.getpid()}"
         self._peers: dict[str, _Peer] = {}
         self._looked = time.monotonic()
@@ -111,8 +111,10 @@ class Peers:
                 self._hear(status, instance, values)
 
     def _hear(self, status: DiagnosticStatus, instance: str, values: dict[str, str]) -> None:
-        if self.owns and values.get(OWNS) == self.owns and instance < self.instance:
-            self._refuse(status.name, instance)
+        theirs = values.get(OWNS, "").split()
+        for topic in self.owns:
+            if topic in theirs and instance < self.instance:
+                self._refuse(status.name, instance, topic)
         if status.name == self._name:
             return
         peer, now = self._peers.get(status.name), time.monotonic()
@@ -123,15 +125,16 @@ class Peers:
         if not peer or instance == peer.instance or now - peer.heard > _LAST_WORDS:
             self._peers[status.name] = _Peer(instance, now, values)
 
-    def _refuse(self, name: str, instance: str) -> None:
-        """Ends this node if the other one does publish the topic that this one owns."""
-        publishers = self._node.get_publishers_info_by_topic(self.owns)
+    def _refuse(self, name: str, instance: str, topic: str) -> None:
+        """Ends this node if the other one does publish a topic that this one owns."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
         names = [_full_name(p.node_namespace, p.node_name) for p in publishers]
         if names.count(name) > (name == self._name):
             process = instance.rpartition("-")[2]
             sentence = (
-                f"{name} (process {process}) publishes {self.owns} already, which only one node "
-                "of a graph may do: end that one first, or use another ROS_DOMAIN_ID."
+                f"{name} (process {process}) publishes {topic} already, which only one node of a "
+                "graph may do: end that one first, use another ROS_DOMAIN_ID, or give this one "
+                "topics of its own (--ros-args -r __ns:=/NAME -r /clock:=clock)."
             )
             end_with(VgpsError(sentence))
 

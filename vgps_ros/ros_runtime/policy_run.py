@@ -32,10 +32,11 @@ class PolicyRun(Node):
         task: the simulation's task.
         simulation: name of the simulation node.
         timeout: how long to wait for anything that is missing [s].
+        namespace: in which the robot's nodes are.
     """
 
-    def __init__(self, task: Task, simulation: str, timeout: float):
-        super().__init__("execute_policy")
+    def __init__(self, task: Task, simulation: str, timeout: float, namespace: str | None = None):
+        super().__init__("execute_policy", namespace=namespace)
         self._task = task
         self._timeout = timeout
         self._states: dict[int, Array] = {}  # by stamp [ns]

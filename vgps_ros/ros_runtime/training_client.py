@@ -38,6 +38,7 @@ class TrainingClient(Node):
     Args:
         learner: name of the learner node.
         lost_timeout: longest time without a learner, once there was one [s].
+        namespace: in which the learner is.
 
     Attributes:
         interrupts: how often an end was asked for: once cancels the training, twice does not wait
@@ -45,8 +46,8 @@ class TrainingClient(Node):
             it, could be lost within rclpy.
     """
 
-    def __init__(self, learner: str, lost_timeout: float):
-        super().__init__("train_through_graph")
+    def __init__(self, learner: str, lost_timeout: float, namespace: str | None = None):
+        super().__init__("train_through_graph", namespace=namespace)
         self.interrupts = 0
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
         self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
@@ -55,7 +56,7 @@ class TrainingClient(Node):
             f"There was no policy_learner for {lost_timeout:g} s; start one, and give this command "
             "again."
         )
-        self._peers = Peers(self, owns="")
+        self._peers = Peers(self)
         self._sent_before = False  # to a learner that may be at it
 
     def train(

@@ -1,0 +1,137 @@
+"""Two robots in one domain, each in a namespace, and parameter files that reach them there."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
+from rosgraph_msgs.msg import Clock
+from vgps_msgs.srv import SetSimulationState
+
+from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
+from vgps_ros.storage.run_folder import load_policy
+from vgps_ros.tasks import make_task
+
+CONFIG = Path(__file__).parents[2] / "config"
+ROBOTS = {"/robot1": 3, "/robot2": 4}  # with the seed of each one's training
+
+
+def within(namespace: str, file: Path = CONFIG / "rotor.yaml") -> list[str]:
+    return ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)]
+
+
+def bag_says(*arguments: str) -> tuple[int, str]:
+    command = [sys.executable, "-m", "vgps_ros.programs", "bag", *arguments]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    return answer.returncode, answer.stdout + answer.stderr
+
+
+def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp_path):
+    rotor, settings = make_task("rotor"), replace(SHORT, iterations=3)
+    recorder = graph.start("recorder", output=str(tmp_path / "bag"))
+    trainings = {}
+    for namespace, seed in ROBOTS.items():
+        given = [*within(namespace), "-r", "/clock:=clock"]
+        for node in ("simulation", "trajectory_optimizer", "policy_executor"):
+            graph.start(node, *given)
+        graph.start("policy_learner", *given, **parameters(settings))
+        flags = ["--namespace", namespace, "--iterations=3", "--hidden-units=4", f"--seed={seed}"]
+        output = f"--output={tmp_path / namespace[1:]}"
+        trainings[namespace] = graph.start("train_through_graph", *flags, output)
+    for program in trainings.values():
+        assert program.wait() == 0, program.output
+    executions = {
+        namespace: graph.start(
+            *("execute_policy", "--task=rotor", "--namespace", namespace),
+            f"--json={tmp_path / namespace[1:]}.json",
+        )
+        for namespace in ROBOTS
+    }
+    for namespace, seed in ROBOTS.items():
+        assert executions[namespace].wait() == 0, executions[namespace].output
+        iterations = train_in_process(rotor, settings, seed)
+        result = json.loads((tmp_path / namespace[1:] / "result.json").read_text())
+        alone = without_times([iteration.entry() for iteration in iterations])
+        assert without_times(result["iterations"]) == alone
+        policy, _ = load_policy(tmp_path / namespace[1:] / "policy.json")
+        assert same_bits(policy, iterations[-1].policy)
+        law = lambda _, x, policy=policy: policy.mean(rotor.observation(x))  # noqa: E731
+        rollout = rotor.dynamics.rollout(rotor.initial_state, law, rotor.horizon)
+        figures = json.loads((tmp_path / f"{namespace[1:]}.json").read_text())
+        assert figures["cost"] == rotor.trajectory_cost(rollout)
+    assert recorder.end() == 0
+
+    code, text = bag_says("check", str(tmp_path / "bag"))
+    assert code == 1
+    assert "has several robots (/robot1/joint_command, /robot1/joint_states" in text
+    assert "choose one with --namespace, which is one of /robot1, /robot2." in text
+    for namespace in ROBOTS:
+        code, text = bag_says("check", str(tmp_path / "bag"), "--namespace", namespace)
+        assert code == 0, text
+        assert int(text.split()[0]) >= rotor.horizon  # a state that waits is answered again
+        table = tmp_path / f"{namespace[1:]}.csv"
+        flags = ("--namespace", namespace, "--output", str(table))
+        assert bag_says("table", str(tmp_path / "bag"), *flags)[0] == 0
+        assert len(table.read_text().splitlines()) == rotor.horizon + 2
+    tables = {(tmp_path / f"{namespace[1:]}.csv").read_text() for namespace in ROBOTS}
+    assert len(tables) == 2  # each has its own policy, and so its own motion
+    code, text = bag_says("check", str(tmp_path / "bag"), "--namespace", "/robot3")
+    assert code == 1
+    assert "has no messages on robot_description for /robot3" in text
+
+
+def test_a_second_simulation_needs_a_clock_of_its_own(graph):
+    first = graph.start("simulation", *within("/robot1"))
+    graph.diagnosis("robot1/simulation", DiagnosticStatus.OK)
+    second = graph.start("simulation", *within("/robot2"))
+    assert second.wait() == 1
+    assert "/robot1/simulation (process " in second.output
+    assert "publishes /clock already" in second.output
+    assert "-r /clock:=clock" in second.output
+    assert first.running
+    graph.start("simulation", *within("/robot2"), "-r", "/clock:=clock")
+    graph.diagnosis("robot2/simulation", DiagnosticStatus.OK)
+    clocks = graph.messages(Clock, "/robot2/clock")
+    graph.call(SetSimulationState, "/robot2/simulation/set_simulation_state")
+    graph.spin_until(lambda: clocks)
+
+
+@pytest.mark.parametrize(
+    ("key", "arguments", "sentence"),
+    [
+        ("simulation", "-r __ns:=/robot1", "has parameters for /simulation, which this node, "),
+        ("/**/simulation", "-r __node:=sim", "/sim, does not take: name their block /**/sim,"),
+        ("/**/simulation", "-r __ns:=/robot1", ""),
+        ("/*/simulation", "-r __ns:=/robot1", ""),
+        ("/robot1/simulation", "-r __ns:=/robot1", ""),
+        ("/**/*", "-r __ns:=/a/b", ""),
+        ("/**/policy_learner", "-r __ns:=/robot1", ""),
+    ],
+)
+def test_a_file_that_reaches_nobody_is_worth_a_warning(graph, tmp_path, key, arguments, sentence):
+    file = tmp_path / "file.yaml"
+    file.write_text(f"{key}: {{ros__parameters: {{task: rotor}}}}")
+    node = graph.start("simulation", "--ros-args", *arguments.split(), "--params-file", str(file))
+    graph.spin_until_output(node, "Simulating the ")
+    takes = not sentence and "learner" not in key
+    assert ("Simulating the rotor" in node.output) == takes
+    assert sentence in node.output
+    assert ("does not take" in node.output) == bool(sentence)
+
+
+@pytest.mark.parametrize("file", sorted(CONFIG.rglob("*.yaml")), ids=lambda f: f.stem)
+def test_the_shipped_files_reach_every_namespace(file):
+    for line in file.read_text().splitlines():
+        if line[:1].strip() and not line.startswith("#"):
+            assert line.startswith("/**/"), line
+
+
+def test_a_shipped_file_brings_its_task_into_a_namespace(graph):
+    graph.start("simulation", *within("/robot1", CONFIG / "walker.yaml"))
+    request = GetParameters.Request(names=["task"])
+    answer = graph.call(GetParameters, "/robot1/simulation/get_parameters", request)
+    assert answer.values[0].string_value == "walker"
