@@ -76,7 +76,8 @@ def first_cost(task: Task, settings: SearchSettings, seed: int) -> float:
             controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
             motion = task.dynamics.rollout(start, lambda t, _: controls[t], steps)  # noqa: B023
         else:
-            motion = task.demonstration or task.demonstrate(start, steps)  # type: ignore[misc]
+            rng = generator(seed, Stream.INITIAL_CONTROLS, i)
+            motion = task.demonstration or task.demonstrate(start, steps, rng)  # type: ignore[misc]
         costs.append(task.trajectory_cost(motion.first(task.horizon)))
     return float(np.mean(costs))
 

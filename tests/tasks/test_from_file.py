@@ -88,9 +88,9 @@ def test_falls_and_limits_are_ranges_of_readings(changed):
     assert task.limits.broken(states[0]) == ""
 
 
-def test_a_pose_is_held_by_torques_in_the_motors_range(folder):
+def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
     task = make_task(str(folder))
-    motion = task.demonstrate(task.initial_state, 100)
+    motion = task.demonstrate(task.initial_state, 100, rng)
     gains = 300 * (0.1 - motion.states[:-1, 3]) - 30 * motion.states[:-1, 7]
     assert_allclose(motion.controls[:, 0], np.clip(gains, -24, 24), rtol=1e-12)
 

@@ -140,7 +140,7 @@ FAULTS = [
     ("norm: smooth_abs", "norm: smooth",
      r"line 26, cost\[1\].norm: it is 'smooth', but it must be one of quadratic, smooth_abs"),
     ("law: pd", "law: pid",
-     "line 38, begin.law: .* one of zero, noise, pd, demons.*Did you mean 'pd'"),
+     "line 38, begin.law: .* one of zero, noise, pd, sampling, demons.*Did you mean 'pd'"),
     ("law: pd, ", "", "line 38, begin.law: it is '', but it must be one of zero"),
     ("damping: 1,", "damping: soft,", r"line 6, changes.joints.hip.damping: .* \[N·m·s/rad\]"),
     ("gravity: [0, 0, -9.81]", "gravity: [0, -9.81]",

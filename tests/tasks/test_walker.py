@@ -79,13 +79,15 @@ def test_demonstration_walks_five_seconds():
 
 
 def test_demonstration_goes_on_from_other_starts_too(rng):
-    same = WALKER.demonstrate(WALKER.initial_state, WALKER.planned_horizon)
+    same = WALKER.demonstrate(WALKER.initial_state, WALKER.planned_horizon, rng)
     assert_allclose(same.states, WALKER.demonstration.states, atol=1e-9)
     start = WALKER.initial_state + WALKER.varied_state_std * rng.standard_normal(18)
-    walking = WALKER.demonstrate(start, 500)
+    walking = WALKER.demonstrate(start, 500, rng)
     assert_array_equal(walking.states[0], start)
     assert not WALKER.fallen(walking.states).any()
-    assert_array_equal(WALKER.demonstrate(start, 500).states, walking.states)  # not in mid-stride
+    assert_array_equal(
+        WALKER.demonstrate(start, 500, rng).states, walking.states
+    )  # not in mid-stride
 
 
 def test_gait_survives_its_vector():

@@ -7,7 +7,7 @@ smooth absolute value √(e² + s²) − s, which grows only linearly for |e| ab
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -64,6 +64,11 @@ class FeatureCost:
         """
         parts = self.parts(states, controls, first)
         return parts.sum(axis=-1) + (controls**2) @ self.control_weights
+
+    def starting_at(self, first: int, steps: int) -> "FeatureCost":
+        """Returns the cost of some steps as one of its own, for a plan that starts on the way."""
+        targets, weights = self._at(first, steps)
+        return replace(self, targets=targets, weights=weights)
 
     def parts(self, states: Array, controls: Array, first: int = 0) -> Array:
         """Returns w ρ(r − r*) of each reading, shape (..., T, m); see `__call__`."""

@@ -72,7 +72,7 @@ def check_task(
     found.troubles += _unmoved(task, first, linear) + _too_hard(found.errors)
     began = time.perf_counter()
     try:
-        found.optimized = _optimized(task, seed, iterations, found.costs, on_iteration)
+        found.optimized = _optimized(task, first, seed, iterations, found.costs, on_iteration)
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
@@ -91,7 +91,7 @@ def first_rollout(task: Task, seed: int) -> Trajectory:
     if task.demonstration:
         return task.demonstration
     assert task.demonstrate is not None
-    return task.demonstrate(start, steps)
+    return task.demonstrate(start, steps, generator(seed, Stream.INITIAL_CONTROLS, 0))
 
 
 def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
@@ -108,12 +108,13 @@ def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
 
 def _optimized(
     task: Task,
+    first: Trajectory,
     seed: int,
     iterations: int,
     costs: list[float],
     on_iteration: Callable[[int, float], None],
 ) -> Trajectory:
-    guess = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0)) if task.guess else None
+    guess = None if task.demonstration else first.controls  # which give the same motion again
     request = OptimizationRequest(0, 0, seed, 1.0, iterations, task.initial_state, guess)
 
     def note(iteration: Iteration) -> None:

@@ -95,7 +95,7 @@ def optimize(
     """
     _check(task, request)
     warned_before = task.dynamics.warnings()
-    initial, linear, first_steps = _start(task, request)
+    initial, linear, first_steps = _start(task, request, is_cancelled)
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
     if request.policy and request.previous:
@@ -151,7 +151,7 @@ def _check(task: Task, request: OptimizationRequest) -> None:
 
 
 def _start(
-    task: Task, request: OptimizationRequest
+    task: Task, request: OptimizationRequest, is_cancelled: Callable[[], bool]
 ) -> tuple[Trajectory, LinearDynamics | None, int]:
     """Returns the first trajectory, its derivatives if known, and the simulator steps it took."""
     start, dynamics = request.initial_state, task.dynamics
@@ -164,7 +164,9 @@ def _start(
     shown = task.demonstration
     recorded = shown is not None and np.array_equal(start, shown.states[0])
     if task.demonstrate is not None and not recorded:
-        return task.demonstrate(start, task.planned_horizon), None, 0  # not counted as learning
+        rng = generator(request.seed, Stream.INITIAL_CONTROLS, request.trajectory_index)
+        motion = task.demonstrate(start, task.planned_horizon, rng, is_cancelled)
+        return motion, None, 0  # not counted as learning
     if shown is None:
         raise InvalidInputError("The request has neither guess nor previous; send one of them.")
     tolerance = task.optimizer.demonstration_tolerance

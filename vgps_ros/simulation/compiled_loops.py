@@ -61,6 +61,20 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
+def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes rollouts of given controls from states[:, 0], up to where they leave their bounds."""
+    for rollout in range(len(states)):
+        x = states[rollout, 0].copy()
+        if not _is_within(x, bounds[0]):
+            continue
+        for t in range(controls.shape[1]):
+            sim.ctrl[:] = controls[rollout, t]
+            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
+                break
+            states[rollout, t + 1] = x
+
+
+@compiled
 def execute(sim, bounds, network, observation, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes rollouts of u = μ_θ(h(x)) + noise from states[:, 0], up to where they leave bounds."""
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))

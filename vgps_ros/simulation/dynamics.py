@@ -146,6 +146,25 @@ class Dynamics:
 
             yield from chain.from_iterable(self.simulations.in_threads(len(batch), work))
 
+    def replay(self, start: Array, controls: Array) -> Array:
+        """Runs rollouts of given controls from one state over several threads.
+
+        Args:
+            start: x_1, shape (n_x,).
+            controls: shape (N, T, n_u).
+
+        Returns:
+            States, shape (N, T+1, n_x); NaN from the step after which a rollout has diverged.
+        """
+        states = np.full((len(controls), controls.shape[1] + 1, self.state_dim), np.nan)
+        states[:, 0] = start
+        controls = np.ascontiguousarray(controls)
+        self.simulations.in_threads(
+            len(controls),
+            lambda sim, part: compiled_loops.replay(sim, _BOUNDS, controls[part], states[part]),
+        )
+        return states
+
     def execute(
         self, policy: GaussianPolicy, observation: Readings, initial_states: Array, noise: Array
     ) -> tuple[Array, Array]:

@@ -13,9 +13,10 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks.motion_file import with_demonstration
+from vgps_ros.tasks.sampled_beginning import sampled_beginning
 from vgps_ros.tasks.start import keyframe
 from vgps_ros.tasks.task import Task, smoothed_noise
-from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Pd
+from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Pd, Sampling
 from vgps_ros.tasks.yaml_document import Document
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
@@ -35,6 +36,8 @@ def with_beginning(task: Task, begin: Begin, document: Document) -> Task:
     if isinstance(begin, Pd):
         law = _pd_law(task, begin, document)
         return replace(task, demonstrate=partial(_executed, task.dynamics, law))
+    if isinstance(begin, Sampling):
+        return replace(task, demonstrate=sampled_beginning(task, begin, document))
     if isinstance(begin, Noise):
         std = np.array(begin.std)
         if std.size not in (1, shape[1]):
@@ -63,7 +66,7 @@ def _noise(
 
 
 def _executed(
-    dynamics: Dynamics, law: Callable[[int, Array], Array], start: Array, steps: int
+    dynamics: Dynamics, law: Callable[[int, Array], Array], start: Array, steps: int, *_: Any
 ) -> Trajectory:
     return dynamics.rollout(start, law, steps)
 

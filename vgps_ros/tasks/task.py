@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -16,6 +16,20 @@ from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.conditions import Conditions
+
+
+class Demonstrate(Protocol):
+    """Makes the first motion of a task."""
+
+    def __call__(
+        self,
+        start: Array,
+        steps: int,
+        rng: np.random.Generator,
+        is_cancelled: Callable[[], bool] = lambda: False,
+        /,
+    ) -> Trajectory:
+        """Returns a motion from x_1 (n_x,); once it is cancelled it may be as poor as it likes."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +53,8 @@ class Task:
         limits: tells whether an executor must stop the policy in states (..., n_x).
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
         demonstration: the trajectory from which the first solve starts if there is no guess.
-        demonstrate: returns the first motion from any x_1 for a number of steps, where it is not
-            drawn or recorded; if it is None, a rollout follows the recorded demonstration.
+        demonstrate: makes the first motion from any x_1, where it is not drawn or recorded; if it
+            is None, a rollout follows the recorded demonstration.
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
         optimizer: settings of the trajectory optimisation that suit the task.
@@ -61,7 +75,7 @@ class Task:
     limits: Conditions
     guess: Callable[[np.random.Generator], Array] | None = None
     demonstration: Trajectory | None = None
-    demonstrate: Callable[[Array, int], Trajectory] | None = None
+    demonstrate: Demonstrate | None = None
     lookahead: int = 0
     optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
     search: Mapping[str, Any] = field(default_factory=dict)

@@ -6,7 +6,7 @@ these records `scripts/write_task_schema.py` writes the JSON schema `task.schema
 """
 
 from math import inf
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
@@ -126,6 +126,44 @@ class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
     ] = None
 
 
+class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling"):
+    """A motion found by sampling: short plans, one after another, each improved by samples."""
+
+    method: Annotated[
+        Literal["predictive", "cross_entropy"],
+        about("the best sample becomes the plan, or the mean of the best ones", "predictive"),
+    ] = "predictive"
+    plan: Annotated[Positive, about("length of a plan [s]", 0.8)] = 0.8
+    period: Annotated[
+        Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
+    ] = 0.05
+    samples: Annotated[
+        Annotated[int, Meta(ge=2, le=100_000)], about("plans tried in an iteration", 32)
+    ] = 32
+    iterations: Annotated[
+        Annotated[int, Meta(ge=1, le=1000)], about("rounds of samples for each plan", 1)
+    ] = 1
+    elites: Annotated[
+        Annotated[int, Meta(ge=2, le=100_000)],
+        about("best samples whose mean cross_entropy takes", 8),
+    ] = 8
+    knots: Annotated[
+        Annotated[int, Meta(ge=2, le=1000)],
+        about("points in a plan between which a sample's change is linear", 6),
+    ] = 6
+    noise: Annotated[
+        Positive,
+        about("largest standard deviation of a sample, as a share of half a control's range", 0.3),
+    ] = 0.3
+    std: Annotated[
+        Positive | tuple[Positive, ...] | None,
+        about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
+    ] = None
+    ddp_iterations: Annotated[
+        Annotated[int, Meta(ge=0, le=1000)], about("iterations of DDP on each plan", 5)
+    ] = 5
+
+
 class Demonstration(Record, frozen=True, kw_only=True, tag_field="law", tag="demonstration"):
     """A recorded motion."""
 
@@ -135,7 +173,7 @@ class Demonstration(Record, frozen=True, kw_only=True, tag_field="law", tag="dem
     ]
 
 
-Begin = Zero | Noise | Pd | Demonstration
+Begin = Zero | Noise | Pd | Sampling | Demonstration
 
 
 class TaskFile(Record, frozen=True, kw_only=True):

@@ -4,6 +4,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks.from_file import load_task
@@ -39,7 +40,7 @@ def demonstration() -> Trajectory:
     return walking
 
 
-def demonstrate(start: Array, steps: int) -> Trajectory:
+def demonstrate(start: Array, steps: int, *_: Any) -> Trajectory:
     """Returns walking by the same controller from a start near the demonstration's."""
     return go_on(plain_task().dynamics, copy(_steady()[0]), start, steps)
 

@@ -1,0 +1,38 @@
+"""Says what a program is at, where that takes longer than a person likes to wait without a word."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+_DELAY = 2.0  # time after which a notice is printed [s]
+_EVERY = 10.0  # time between lines of progress [s]
+
+
+@contextmanager
+def notice(sentence: str) -> Iterator[None]:
+    """Prints a sentence if the block that follows is not done soon."""
+    timer = threading.Timer(_DELAY, print, (sentence,), {"flush": True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def progress_lines(what: str) -> Callable[[float], None]:
+    """Returns a function that is called with the share that is done, and prints it now and then."""
+    began = time.monotonic()
+    due = began + _DELAY
+
+    def report(share: float) -> None:
+        nonlocal due
+        now = time.monotonic()
+        if now < due or share >= 1.0:
+            return
+        due = now + _EVERY
+        left = (now - began) * (1.0 - share) / share
+        print(f"{what}: {100 * share:.0f} %, about {left:.0f} s left.", flush=True)
+
+    return report

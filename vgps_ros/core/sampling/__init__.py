@@ -1,0 +1,1 @@
+"""Plans controls by sampling: predictive sampling and the cross-entropy method."""
