@@ -7,7 +7,7 @@ smooth absolute value √(e² + s²) − s, which grows only linearly for |e| ab
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -72,6 +72,11 @@ class FeatureCost:
     def rest(self, steps: int, first: int = 0) -> Array:
         """Returns the cost of steps in which all readings and controls are zero, shape (T,)."""
         return self._parts_of(np.zeros((steps, len(self.smooth))), first).sum(axis=-1)
+
+    def later(self, first: int, steps: int) -> "FeatureCost":
+        """Returns the cost of so many steps from a later one on, as that of steps from 0 on."""
+        targets, weights = self._at(first, steps)
+        return replace(self, targets=targets, weights=weights)
 
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""

@@ -30,7 +30,7 @@ def blueprint(hinge_names: Sequence[str], *, has_base: bool = False) -> rrb.Blue
     left = rrb.Vertical(
         rrb.Spatial3DView(
             origin="world",
-            name="robot; centre of mass: learned (blue), initial DDP (black)",
+            name="robot; centre of mass: learned (blue), initial DDP (black), plan (green)",
             overrides={"world/centre_of_mass": [whole_run]},
         ),
         rrb.TimeSeriesView(contents=[f"learning/{c}" for c in _COSTS], name="cost by iteration"),
@@ -39,6 +39,7 @@ def blueprint(hinge_names: Sequence[str], *, has_base: bool = False) -> rrb.Blue
             rrb.TimeSeriesView(contents=["learning/policy_kl"], name="KL(q, policy) [nat]"),
             rrb.TimeSeriesView(origin="policy/noise_std", name="policy noise [N·m]"),
             rrb.TimeSeriesView(origin="solves", name="modified cost of the DDP solves"),
+            rrb.TimeSeriesView(origin="plan", name="plans: cost, solve time [s]"),
         ),
         row_shares=[4, 2, 1],
     )
