@@ -153,10 +153,14 @@ class Planner:
         return self._plan(step, motions[best], cost, self._settings.iterations, is_cancelled)
 
     def control(self, plan: Plan, state: Array, step: int) -> Array:
-        """Returns u = ū + K (x ⊖ x̄) at a control step within a plan, shape (n_u,), [N·m]."""
-        t = step - plan.start
-        deviation = self._task.dynamics.space.subtract(state, plan.trajectory.states[t])
-        return np.asarray(plan.trajectory.controls[t] + plan.gains[t] @ deviation)
+        """Returns u = ū + K (x ⊖ x̄), within the robot's limits, shape (n_u,), [N·m].
+
+        The control step must be one of the plan.
+        """
+        t, dynamics = step - plan.start, self._task.dynamics
+        deviation = dynamics.space.subtract(state, plan.trajectory.states[t])
+        control = plan.trajectory.controls[t] + plan.gains[t] @ deviation
+        return np.clip(control, *dynamics.control_limits)
 
     def _plan(
         self,
