@@ -32,20 +32,27 @@ class Use(NamedTuple):
 # Allowed, but not used by the graph of these tests: what a node does only with certain parameters,
 # beside /clock for simulated time, or only for a moment.
 SOMETIMES = {
-    ("policy_executor", Use("publish", "/policy")),
-    ("policy_executor", Use("publish", "/trajectory_distribution")),
-    ("policy_executor", Use("subscribe", "/trajectory_distribution")),
+    *(
+        (node, Use(how, f"{namespace}/{topic}"))
+        for node, namespace in (("policy_executor", ""), ("mpc", "/planned"))
+        for how, topic in (
+            ("publish", "policy"),
+            ("publish", "trajectory_distribution"),
+            ("subscribe", "trajectory_distribution"),
+        )
+    ),
     ("recorder", Use("request", "/*/get_parameters")),
     ("recorder", Use("request", "/*/list_parameters")),
     # With a robot that has a free base, balls or activations:
     *(
-        (node, Use(how, topic))
-        for node, how in (
-            ("simulation", "publish"),
-            ("policy_executor", "subscribe"),
-            ("execute_policy", "subscribe"),
+        (node, Use(how, f"{namespace}/{topic}"))
+        for node, namespace, how in (
+            ("simulation", "", "publish"),
+            ("policy_executor", "", "subscribe"),
+            ("mpc", "/planned", "subscribe"),
+            ("execute_policy", "", "subscribe"),
         )
-        for topic in ("/activations", "/multi_dof_joint_states", "/odom")
+        for topic in ("activations", "multi_dof_joint_states", "odom")
     ),
 }
 
@@ -56,8 +63,9 @@ def whole_graph(shared_graph) -> Iterator[Any]:
     graph, folder = shared_graph, shared_graph.folder
     for node in ("simulation", "trajectory_optimizer", "policy_learner", "policy_executor"):
         graph.start(node, task="rotor")
-    # In a namespace, since only one node of a graph may command the joints.
+    # In namespaces, since only one node of a graph may command the joints.
     graph.start("demonstration", "--ros-args", "-r", "__ns:=/shown")
+    graph.start("mpc", "--ros-args", "-r", "__ns:=/planned", "-p", "task:=rotor")
     graph.start("recorder", output=folder / "bag")
     graph.start("player", bag=SAMPLE, start_paused=True)
     graph.start("visualizer", output=folder / "run.rrd")

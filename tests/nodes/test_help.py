@@ -11,6 +11,7 @@ from tests.nodes.conftest import EXECUTABLES
 OWN = {  # nodes that begin in different ways, with a parameter of each
     "simulation": "real_time_factor",
     "policy_executor": "torque_rate_limit",
+    "mpc": "plan_every",
     "policy_learner": "alpha_iterations",
     "recorder": "max_file_duration",
     "player": "start_offset",

@@ -87,6 +87,7 @@ def test_a_node_that_ends_properly_is_missed_by_no_one(graph, pair):
     [
         ("policy_learner", "policy_learner", "learning_progress"),
         ("policy_executor", "demonstration", "joint_command"),
+        ("mpc", "policy_executor", "joint_command"),
     ],
 )
 def test_a_second_node_that_would_do_the_same_is_refused(graph, first, second, topic):

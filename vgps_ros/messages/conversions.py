@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Plan as PlanMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
@@ -23,7 +24,8 @@ from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
+from vgps_ros.search.mpc import Plan
 from vgps_ros.tasks import Task
 
 Kind = TypeVar("Kind")
@@ -125,19 +127,60 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
     Raises:
         InvalidInputError: an array does not fit the others, or a value is not finite.
     """
-    n_x, n_u = int(message.mean.n_x), int(message.mean.n_u)
-    horizon = len(message.mean.controls) // max(n_u, 1)
-    if not n_x or not n_u or not horizon:
-        raise InvalidInputError(
-            f"The trajectory has n_x={n_x} and n_u={n_u} and {len(message.mean.controls)} control "
-            "values, but both must be above 0, and there must be the controls of a step at least."
-        )
+    n_x, n_u, horizon = _sizes(message.mean)
     arrays, n_dx = {}, len(message.gains) // (horizon * n_u)
     sizes = {"T": horizon, "n_x": n_x, "n_dx": n_dx, "n_u": n_u}
     for name, shape in array_shapes(TrajectoryDistribution, **sizes).items():
         field = _MESSAGE_NAMES.get(name, name)
         arrays[name] = finite_array(field, attrgetter(field)(message), shape)
     return from_arrays(TrajectoryDistribution, arrays)
+
+
+def plan_to_msg(plan: Plan, task: Task, solve_time: float, stamp: Time) -> PlanMsg:
+    """Returns a plan as a message, without its gains.
+
+    Args:
+        plan: the plan.
+        task: its task.
+        solve_time: the time that it took [s].
+        stamp: that of the state from which it begins.
+    """
+    states, controls = plan.trajectory.states, plan.trajectory.controls
+    sizes = {"n_x": states.shape[1], "n_u": controls.shape[1]}
+    return PlanMsg(
+        header=Header(stamp=stamp),
+        task=task.name,
+        time_step=task.dynamics.time_step,
+        cost=plan.cost,
+        solve_time=solve_time,
+        status=plan.status.value,
+        trajectory=to_message(TrajectoryMsg, plan.trajectory, **sizes),
+    )
+
+
+def trajectory_from_msg(message: TrajectoryMsg) -> Trajectory:
+    """Returns the message's states and controls.
+
+    Raises:
+        InvalidInputError: an array does not fit the other, or a value is not finite.
+    """
+    n_x, n_u, horizon = _sizes(message)
+    return Trajectory(
+        finite_array("states", message.states, (horizon + 1, n_x)),
+        finite_array("controls", message.controls, (horizon, n_u)),
+    )
+
+
+def _sizes(message: TrajectoryMsg) -> tuple[int, int, int]:
+    """Returns n_x, n_u and T, all above 0."""
+    n_x, n_u = int(message.n_x), int(message.n_u)
+    horizon = len(message.controls) // max(n_u, 1)
+    if not n_x or not n_u or not horizon:
+        raise InvalidInputError(
+            f"The trajectory has n_x={n_x} and n_u={n_u} and {len(message.controls)} control "
+            "values, but both must be above 0, and there must be the controls of a step at least."
+        )
+    return n_x, n_u, horizon
 
 
 def state_to_msg(

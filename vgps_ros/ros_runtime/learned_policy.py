@@ -53,6 +53,7 @@ class TrainingResults:
         health: the node's diagnostics.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
             needed.
+        needs_policy: whether the node waits for a policy.
 
     Attributes:
         policy: the latest one, ready to drive, or None.
@@ -67,12 +68,15 @@ class TrainingResults:
         task: Task,
         health: Health,
         take_marginals: Callable[[int, TrainingMarginals], None] | None,
+        *,
+        needs_policy: bool,
     ):
         self.policy: ExecutedPolicy | None = None
         self._node = node
         self._task = task
         self._health = health
         self._take_marginals = take_marginals or (lambda *_: None)
+        self._waits_for_policy = needs_policy
         self._waits_for_distribution = take_marginals is not None
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if take_marginals:
@@ -85,7 +89,7 @@ class TrainingResults:
 
     def wait(self) -> None:
         """Says what is still missing."""
-        if self.policy is None:
+        if self._waits_for_policy and self.policy is None:
             self._health.wait_for(POLICY, meanwhile=TRAINING)
         if self._waits_for_distribution:
             self._health.wait_for(DISTRIBUTION, meanwhile=TRAINING)

@@ -19,7 +19,8 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
 
     Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
     so that the stages which a step skips stay valid. They are centred where a velocity is within
-    `kink` of zero. Returns the number of simulator steps.
+    `kink` of zero, and point inwards where a control is at its limit: beyond it nothing changes.
+    Returns the number of simulator steps.
     """
     n_q, n_v, n_u = len(sim.qpos), len(sim.qvel), len(sim.ctrl)
     n_x, n_dx = states.shape[1], f_x.shape[1]
@@ -35,21 +36,27 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
         for substep in range(sim.substeps):
             _step(sim, z, warm, _NOTHING, after)
             warm[:] = sim.warmstart  # the neighbours' constraint forces are close to these
-            minus[:] = after
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
+                width, is_centred = eps, centred
+                if j >= n_dx:
+                    u = j - n_dx
+                    above, below = sim.high[u] - z[n_x + u], z[n_x + u] - sim.low[u]
+                    is_centred = centred and min(above, below) >= eps
+                    width = eps if above >= eps else -eps
                 moved[:] = z
-                move(sim, moved, direction, j, eps)
+                move(sim, moved, direction, j, width)
                 _step(sim, moved, warm, skip, plus)
-                if centred:
+                if is_centred:
                     moved[:] = z
                     move(sim, moved, direction, j, -eps)
                     _step(sim, moved, warm, skip, minus)
-                subtract(sim, plus, minus, column)
+                subtract(sim, plus, minus if is_centred else after, column)
                 target = a[:, j] if j < n_dx else b[:, j - n_dx]
-                target[:] = column / (2.0 * eps if centred else eps)
-            steps += 1 + len(columns) * (2 if centred else 1)
+                target[:] = column / (2.0 * eps if is_centred else width)
+                steps += 2 if is_centred else 1
+            steps += 1
             f_x[t] = a @ f_x[t] if substep else a
             f_u[t] = a @ f_u[t] + b if substep else b
             z[:n_x] = after

@@ -17,18 +17,20 @@ _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does one control step of N rollouts; `bounds` are those of states and controls.
 
-    Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is out of bounds, and NaN to controls
-    where x is. Returns how many controls were executed, and how many rollouts are within bounds.
+    Clips the controls to their limits. Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is
+    out of bounds, and NaN to controls where x is. Returns how many controls were executed, and how
+    many rollouts are within bounds.
     """
     executed = inside = 0
     for i in range(len(states)):
         x = after[i]
         x[:] = states[i]
         is_inside = _is_within(x, bounds[0])
+        for j in range(len(sim.ctrl)):
+            controls[i, j] = sim.ctrl[j] = _clipped(sim, j, controls[i, j])
         if not is_inside:
             controls[i] = np.nan
         elif _is_within(controls[i], bounds[1]):
-            sim.ctrl[:] = controls[i]
             executed += 1
             is_inside = _advance(sim, x, bounds[0])
         else:
@@ -54,6 +56,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             sim.ctrl[i] = nominal_controls[t, i]
             for j in range(len(deviation)):
                 sim.ctrl[i] += gains[t, i, j] * deviation[j]
+            sim.ctrl[i] = _clipped(sim, i, sim.ctrl[i])
         controls[t] = sim.ctrl
         if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
             return
@@ -86,7 +89,7 @@ def execute(sim, bounds, network, observation, noise, states, controls):  # type
             read(sim, observation, x, a)
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
-                sim.ctrl[i] = a[i] + noise[rollout, t, i]
+                sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
             controls[rollout, t] = sim.ctrl
             if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
                 break
@@ -102,6 +105,12 @@ def _advance(sim, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
         mj_step_skip(sim.model, sim.data, _NOTHING, 1)
     get_state(sim, x)
     return _is_within(x, bound)
+
+
+@compiled
+def _clipped(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns a control within its limits; NaN stays."""
+    return min(max(control, sim.low[i]), sim.high[i])
 
 
 @compiled

@@ -48,7 +48,7 @@ def blueprint(
     left = rrb.Vertical(
         rrb.Spatial3DView(
             origin="world",
-            name="robot; centre of mass: learned (blue), initial DDP (black)",
+            name="robot; centre of mass: learned (blue), initial DDP (black), plan (green)",
             overrides={"world/centre_of_mass": [whole_run]},
             eye_controls=eye,
         ),
@@ -58,6 +58,7 @@ def blueprint(
             rrb.TimeSeriesView(contents=["learning/policy_kl"], name="KL(q, policy) [nat]"),
             rrb.TimeSeriesView(origin="policy/noise_std", name="policy noise [N·m]"),
             rrb.TimeSeriesView(origin="solves", name="modified cost of the DDP solves"),
+            rrb.TimeSeriesView(origin="plan", name="plans: cost, solve time [s]"),
         ),
         row_shares=[4, 2, 1],
     )

@@ -21,6 +21,7 @@ from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
     policy_from_msg,
+    trajectory_from_msg,
 )
 from vgps_ros.messages.robot_state import JOINTS, TOPICS
 from vgps_ros.messages.state_collector import StateCollector
@@ -38,6 +39,7 @@ DRAWN = {  # topics that are drawn, and their types
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_command": "sensor_msgs/msg/JointState",
     "learning_progress": "vgps_msgs/msg/LearningProgress",
+    "plan": "vgps_msgs/msg/Plan",
     "policy": "vgps_msgs/msg/GaussianPolicy",
     "trajectory_distribution": "vgps_msgs/msg/TrajectoryDistribution",
     "iterations": "vgps_msgs/msg/OptimizerIteration",  # one topic for each optimizer
@@ -161,6 +163,12 @@ class GraphScene:
         self.robot.keep_solution(int(message.trajectory_index), q, time_step)
         if message.iteration == 0:
             self.robot.log_initial_solution(int(message.trajectory_index), q.mean.states)
+
+    def _show_plan(self, message: Any) -> None:
+        states = trajectory_from_msg(message.trajectory).states
+        finite_array("trajectory.states[0]", states[0], (len(self.robot.state_names),))
+        stamp = nanoseconds(message.header.stamp)
+        self.robot.log_plan(stamp, states, message.cost, message.solve_time)
 
     def _show_solve(self, solver: str, message: Any) -> None:
         self.recording.set_iteration(message.search_iteration, nanoseconds(message.header.stamp))

@@ -23,6 +23,7 @@ from vgps_ros.views.recording import TIME, Recording
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
+_PLAN = (44, 160, 44)
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
 
 
@@ -119,6 +120,14 @@ class RobotScene:
         """Plots torques, shape (n_u,) [N·m], at a time [ns]."""
         self._recording.set_time(stamp)
         self._recording.log("joint_command/effort", rr.Scalars(torques))
+
+    def log_plan(self, stamp: int, states: Array, cost: float, solve_time: float) -> None:
+        """Draws the path of the centre of mass in a plan that begins at a time [ns]."""
+        self._recording.set_time(stamp)
+        line = rr.LineStrips3D([self._shape.path(states)], colors=_PLAN, radii=0.01)
+        self._recording.log("world/plan", line)
+        self._recording.log("plan/cost", rr.Scalars(cost))
+        self._recording.log("plan/solve_time", rr.Scalars(solve_time))
 
     def keep_solution(self, index: int, q: TrajectoryDistribution, time_step: float) -> None:
         """Keeps the newest q(ζ) of a trajectory index, for `log_tubes`."""

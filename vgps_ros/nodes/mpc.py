@@ -1,0 +1,89 @@
+"""Lifecycle node `mpc`: plans from the newest state over a receding horizon, and follows the plan.
+
+Each state is answered with the feedback of the newest plan. A plan that is late leaves the one
+before it in use; where that one becomes too old, the safe action drives until a plan comes.
+"""
+
+from vgps_msgs.msg import Plan as PlanMsg
+
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import SEED
+from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import plan_to_msg, stamp_of
+from vgps_ros.ros_runtime.controller import Controller
+from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
+from vgps_ros.ros_runtime.plan_report import PlanReport
+from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
+from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.runner import run
+from vgps_ros.search.mpc import MpcSettings, Plan, Planner
+from vgps_ros.search.preparation import prepare
+from vgps_ros.search.receding import RecedingHorizon
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.settings import TASK
+
+PLAN_EVERY = Setting(
+    "plan_every",
+    1,
+    "states between two plans, where each plan's state waits for it, as a simulation in lock-step "
+    "does; 0: plans are made one after another beside the answers, which real time needs",
+    minimum=0,
+    maximum=1000,
+)
+
+
+class Mpc(Controller):
+    """Answers each state with feedback along the newest plan."""
+
+    def __init__(self) -> None:
+        super().__init__("mpc", needs_policy=False)
+        self._report_plans = PlanReport(self.health)
+        self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
+        publish_robot_description(self, self.task)
+
+    def prepare_law(self) -> None:
+        """Declares the parameters of the plans, and makes the first one before any peer waits."""
+        task = make_task(value(self, TASK))  # of its own, since it is used in another thread
+        settings = declare_settings(self, MpcSettings(ddp=task.optimizer.ddp))
+        every, seed = declare(self, PLAN_EVERY), declare(self, SEED)
+        prepare(task)
+        self._horizon = RecedingHorizon(Planner(task, settings), every, seed, self._take_plan)
+
+    def law(self, state: Array, stamp: int) -> Array:
+        """Returns the newest plan's torques.
+
+        Raises:
+            InvalidInputError: the newest plan is too old.
+        """
+        step = round(stamp * 1e-9 / self.task.dynamics.time_step)
+        self._report_plans.state(step)
+        executed = self.training.policy
+        policy = executed.policy if executed else None
+        try:
+            torques, age = self._horizon.control(state, step, policy)
+        finally:
+            trouble = self._horizon.trouble
+            self.health.report("plan", warning=f"At step {step} {trouble}" if trouble else "")
+        self._report_plans.answer(age * self.task.dynamics.time_step)
+        return torques
+
+    def stop(self) -> None:
+        """Stops the torques."""
+        super().stop()
+        self.health.clear("plan")
+
+    def end(self) -> None:
+        """Stops the torques and what is being planned."""
+        self.stop()
+        self._horizon.stop()
+
+    def _take_plan(self, plan: Plan, seconds: float) -> None:
+        self._report_plans.plan(plan.cost, seconds)
+        stamp = stamp_of(round(plan.start * self.task.dynamics.time_step * 1e9))
+        self._plans.publish(plan_to_msg(plan, self.task, seconds, stamp))
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Mpc, streaming_executor, close=lambda node, _: node.end())

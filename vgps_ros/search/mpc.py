@@ -1,0 +1,214 @@
+"""Model predictive control: plans over a receding horizon, and feedback along the newest plan.
+
+A plan is a short DDP solution from a state of the robot. Between two plans the robot follows
+
+    u = ū_t + K_t (x ⊖ x̄_t),
+
+so that a plan which comes late is made up for by its gains. The next plan starts from the cheaper
+of two motions on the true dynamics from the new state: the old plan, followed with its gains and
+continued by the tail; and the tail alone, which brings back a robot that the plan has lost. The
+tail is the learned policy's motion, or no torques where there is no policy.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vgps_ros.core.cost import TrajectoryCost
+from vgps_ros.core.ddp.solve import Status, solve
+from vgps_ros.core.ddp.tracking import track
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.optimizer_settings import DdpSettings
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import setting
+from vgps_ros.tasks import Task
+
+
+@dataclass(frozen=True)
+class MpcSettings:
+    """Settings of the plans."""
+
+    horizon: float = setting(0.5, "length of a plan [s]", minimum=1e-3, maximum=1e3)
+    iterations: int = setting(
+        1, "largest number of DDP iterations of a plan", minimum=1, maximum=1000
+    )
+    first_iterations: int = setting(
+        50,
+        "the same of the first plan, which is made at start, from the task's initial state",
+        minimum=1,
+        maximum=10_000,
+    )
+    ddp: DdpSettings = field(default_factory=DdpSettings)
+    policy_weight: float = setting(
+        0.1,
+        "weight w of the learned policy, where there is one, in the cost of a plan, "
+        "c - w log pi_theta: it keeps a plan away from what only its end makes cheap; 0: the "
+        "policy only continues plans",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    plan_age_limit: float = setting(
+        0.4,
+        "age beyond which a plan must not drive any more; the horizon limits it too [s]",
+        minimum=1e-3,
+        maximum=1e3,
+    )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion with feedback around it.
+
+    Attributes:
+        start: control step at which it begins.
+        trajectory: x̄, ū.
+        gains: K, shape (T, n_u, n_dx).
+        cost: Σ of the cost that was minimised, over the plan.
+        status: the reason why its solve ended.
+    """
+
+    start: int
+    trajectory: Trajectory
+    gains: Array
+    cost: float
+    status: Status
+
+
+class Planner:
+    """Makes the plans of one task.
+
+    Attributes:
+        steps: T, the number of steps of a plan.
+        age_limit: largest age of a plan that may drive, in steps.
+
+    Args:
+        task: the control problem.
+        settings: settings of the plans.
+
+    Raises:
+        InvalidInputError: the horizon is shorter than a control period, or longer than the task's.
+    """
+
+    def __init__(self, task: Task, settings: MpcSettings):
+        period, longest = task.dynamics.time_step, task.planned_horizon
+        self.steps = round(settings.horizon / period)
+        if not 1 <= self.steps <= longest:
+            raise InvalidInputError(
+                f"horizon is {settings.horizon:g} s, but a plan of the {task.name} must have "
+                f"{period:g} to {longest * period:g} s."
+            )
+        self.age_limit = min(self.steps - 1, round(settings.plan_age_limit / period))
+        self._task, self._settings = task, settings
+
+    def first_plan(self, seed: int = 0) -> Plan:
+        """Returns the plan from the task's initial state, which begins at step 0.
+
+        Its solve starts from the motion from which a search of the task starts too.
+
+        Raises:
+            DivergenceError: that motion diverges, or no q is around what was found.
+        """
+        task, start = self._task, self._task.initial_state
+        if task.guess is not None:
+            controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0))[: self.steps]
+            motion = task.dynamics.rollout(start, lambda t, _: controls[t], self.steps)
+        elif task.demonstrate is not None:
+            rng = generator(seed, Stream.INITIAL_CONTROLS, 0)
+            motion = task.demonstrate(start, self.steps, rng)
+        else:
+            assert task.demonstration is not None
+            shown, tolerance = task.demonstration.first(self.steps), 10.0
+            motion, _ = track(task.dynamics, shown, start, task.position_names, tolerance)
+        return self._plan(0, motion, self._cost(0, None), self._settings.first_iterations)
+
+    def next_plan(
+        self,
+        plan: Plan,
+        state: Array,
+        step: int,
+        policy: GaussianPolicy | None = None,
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> Plan:
+        """Returns a plan from a newer state, warm-started by an older plan.
+
+        Args:
+            plan: the older plan.
+            state: x, shape (n_x,).
+            step: control step of the state, not before the plan's start.
+            policy: π_θ, which continues the plan.
+            is_cancelled: asked between the parts of an iteration; true ends the solve.
+
+        Raises:
+            DivergenceError: both motions that the solve may start from diverge, or no q is around
+                what was found.
+        """
+        cost = self._cost(step, policy)
+        motions = [self._continued(plan, state, step, policy), self._tail(state, policy)]
+        costs = [float(np.sum(cost.values(motion))) for motion in motions]
+        # A motion that diverges costs NaN.
+        best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
+        return self._plan(step, motions[best], cost, self._settings.iterations, is_cancelled)
+
+    def control(self, plan: Plan, state: Array, step: int) -> Array:
+        """Returns u = ū + K (x ⊖ x̄), within the robot's limits, shape (n_u,), [N·m].
+
+        The control step must be one of the plan.
+        """
+        t, dynamics = step - plan.start, self._task.dynamics
+        deviation = dynamics.space.subtract(state, plan.trajectory.states[t])
+        control = plan.trajectory.controls[t] + plan.gains[t] @ deviation
+        return np.clip(control, *dynamics.control_limits)
+
+    def _plan(
+        self,
+        start: int,
+        motion: Trajectory,
+        cost: TrajectoryCost,
+        iterations: int,
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> Plan:
+        dynamics, ddp = self._task.dynamics, self._settings.ddp
+        found = solve(dynamics, cost, motion, ddp, iterations, is_cancelled=is_cancelled)
+        return Plan(start, found.trajectory, found.policy.gains, found.cost, found.status)
+
+    def _continued(
+        self, plan: Plan, state: Array, step: int, policy: GaussianPolicy | None
+    ) -> Trajectory:
+        """Returns the old plan's motion from the state, continued by the tail."""
+        passed = min(step - plan.start, self.steps)
+        x, u = plan.trajectory.states[passed:], plan.trajectory.controls[passed:]
+        gains = np.ascontiguousarray(plan.gains[passed:])
+        nominal = Trajectory(np.ascontiguousarray(x), np.ascontiguousarray(u))
+        (kept,) = self._task.dynamics.follow_each(state, [nominal], gains)
+        tail = self._tail(kept.states[-1], policy, passed)
+        return Trajectory(
+            np.concatenate([kept.states, tail.states[1:]]),
+            np.concatenate([kept.controls, tail.controls]),
+        )
+
+    def _tail(
+        self, state: Array, policy: GaussianPolicy | None, steps: int | None = None
+    ) -> Trajectory:
+        """Returns the policy's motion from a state, or that of no torques."""
+        task, count = self._task, self.steps if steps is None else steps
+        zero = np.zeros((count, task.dynamics.control_dim))
+        if policy is None:
+            return task.dynamics.rollout(state, lambda t, _: zero[t], count)
+        start, noise = state[None], zero[None]
+        states, controls = task.dynamics.execute(policy, task.observation, start, noise)
+        return Trajectory(states[0], controls[0])
+
+    def _cost(self, step: int, policy: GaussianPolicy | None) -> TrajectoryCost:
+        """Returns the cost of a plan that begins at a control step."""
+        task, weight = self._task, self._settings.policy_weight
+        cost = task.cost.later(step, self.steps)
+        if policy is None or not weight:
+            return cost
+        n_dx, n_u = task.dims["n_dx"], task.dims["n_u"]
+        deviations, gains = np.zeros((1, self.steps, n_dx)), np.zeros((self.steps, n_u, n_dx))
+        scaled = ScaledCost(cost, 1.0 / weight)
+        return ScaledCost(PolicyCost(scaled, policy, task.observation, deviations, gains), weight)
