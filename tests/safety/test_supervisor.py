@@ -18,9 +18,8 @@ class Robot:
     """A supervisor and a clock."""
 
     def __init__(self, **settings):
-        self.supervisor = Supervisor(
-            SafetySettings(torque_limits=LIMITS, **settings), VELOCITIES, PERIOD * 1e-9
-        )
+        limits = (-np.array(LIMITS), np.array(LIMITS))
+        self.supervisor = Supervisor(SafetySettings(**settings), limits, VELOCITIES, PERIOD * 1e-9)
         self.supervisor.begin()
         self.now = 0.0
 

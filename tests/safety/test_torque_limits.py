@@ -2,12 +2,14 @@
 
 import mujoco
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.torque_limits import TorqueLimiter
-from vgps_ros.simulation.model import model_torque_limits
+from vgps_ros.simulation.model import control_range
 
 PERIOD = 20_000_000  # [ns]
 LIMITS = np.array([2.0, 5.0])
@@ -15,7 +17,7 @@ TORQUES = st.lists(st.floats(-100, 100), min_size=2, max_size=2).map(np.array)
 
 
 def limiter(rate=0.0):
-    return TorqueLimiter(LIMITS, rate, PERIOD * 1e-9)
+    return TorqueLimiter((-LIMITS, LIMITS), rate, PERIOD * 1e-9)
 
 
 def test_torques_within_the_limits_keep_every_bit_and_others_are_clipped():
@@ -56,16 +58,31 @@ def test_no_sequence_of_torques_breaks_a_limit(steps):
 
 
 def test_the_models_own_limits_are_found_in_newton_metres():
+    range_ = 'actuatorfrcrange="-30 40"'
     joints = "".join(
         f'<body><joint name="{name}" axis="0 1 0" {limit}/><geom size="1"/></body>'
-        for name, limit in (("a", ""), ("b", ""), ("c", 'actuatorfrcrange="-30 40"'), ("d", ""))
+        for name, limit in {**dict.fromkeys("abcdef", ""), "c": range_, "f": range_}.items()
     )
     motors = (
-        '<motor joint="a" ctrlrange="-3 4"/><motor joint="b" forcerange="-9 7"/>'
-        '<motor joint="c" gear="2" ctrlrange="-50 50"/><motor joint="d"/>'
+        '<motor joint="a" ctrlrange="-3 4"/><motor joint="b" forcerange="-9 7" gear="-3"/>'
+        '<motor joint="c" gear="-2" ctrlrange="-50 50"/><motor joint="d"/>'
+        '<position joint="e" kp="50" forcerange="-5 5" ctrlrange="-1 2"/>'
+        '<motor joint="f"/><motor joint="f" ctrlrange="8 9" forcerange="-1 1"/>'
     )
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler autolimits="true"/><worldbody>{joints}</worldbody>'
         f"<actuator>{motors}</actuator></mujoco>"
     )
-    np.testing.assert_array_equal(model_torque_limits(model), [3.0, 7.0, 15.0, CONTROL_BOUND])
+    none = np.inf
+    low, high = control_range(model)
+    np.testing.assert_array_equal(low, [-3.0, -9.0, -20.0, -none, -1.0, -none, 8.0])
+    np.testing.assert_array_equal(high, [4.0, 7.0, 15.0, none, 2.0, none, 8.0])
+
+
+def test_torques_keep_to_the_robots_limits_and_to_the_users():
+    settings = SafetySettings(torque_limits=(2.0, 5.0))
+    low, high = settings.torque_range((np.array([-1.0, -9.0]), np.array([3.0, 9.0])))
+    np.testing.assert_array_equal(low, [-1.0, -5.0])
+    np.testing.assert_array_equal(high, [2.0, 5.0])
+    with pytest.raises(InvalidInputError, match=r"torque_limits\[1\] is 5 N·m, .*own.*6 and 7"):
+        settings.torque_range((np.array([-1.0, 6.0]), np.array([1.0, 7.0])))

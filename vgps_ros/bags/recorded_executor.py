@@ -18,7 +18,7 @@ from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.torque_limits import TorqueLimiter
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.simulation.model import driven_velocities, state_names
+from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 from vgps_ros.tasks import recorded_task
@@ -58,7 +58,7 @@ class RecordedExecutor:
             values["torque_limits"] = tuple(values["torque_limits"])
         self.settings = with_values(defaults, values)
         self.limiter = TorqueLimiter(
-            np.array(self.settings.torque_limits),
+            self.settings.torque_range(control_range(model)),
             self.settings.torque_rate_limit,
             self._task.dynamics.time_step if self._task else 0.0,
         )

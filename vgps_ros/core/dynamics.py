@@ -24,12 +24,16 @@ class Dynamics(Protocol):
     Attributes:
         space: space of the states.
         control_dim: n_u.
+        control_limits: the lowest and the highest control, shapes (n_u,), [N·m]; ∓inf where
+            there is no limit. Every rollout clips its controls to them, and records what is
+            left, so that a cost is that of what is applied.
         time_step: time for which one control is held [s].
         substeps: simulator steps in that time.
     """
 
     space: StateSpace
     control_dim: int
+    control_limits: tuple[Array, Array]
     time_step: float
     substeps: int
 

@@ -129,7 +129,10 @@ def sample_rollout_noise(
     distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
 ) -> Array:
     """Draws π_G's control noise, N(0, Quu⁻¹); returns shape (count, T, n_u), [N·m]."""
-    roots = np.linalg.cholesky(distribution.control_covariances)
+    covariances = distribution.control_covariances
+    # A clamped control has no noise, and no other control's depends on it.
+    roots = np.linalg.cholesky(with_clamped_variances(covariances, 1.0))
+    roots *= np.diagonal(covariances, axis1=1, axis2=2)[:, :, None] > 0.0
     noise = rng.standard_normal((count, *roots.shape[:2]))
     return np.einsum("tuv,stv->stu", roots, noise)
 
@@ -139,12 +142,23 @@ def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Ar
     return distribution.mean.controls + np.einsum("tux,stx->stu", distribution.gains, deviations)
 
 
+def with_clamped_variances(covariances: Array, variances: Array | float) -> Array:
+    """Returns covariances (T, n_u, n_u) with variances (n_u,) for the controls that have none.
+
+    Those are the controls that a limit clamps. A density, or a divergence from one, needs some.
+    """
+    is_clamped = np.diagonal(covariances, axis1=1, axis2=2) == 0.0
+    added = is_clamped[:, :, None] * (variances * np.eye(covariances.shape[1]))
+    return np.asarray(covariances + added)
+
+
 def control_log_density(
     distribution: TrajectoryDistribution, deviations: Array, controls: Array
 ) -> Array:
     """Returns log q(u_t|x_t) [nat], shape (S, T), of controls (S, T, n_u).
 
-    The states are given as deviations from the mean, shape (S, T, n_dx).
+    The states are given as deviations from the mean, shape (S, T, n_dx). No control may be without
+    noise (see `with_clamped_variances`).
     """
     means = control_means(distribution, deviations)
     return log_density(controls - means, distribution.control_covariances)

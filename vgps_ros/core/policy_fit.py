@@ -23,7 +23,7 @@ from vgps_ros.core.marginals import control_means, sample_deviations, sample_rol
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
+from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
 
@@ -170,9 +170,9 @@ def fit_to_targets(
 
 
 def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
-    """Returns the policy with the σ that maximises L(q, θ) for its network."""
+    """Returns the policy with the σ that maximises L(q, θ) for its network, or LEAST_NOISE."""
     squares = (policy.mean(targets.inputs) - targets.means) ** 2 + targets.variances
-    return replace(policy, noise_std=np.sqrt(squares.mean(axis=0)))
+    return replace(policy, noise_std=np.maximum(np.sqrt(squares.mean(axis=0)), LEAST_NOISE))
 
 
 def _fit_gradient(
@@ -192,10 +192,11 @@ def _fit_gradient(
 def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
     """Returns the profiled objective as a function of θ in standardised units."""
     x, mu_q = scaling.inputs(targets.inputs), scaling.controls(targets.means)
+    least = torch.from_numpy((LEAST_NOISE / scaling.output_scale) ** 2)
     sigma_q = torch.from_numpy((targets.variances / scaling.output_scale**2).mean(axis=0))
 
     def profiled(theta: torch.Tensor) -> torch.Tensor:
         squares = (scaling.network(theta, x) - mu_q) ** 2
-        return 0.5 * torch.log(squares.mean(dim=1) + sigma_q).sum()
+        return 0.5 * torch.log(torch.maximum(squares.mean(dim=1) + sigma_q, least)).sum()
 
     return profiled

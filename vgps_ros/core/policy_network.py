@@ -21,6 +21,8 @@ _ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "tanh": torch.tanh,
     "relu": torch.relu,
 }
+# A control that never changes, as one whose limits are equal, still has a scale and some noise.
+LEAST_SCALE, LEAST_NOISE = 1e-3, 1e-4  # [N·m]
 _MEMORY = 20  # steps from which LBFGS estimates the curvature; fits with ten are worse
 
 
@@ -63,7 +65,7 @@ class Standardization:
             shift_in * inputs.mean(axis=0),
             np.maximum(np.sqrt(inputs.var(axis=0) + spread.mean(axis=0)), 1e-3),
             shift_out * controls.mean(axis=0),
-            np.maximum(controls.std(axis=0), 1e-3),
+            np.maximum(controls.std(axis=0), LEAST_SCALE),
         )
 
     def to_raw(self, parameters: Array) -> Array:

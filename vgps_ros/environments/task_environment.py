@@ -9,7 +9,6 @@ from gymnasium.spaces import Box
 from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks import make_task
 
 # Torque of an action of 1, about the largest torque of the DDP solution [N·m].
@@ -47,7 +46,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         render_mode: str | None = None,
     ):
         self._task = make_task(task)
-        largest = control_range(self._task.dynamics.model)[1]
+        largest = self._task.dynamics.control_limits[1]
         own = TORQUE_SCALE.get(task, np.where(largest < _UNLIMITED, largest, 1.0))
         self._torque_scale = own if torque_scale is None else positive("torque_scale", torque_scale)
         self._reward_scale = positive("reward_scale", reward_scale)
@@ -74,9 +73,10 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         return self._task.observation(self.state), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Applies torques for one step of the task."""
+        """Applies torques for one step of the task, within the robot's limits."""
         task = self._task
         torques = self._torque_scale * np.asarray(action, dtype=float)
+        torques = np.clip(torques, *task.dynamics.control_limits)
         cost = float(task.cost(self.state[None], torques[None], self._t)[0])
         following = task.dynamics.step(self.state, torques)
         self._t += 1

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vgps_ros.core.ddp.solve import Iteration
-from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
-from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks import Task
 
 _POINTS = 40  # steps whose derivatives are compared with centred differences
@@ -166,14 +164,15 @@ def _too_hard(errors: list[float]) -> list[str]:
 def _after(task: Task, motion: Trajectory, costs: list[float]) -> list[str]:
     """Names what looks wrong about the optimised motion."""
     troubles = []
-    low, high = control_range(task.dynamics.model)
-    beyond = ((motion.controls <= low) | (motion.controls >= high)) & (high < CONTROL_BOUND)
+    low, high = task.dynamics.control_limits
+    beyond = ((motion.controls <= low) | (motion.controls >= high)) & np.isfinite(high)
     shares = beyond.mean(axis=0)
     for name, share in zip(task.actuated_joint_names, shares, strict=True):
         if share > _AT_LIMIT:
             troubles.append(
                 f"The control of {name} is at its limit in {100 * share:.0f} % of the steps, "
-                "which DDP does not know: give controls more weight, or allow more."
+                "which DDP keeps to: allow more, or give controls more weight, if it should have "
+                "some left for what disturbs it."
             )
     if len(costs) < 2 or costs[-1] > 0.99 * costs[0]:
         troubles.append(

@@ -6,13 +6,14 @@ Where the policy must not drive, the safe action does; `core.safety` decides.
 import time
 from typing import Any
 
+import numpy as np
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy, executed_control
 from vgps_ros.core.seeding import SEED
@@ -29,7 +30,7 @@ from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
-from vgps_ros.simulation.model import driven_velocities, model_torque_limits
+from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
 
@@ -57,17 +58,20 @@ class PolicyExecutor(LifecycleNode):
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
             declare(self, setting)
         when_alone = self._start if declare(self, AUTOSTART) else lambda: None
-        limits = tuple(model_torque_limits(self._task.dynamics.model).tolist())
+        low, high = self._task.dynamics.control_limits
+        limits = tuple(np.maximum(-low, high).clip(0.0, CONTROL_BOUND).tolist())
         self._settings = declare_settings(self, SafetySettings(torque_limits=limits))
-        control_dim = self._task.dynamics.control_dim
-        finite_array("torque_limits", self._settings.torque_limits, (control_dim,))
         topic = "commands" if self._plain else "joint_command"
         self._health = Health(self, owns=topic, when_alone=when_alone)
         self._active = False
         time_step = self._task.dynamics.time_step
         velocities = driven_velocities(self._task.dynamics.model)
         self._supervisor = Supervisor(
-            self._settings, velocities, time_step, self._task.limits.broken
+            self._settings,
+            self._settings.torque_range((low, high)),
+            velocities,
+            time_step,
+            self._task.limits.broken,
         )
         # A policy that comes before activation is kept for it.
         self._training = TrainingResults(

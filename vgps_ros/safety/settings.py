@@ -2,7 +2,12 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
 
 
@@ -13,7 +18,7 @@ class SafetySettings:
     torque_limits: tuple[float, ...] = setting(
         (CONTROL_BOUND,),
         "largest torque of each actuated joint in both directions, in the order of the MJCF's "
-        "actuators; by default the MJCF's own limits, and 1e9 for a joint without one [N·m]",
+        "actuators, within the MJCF's own limits, which hold in any case; 1e9 for no other [N·m]",
         minimum=0.0,
         maximum=CONTROL_BOUND,
     )
@@ -68,6 +73,21 @@ class SafetySettings:
         minimum=0.0,
         maximum=1e9,
     )
+
+    def torque_range(self, control_limits: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Returns the lowest and the highest torques, shapes (n_u,), within the robot's own limits.
+
+        Raises:
+            InvalidInputError: no torque is within both.
+        """
+        largest = finite_array("torque_limits", self.torque_limits, control_limits[0].shape)
+        low, high = np.maximum(control_limits[0], -largest), np.minimum(control_limits[1], largest)
+        for i in np.flatnonzero(low > high):
+            raise InvalidInputError(
+                f"torque_limits[{i}] is {largest[i]:g} N·m, but the robot's own limits of this "
+                f"torque are {control_limits[0][i]:g} and {control_limits[1][i]:g} N·m: allow more."
+            )
+        return low, high
 
     @property
     def needs_distribution(self) -> bool:

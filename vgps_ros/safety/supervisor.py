@@ -40,7 +40,8 @@ class Supervisor:
     """Answers states with commands. Each argument `now` is a time of a steady clock [s].
 
     Args:
-        settings: limits, conditions for usable states, and the safe action.
+        settings: conditions for usable states, and the safe action.
+        limits: lowest and highest torques, shapes (n_u,) [N·m].
         velocities: index in the state of the velocity that each control drives; -1 for none.
         period: control period [s].
         broken_limit: says which limit of the task a state breaks; empty where none is broken.
@@ -55,6 +56,7 @@ class Supervisor:
     def __init__(
         self,
         settings: SafetySettings,
+        limits: tuple[Array, Array],
         velocities: list[int],
         period: float,
         broken_limit: Callable[[Array], str] = lambda _: "",
@@ -64,7 +66,6 @@ class Supervisor:
         self._settings = settings
         self._velocities = velocities
         self._broken_limit = broken_limit
-        limits = np.array(settings.torque_limits)
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         self._stamp = -1  # of the newest usable state
         self.begin()

@@ -13,21 +13,21 @@ class TorqueLimiter:
     Torques start from zero if there are no such torques, or if time went back.
 
     Args:
-        limits: largest size of each torque, shape (n_u,) [N·m].
+        limits: lowest and highest torques, shapes (n_u,) [N·m].
         rate: largest change over time [N·m/s]; 0 for no limit.
         period: control period [s]. The change is limited as if no more time had passed.
     """
 
-    def __init__(self, limits: Array, rate: float, period: float):
+    def __init__(self, limits: tuple[Array, Array], rate: float, period: float):
         self._limits, self._rate, self._period = limits, rate, period
         # Stamp [ns] and torques of the latest command, and of the command before it. Torques that
         # answered no state have the stamp -1.
-        start = (-1, np.zeros_like(limits))
+        start = (-1, np.zeros_like(limits[0]))
         self._start = self._latest = self._earlier = start
 
     def clipped(self, torques: Array) -> Array:
         """Returns torques within the limits of their size, shape (n_u,) [N·m]."""
-        return _clip(torques, -self._limits, self._limits)
+        return _clip(torques, *self._limits)
 
     def limited(self, torques: Array, stamp: int) -> Array:
         """Returns torques within all limits, shape (n_u,) [N·m], for a state's stamp [ns]."""

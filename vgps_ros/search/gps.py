@@ -23,9 +23,14 @@ from vgps_ros.core.importance_sampling import (
     maximize,
     mixture_log_density,
 )
-from vgps_ros.core.marginals import control_log_density, sample_rollout_noise
+from vgps_ros.core.marginals import (
+    control_log_density,
+    sample_rollout_noise,
+    with_clamped_variances,
+)
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.policy_network import LEAST_NOISE
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -193,12 +198,22 @@ def combined(batches: Sequence[Batch], observation: Observation) -> ImportanceSa
 def guiding_distributions(
     work: Workspace, solutions: Sequence[OptimizationResult]
 ) -> list[TrajectoryDistribution]:
-    """Returns q(ζ) of the solutions with the noise that guiding rollouts are drawn with."""
+    """Returns q(ζ) of the solutions with the noise that guiding rollouts are drawn with.
+
+    Importance weights need a density, which a clamped control does not have: it gets the mean noise
+    that it has where it is free. The robot cuts this noise off at the limit, which is a part of the
+    dynamics: weights are of what was drawn, costs of what was applied.
+    """
     factor = work.settings.gps.guiding_noise**2
-    return [
-        replace(q, control_covariances=factor * q.control_covariances)
-        for q in work.scored(solutions)
-    ]
+    guides = []
+    for q in work.scored(solutions):
+        variances = np.diagonal(q.control_covariances, axis1=1, axis2=2)
+        free = variances > 0.0
+        mean = variances.sum(axis=0) / np.maximum(free.sum(axis=0), 1)
+        mean = np.where(free.any(axis=0), mean, LEAST_NOISE**2)
+        covariances = with_clamped_variances(q.control_covariances, mean)
+        guides.append(replace(q, control_covariances=factor * covariances))
+    return guides
 
 
 def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k: int) -> Batch:

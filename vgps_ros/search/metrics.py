@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 
 from vgps_ros.core.gaussians import entropy, kl_divergence
+from vgps_ros.core.marginals import with_clamped_variances
 from vgps_ros.core.policy import GaussianPolicy
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
@@ -93,9 +94,10 @@ def measure(
     # Those that line 6 has not adapted yet; the first candidate's where vgps has chosen another.
     solved = work.scored(before.last.solutions if before.last else before.initial_solutions)
     divergences = [
+        # In a clamped control q is a point, and only its distance from the policy's mean counts.
         kl_divergence(
             q.mean.controls,
-            q.control_covariances,
+            with_clamped_variances(q.control_covariances, policy.noise_std**2),
             policy.mean(work.task.observation(q.mean.states[:-1])),
             noise,
         )

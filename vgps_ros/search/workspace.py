@@ -63,8 +63,8 @@ class Rollouts:
 
     Attributes:
         states: x_1 … x_T, shape (N, T, n_x), NaN where a rollout has diverged.
-        controls: shape (N, T, n_u), [N·m].
-        costs: c(x_t, u_t), shape (N, T).
+        controls: what was drawn, shape (N, T, n_u), [N·m]. The robot applies it within its limits.
+        costs: c(x_t, u_t) of what was applied, shape (N, T).
     """
 
     states: Array
@@ -232,13 +232,19 @@ class Workspace:
         task, dynamics = self.task, self.task.dynamics
         spread = task.initial_std * rng.standard_normal((count, dynamics.space.tangent_dim))
         starts = dynamics.space.add(self.starts[start], spread)
-        states, controls, steps = dynamics.rollouts(starts, law, task.horizon)
+        drawn = np.full((task.horizon, count, dynamics.control_dim), np.nan)
+
+        def noted(t: int, x: Array) -> Array:
+            drawn[t] = law(t, x)
+            return drawn[t]
+
+        states, controls, steps = dynamics.rollouts(starts, noted, task.horizon)
         self.simulator_steps += steps
         lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
         costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))
         # A rollout that diverges in its last step has no cost either.
         costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
-        return Rollouts(states[:, :-1], controls, costs)
+        return Rollouts(states[:, :-1], np.ascontiguousarray(drawn.swapaxes(0, 1)), costs)
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
         """Returns each q(ζ) over the horizon that the policy is trained on."""

@@ -19,18 +19,20 @@ _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does one control step of N rollouts; `bounds` are those of states and controls.
 
-    Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is out of bounds, and NaN to controls
-    where x is. Returns how many controls were executed, and how many rollouts are within bounds.
+    Clips the controls to their limits. Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is
+    out of bounds, and NaN to controls where x is. Returns how many controls were executed, and how
+    many rollouts are within bounds.
     """
     executed = inside = 0
     for i in range(len(states)):
         x = after[i]
         x[:] = states[i]
         is_inside = _is_within(x, bounds[0])
+        for j in range(len(sim.ctrl)):
+            controls[i, j] = sim.ctrl[j] = _clipped(sim, j, controls[i, j])
         if not is_inside:
             controls[i] = np.nan
         elif _is_within(controls[i], bounds[1]):
-            sim.ctrl[:] = controls[i]
             executed += 1
             is_inside = _advance(sim, x, bounds[0])
         else:
@@ -56,6 +58,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             sim.ctrl[i] = nominal_controls[t, i]
             for j in range(len(deviation)):
                 sim.ctrl[i] += gains[t, i, j] * deviation[j]
+            sim.ctrl[i] = _clipped(sim, i, sim.ctrl[i])
         controls[t] = sim.ctrl
         if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
             return
@@ -88,7 +91,7 @@ def execute(sim, bounds, network, observation, noise, states, controls):  # type
             read(sim, observation, x, a)
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
-                sim.ctrl[i] = a[i] + noise[rollout, t, i]
+                sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
             controls[rollout, t] = sim.ctrl
             if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
                 break
@@ -107,6 +110,12 @@ def _advance(sim, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
+def _clipped(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns a control within its limits; NaN stays."""
+    return min(max(control, sim.low[i]), sim.high[i])
+
+
+@compiled
 def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns whether all values are inside the bound; NaN is not."""
     return np.all(np.abs(values) < bound)
@@ -118,7 +127,8 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
 
     Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
     so that the stages which a step skips stay valid. They are centred where a velocity is within
-    `kink` of zero. Returns the number of simulator steps.
+    `kink` of zero, and point inwards where a control is at its limit: beyond it nothing changes.
+    Returns the number of simulator steps.
     """
     n_q, n_v, n_u = len(sim.qpos), len(sim.qvel), len(sim.ctrl)
     n_x, n_dx = states.shape[1], f_x.shape[1]
@@ -134,21 +144,27 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
         for substep in range(sim.substeps):
             _step(sim, z, warm, _NOTHING, after)
             warm[:] = sim.warmstart  # the neighbours' constraint forces are close to these
-            minus[:] = after
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
+                width, is_centred = eps, centred
+                if j >= n_dx:
+                    u = j - n_dx
+                    above, below = sim.high[u] - z[n_x + u], z[n_x + u] - sim.low[u]
+                    is_centred = centred and min(above, below) >= eps
+                    width = eps if above >= eps else -eps
                 moved[:] = z
-                move(sim, moved, direction, j, eps)
+                move(sim, moved, direction, j, width)
                 _step(sim, moved, warm, skip, plus)
-                if centred:
+                if is_centred:
                     moved[:] = z
                     move(sim, moved, direction, j, -eps)
                     _step(sim, moved, warm, skip, minus)
-                subtract(sim, plus, minus, column)
+                subtract(sim, plus, minus if is_centred else after, column)
                 target = a[:, j] if j < n_dx else b[:, j - n_dx]
-                target[:] = column / (2.0 * eps if centred else eps)
-            steps += 1 + len(columns) * (2 if centred else 1)
+                target[:] = column / (2.0 * eps if is_centred else width)
+                steps += 2 if is_centred else 1
+            steps += 1
             f_x[t] = a @ f_x[t] if substep else a
             f_u[t] = a @ f_u[t] + b if substep else b
             z[:n_x] = after

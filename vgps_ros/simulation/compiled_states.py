@@ -6,6 +6,7 @@ import mujoco
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.model import control_range
 from vgps_ros.simulation.mujoco_functions import address, mj_differentiate_pos, mj_integrate_pos
 
 
@@ -15,6 +16,8 @@ class Simulation(NamedTuple):
     Attributes:
         model: address of the model.
         data: address of the data, whose arrays the next fields are.
+        low: lowest controls.
+        high: highest controls; loops clip to both, and record what is left.
         substeps: simulator steps for which one control is held.
         may_skip: whether a step may skip stages: the Runge-Kutta method leaves none valid.
     """
@@ -27,6 +30,8 @@ class Simulation(NamedTuple):
     ctrl: Array
     warmstart: Array
     sensordata: Array
+    low: Array
+    high: Array
     substeps: int
     may_skip: bool
 
@@ -35,7 +40,8 @@ def simulation_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> 
     """Returns what the loops need of a simulation."""
     arrays = (data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata)
     may_skip = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
-    return Simulation(address(model), address(data), *arrays, substeps, bool(may_skip))
+    limits = control_range(model)
+    return Simulation(address(model), address(data), *arrays, *limits, substeps, bool(may_skip))
 
 
 @compiled

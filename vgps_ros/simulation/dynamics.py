@@ -21,6 +21,7 @@ from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_loops
 from vgps_ros.simulation.compiled_states import Simulation
 from vgps_ros.simulation.cyclic import cyclic_positions
+from vgps_ros.simulation.model import control_range
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 
@@ -38,6 +39,7 @@ class Dynamics:
         model: a copy of the model; see `Simulations`.
         space: space of the states.
         control_dim: n_u.
+        control_limits: see `core.dynamics`.
         time_step: time for which one control is held [s].
 
     Args:
@@ -62,6 +64,7 @@ class Dynamics:
         self.substeps = substeps
         self.eps = eps
         self.control_dim = model.nu
+        self.control_limits = control_range(model)
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
@@ -87,7 +90,7 @@ class Dynamics:
     def rollouts(
         self, initial_states: Array, control_law: ControlLaw, horizon: int
     ) -> tuple[Array, Array, int]:
-        """Runs several rollouts in closed loop, side by side.
+        """Runs several rollouts in closed loop, side by side, with controls within their limits.
 
         A rollout that diverges is NaN from the step after which it did.
 
@@ -168,7 +171,7 @@ class Dynamics:
     def execute(
         self, policy: GaussianPolicy, observation: Readings, initial_states: Array, noise: Array
     ) -> tuple[Array, Array]:
-        """Runs rollouts of u = μ_θ(h(x)) + noise over several threads.
+        """Runs rollouts of u = μ_θ(h(x)) + noise, within the limits, over several threads.
 
         A rollout that diverges is NaN from the step after which it did.
 

@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import quoted
-from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.state_space import StateSpace
@@ -156,31 +155,37 @@ def driven_velocities(model: mujoco.MjModel) -> list[int]:
 
 
 def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Returns the smallest and the largest value of each control, shapes (n_u,)."""
-    limited = model.actuator_ctrllimited.astype(bool)
-    low, high = model.actuator_ctrlrange.T
-    return np.where(limited, low, -CONTROL_BOUND), np.where(limited, high, CONTROL_BOUND)
+    """Returns the lowest and the highest control of each actuator, shapes (n_u,), [N·m].
 
-
-def model_torque_limits(model: mujoco.MjModel) -> Array:
-    """Returns the largest control of each actuator that the model allows, shape (n_u,), [N·m].
-
-    MuJoCo limits an actuator's control, its force, and the forces on its joint; of a range, the
-    smaller side counts. A joint without any has CONTROL_BOUND.
+    MuJoCo limits an actuator's control, its force, and the force on its joint. The last two limit
+    the control of a motor too, whose force is proportional to it, and the last one only where the
+    motor is alone on its joint. Where nothing does, the limit is ∓inf.
     """
-    gain, gear = np.abs(model.actuator_gainprm[:, 0]), np.abs(model.actuator_gear[:, 0])
-    on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    joints = np.where(on_joints, model.actuator_trnid[:, 0], 0)
-    limits = np.full(model.nu, CONTROL_BOUND)
+    gain, gear = model.actuator_gainprm[:, 0], model.actuator_gear[:, 0]
+    of_motor = (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+        & (gain * gear != 0.0)
+    )
+    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    joints = np.where(on_joint, model.actuator_trnid[:, 0], 0)
+    alone = on_joint & (np.bincount(joints[on_joint], minlength=model.njnt)[joints] == 1)
+    alone &= model.jnt_actgravcomp[joints] == 0
+    low, high = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
     for limited, ranges, force_per_control in (
         (model.actuator_ctrllimited, model.actuator_ctrlrange, np.ones(model.nu)),
-        (model.actuator_forcelimited, model.actuator_forcerange, gain),
+        (of_motor & (model.actuator_forcelimited > 0), model.actuator_forcerange, gain),
         (
-            on_joints & (model.jnt_actfrclimited[joints] > 0),
+            of_motor & alone & (model.jnt_actfrclimited[joints] > 0),
             model.jnt_actfrcrange[joints],
             gain * gear,
         ),
     ):
-        largest = np.minimum(-ranges[:, 0], ranges[:, 1]).clip(min=0.0)
-        limits = np.where(limited, np.minimum(limits, largest / force_per_control), limits)
-    return limits
+        ends = np.sort(ranges / np.where(limited, force_per_control, 1.0)[:, None], axis=1)
+        # A range beyond the one before leaves its nearest end, at which MuJoCo clips twice.
+        low, high = (
+            np.where(limited, np.clip(end, low, high), before)
+            for end, before in zip(ends.T, (low, high), strict=True)
+        )
+    return low, high

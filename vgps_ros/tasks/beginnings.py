@@ -11,7 +11,6 @@ import numpy as np
 from vgps_ros.core.patterns import matching
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks.motion_file import with_demonstration
 from vgps_ros.tasks.sampled_beginning import sampled_beginning
 from vgps_ros.tasks.start import keyframe
@@ -62,7 +61,7 @@ def _noise(
     rng: np.random.Generator,
 ) -> Array:
     noise = std * smoothed_noise(rng, shape, 1.0, time_constant)
-    return np.clip(noise, *control_range(dynamics.model))
+    return np.clip(noise, *dynamics.control_limits)
 
 
 def _executed(
@@ -102,12 +101,12 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     strength = model.actuator_gainprm[:, 0] * model.actuator_gear[:, 0]
     is_servo = model.actuator_biasprm[:, 1] != 0
     held = np.where(is_servo, data.actuator_length, 0.0)
-    pose, range_ = data.qpos[places].copy(), control_range(model)
+    pose, limits = data.qpos[places].copy(), task.dynamics.control_limits
 
     def law(_: int, x: Array) -> Array:
         torques = stiffness * (pose - x[:, places]) - damping * x[:, model.nq + dofs]
         motors = np.where(of_joint & (strength != 0), torques / np.where(strength, strength, 1), 0)
-        return np.clip(np.where(is_servo, held, motors), *range_)
+        return np.clip(np.where(is_servo, held, motors), *limits)
 
     return law
 

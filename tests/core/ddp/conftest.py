@@ -22,6 +22,12 @@ class LqProblem:
     linear: LinearDynamics
     hessians: Array
     gradients: Array
+    limit: float = np.inf
+
+    @property
+    def control_limits(self) -> tuple[Array, Array]:
+        limits = np.full(self.linear.f_u.shape[2], self.limit)
+        return -limits, limits
 
     @property
     def horizon(self) -> int:
@@ -34,7 +40,8 @@ class LqProblem:
     def rollout(self, initial_state, control_law, horizon) -> Trajectory:
         states, controls = [initial_state], []
         for t in range(horizon):
-            controls.append(np.atleast_2d(control_law(t, states[t][None]))[0])
+            control = np.atleast_2d(control_law(t, states[t][None]))[0]
+            controls.append(np.clip(control, *self.control_limits))
             states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
         return Trajectory(np.array(states), np.array(controls))
 

@@ -1,6 +1,7 @@
 import dataclasses
 import textwrap
 from importlib import import_module
+from itertools import product
 
 import numpy as np
 import pytest
@@ -36,13 +37,33 @@ def follow(problem, policy, start, step_size=1.0):
     )
 
 
-def readable_backward_pass(linear, cost, mu):
+def minimum(hessian, gradient, low, high):
+    """Minimises ½ kᵀ H k + gᵀ k within bounds by trying every set of clamped coordinates."""
+    best, lowest = None, np.inf
+    for sides in map(np.array, product((-1, 0, 1), repeat=len(gradient))):
+        k, f = np.where(sides < 0, low, np.where(sides > 0, high, 0.0)), sides == 0
+        if not np.isfinite(k).all():
+            continue
+        k[f] = -np.linalg.solve(hessian[f][:, f], gradient[f] + hessian[f][:, ~f] @ k[~f])
+        value = 0.5 * k @ hessian @ k + gradient @ k
+        if value < lowest and (low <= k).all() and (k <= high).all():
+            best, lowest = k, value
+    return best
+
+
+def bounds_of(problem, low=-np.inf, high=np.inf):
+    shape = problem.linear.f_u.shape[::2]
+    return np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy()
+
+
+def readable_backward_pass(linear, cost, mu, bounds, gaps):
     """Executes the form that the module's docstring shows; returns its variables."""
     docstring = import_module("vgps_ros.core.ddp.backward_pass").__doc__
     code = textwrap.dedent(docstring.partition("reads:\n\n")[2])
     (horizon, n_x, n_u) = linear.f_u.shape
     variables = vars(linear) | vars(cost)
     variables |= {"np": np, "horizon": horizon, "n_x": n_x, "n_u": n_u, "mu": mu}
+    variables |= {"minimum": minimum, "low": bounds[0], "high": bounds[1], "gaps": gaps}
     exec(code, variables)
     return variables
 
@@ -61,11 +82,15 @@ def test_following_the_policy_solves_the_dense_kkt_system(lq_problem, rng, start
 
 @pytest.mark.parametrize("mu", [0.0, 0.1, 10.0])
 @pytest.mark.parametrize("size", [{}, {"n_x": 7, "n_u": 1}, {"n_x": 3, "n_u": 3, "horizon": 1}])
-def test_compiled_pass_is_the_readable_one_of_the_docstring(lq_problem, mu, size):
+@pytest.mark.parametrize("limit", [np.inf, 0.1])
+def test_compiled_pass_is_the_readable_one_of_the_docstring(lq_problem, rng, mu, size, limit):
     problem = lq_problem(**size)
     expansion = problem.expand(problem.at_rest())
-    policy = backward_pass(problem.linear, expansion, mu)
-    found = readable_backward_pass(problem.linear, expansion, mu)
+    bounds = bounds_of(problem, -limit, 2 * limit)
+    gaps = (limit < np.inf) * rng.standard_normal(problem.linear.f_x.shape[:2])
+    policy = backward_pass(problem.linear, expansion, mu, bounds, gaps)
+    assert policy.free.all() or limit < np.inf
+    found = readable_backward_pass(problem.linear, expansion, mu, bounds, gaps)
     for name, value in vars(policy).items():
         if name != "complete":
             expected = found["k" if name == "feedforward" else name]

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp.backward_pass import LocalPolicy
+from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import Dynamics
-from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
 
@@ -44,6 +44,22 @@ class Problem:
 
     dynamics: Dynamics
     cost: TrajectoryCost
+
+    def __post_init__(self) -> None:
+        """Checks the limits of the controls."""
+        low, high = self.dynamics.control_limits
+        for i in np.flatnonzero(~(low <= high)):
+            raise InvalidInputError(
+                f"Control {i} has limits from {low[i]:g} to {high[i]:g}, but the first must not be "
+                "above the second: correct the range in the model."
+            )
+
+    def local_policy(self, around: Iterate, regularization: float) -> LocalPolicy:
+        """Returns the local policy around an iterate, within the limits of the controls."""
+        low, high = self.dynamics.control_limits
+        controls = around.trajectory.controls
+        bounds = (low - controls, high - controls)
+        return backward_pass(around.linear, around.expansion, regularization, bounds)
 
     def around(self, trajectory: Trajectory, known: LinearDynamics | None = None) -> Iterate:
         """Expands dynamics and cost around a trajectory, whose f_x, f_u may be known already.

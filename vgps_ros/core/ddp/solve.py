@@ -1,6 +1,7 @@
 """Trajectory optimisation by iterative LQR.
 
-    minimise  Σ_{t=1..T} c(x_t, u_t)   subject to  x_{t+1} = f(x_t, u_t),  x_1 given.
+    minimise  Σ_{t=1..T} c(x_t, u_t)   subject to  x_{t+1} = f(x_t, u_t),  low ≤ u_t ≤ high,
+                                                   x_1 given.
 
 Each iteration expands dynamics and cost around the current trajectory, computes the local policy
 (backward pass) and searches along it (forward pass). The solve prints nothing: it returns a named
@@ -14,7 +15,7 @@ from enum import Enum
 import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
+from vgps_ros.core.ddp.backward_pass import LocalPolicy
 from vgps_ros.core.ddp.forward_pass import ForwardStep, Iterate, Problem, forward_pass
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import DivergenceError
@@ -90,7 +91,7 @@ class _Search:
         """Raises μ until a step lowers the cost; returns the status that ends the solve if none."""
         first_mu, horizon = self.mu, around.trajectory.horizon
         while not self._is_cancelled():
-            policy = backward_pass(around.linear, around.expansion, self.mu)
+            policy = self._problem.local_policy(around, self.mu)
             if policy.complete:
                 negligible = self._settings.cost_tolerance * abs(around.cost)
                 if self.mu == first_mu and policy.expected_reduction(1.0) <= negligible:
@@ -175,7 +176,7 @@ def solve(
             status = Status.CONVERGED
             break
     mu = settings.distribution_regularization
-    policy = backward_pass(iterate.linear, iterate.expansion, mu)  # its covariances make q(ζ)
+    policy = problem.local_policy(iterate, mu)  # its covariances make q(ζ)
     if not policy.complete:
         raise DivergenceError(
             f"Quu is not positive definite at distribution_regularization={mu}; raise it.",
