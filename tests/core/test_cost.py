@@ -141,3 +141,13 @@ def test_a_norm_that_is_hardly_smooth_has_finite_derivatives_at_its_target(cost)
     e = sharp.expand(Trajectory(np.zeros((2, 3)), np.zeros((1, 2))))
     assert all(np.isfinite(values).all() for values in vars(e).values())
     assert_array_equal(e.c_x, 0.0)
+
+
+def test_the_cost_of_some_steps_is_a_part_of_the_whole(varying, rng):
+    states, controls = rng.standard_normal((8, 3)), rng.standard_normal((8, 2))
+    for first, steps in ((0, 5), (2, 2), (3, 5)):  # the last one goes on beyond the horizon
+        part = varying.starting_at(first, steps)
+        x, u = states[:steps], controls[:steps]
+        assert_array_equal(part(x, u), varying(x, u, first))
+        expansion = part.expand(Trajectory(states[: steps + 1], u))
+        assert_allclose(expansion.c, varying(x, u, first), rtol=1e-12)

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.ddp.solve import solve
-from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.notice import progress_lines
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.sampling.planner import Sampler
 from vgps_ros.core.sampling.receding_horizon import receding_motion
-from vgps_ros.simulation.model import control_range
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_schema import Sampling
 from vgps_ros.tasks.yaml_document import Document
@@ -112,7 +110,7 @@ def sampled_beginning(task: Task, begin: Sampling, document: Document) -> Sample
         ("begin", "elites"),
         f"it is {begin.elites}, but only {begin.samples} samples are drawn.",
     )
-    low, high = control_range(task.dynamics.model)
+    low, high = task.dynamics.control_limits
     return SampledBeginning(
         task,
         Sampler(
@@ -135,7 +133,7 @@ def _std(begin: Sampling, low: Array, high: Array, document: Document) -> Array:
     """Returns the standard deviation of each control's samples, shape (n_u,)."""
     if begin.std is None:
         document.refuse(
-            bool((high >= CONTROL_BOUND).any()),
+            bool(np.isinf(high - low).any()),
             ("begin",),
             "a control of the model has no range; give `std`, the standard deviation of the "
             "samples [N·m], or a ctrlrange (changes: actuators: limit).",

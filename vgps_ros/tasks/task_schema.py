@@ -141,8 +141,8 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Annotated[int, Meta(ge=2, le=100_000)], about("plans tried in an iteration", 32)
     ] = 32
     iterations: Annotated[
-        Annotated[int, Meta(ge=1, le=1000)], about("rounds of samples for each plan", 1)
-    ] = 1
+        Annotated[int, Meta(ge=1, le=1000)], about("rounds of samples for each plan", 2)
+    ] = 2
     elites: Annotated[
         Annotated[int, Meta(ge=2, le=100_000)],
         about("best samples whose mean cross_entropy takes", 8),

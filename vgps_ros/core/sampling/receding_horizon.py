@@ -24,7 +24,7 @@ class PlanProblem(Protocol):
         """Returns the cost of each plan, shape (N,); `first` is the place of its first step."""
 
     def refine(self, motion: Trajectory, first: int) -> Array:
-        """Returns controls (H, n_u) to try instead of a motion's."""
+        """Returns controls (H, n_u), within their limits, to try instead of a motion's."""
 
 
 def receding_motion(
@@ -78,5 +78,5 @@ def _replanned(
     motion = Trajectory(problem.simulate(x, plan[None])[0], plan)
     if not np.isfinite(motion.states).all():
         return plan
-    refined = np.clip(problem.refine(motion, first), sampler.low, sampler.high)
+    refined = problem.refine(motion, first)
     return refined if cost(refined[None])[0] < least else plan
