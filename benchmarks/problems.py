@@ -47,6 +47,7 @@ def initial_request(task: Task, iterations: int | None = None) -> OptimizationRe
         max_iterations=iterations or search_settings(task).initial_ddp_iterations,
         initial_state=task.initial_state,
         guess=task.guess(generator(SEED, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
+        guess_states=task.path,
     )
 
 

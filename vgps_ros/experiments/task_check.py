@@ -112,7 +112,8 @@ def _optimized(
     on_iteration: Callable[[int, float], None],
 ) -> Trajectory:
     guess = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0)) if task.guess else None
-    request = OptimizationRequest(0, 0, seed, 1.0, iterations, task.initial_state, guess)
+    start = task.initial_state
+    request = OptimizationRequest(0, 0, seed, 1.0, iterations, start, guess, task.path)
 
     def note(iteration: Iteration) -> None:
         costs.append(iteration.cost)

@@ -37,21 +37,28 @@ class LqProblem:
     def state_dim(self) -> int:
         return self.linear.f_x.shape[1]
 
-    def rollout(self, initial_state, control_law, horizon) -> Trajectory:
+    def rollout(self, initial_state, control_law, horizon, gaps=None) -> Trajectory:
         states, controls = [initial_state], []
         for t in range(horizon):
             control = np.atleast_2d(control_law(t, states[t][None]))[0]
             controls.append(np.clip(control, *self.control_limits))
-            states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
+            after = self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t]
+            states.append(after if gaps is None else after - gaps[t])
         return Trajectory(np.array(states), np.array(controls))
 
-    def follow_each(self, start, nominals, gains) -> Iterator[Trajectory]:
-        for nominal in nominals:
+    def follow_each(self, start, nominals, gains, gaps=None) -> Iterator[Trajectory]:
+        for nominal, gap in zip(nominals, gaps or [None] * len(nominals), strict=True):
 
             def law(t, x, nominal=nominal):
                 return nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T
 
-            yield self.rollout(start, law, nominal.horizon)
+            yield self.rollout(start, law, nominal.horizon, gap)
+
+    def gaps(self, trajectory: Trajectory) -> Array:
+        f_x, f_u = self.linear.f_x, self.linear.f_u
+        after = np.einsum("txy,ty->tx", f_x, trajectory.states[:-1])
+        after += np.einsum("txu,tu->tx", f_u, trajectory.controls)
+        return after - trajectory.states[1:]
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         return self.linear, 7 * self.horizon
