@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
 
@@ -80,6 +81,23 @@ class LqProblem:
             self.hessians[:, n:, :n],
         )
         return CostExpansion(*map(np.ascontiguousarray, blocks))
+
+    def optimum(self, start):
+        """Minimises the quadratic cost under the dynamics and x_1 = start, as one linear system."""
+        horizon, n_x = self.horizon, self.state_dim
+        n = self.gradients.shape[1]
+        constraints = np.zeros((horizon * n_x, horizon * n))
+        for t in range(horizon):
+            constraints[t * n_x : (t + 1) * n_x, t * n : t * n + n_x] = np.eye(n_x)
+            if t:
+                step = np.hstack([self.linear.f_x[t - 1], self.linear.f_u[t - 1]])
+                constraints[t * n_x : (t + 1) * n_x, (t - 1) * n : t * n] = -step
+        zeros = np.zeros((horizon * n_x, horizon * n_x))
+        matrix = np.block([[block_diag(*self.hessians), constraints.T], [constraints, zeros]])
+        bounds = np.zeros(horizon * n_x)
+        bounds[:n_x] = start
+        solution = np.linalg.solve(matrix, np.concatenate([-self.gradients.ravel(), bounds]))
+        return np.split(solution[: horizon * n].reshape(horizon, n), [n_x], axis=1)
 
     def at_rest(self) -> Trajectory:
         """The trajectory in which nothing moves."""
