@@ -79,7 +79,7 @@ def check(arguments: argparse.Namespace) -> None:
         f"of the seed. {found.unanswered} states have no torque."
     )
     for count, sentence in (
-        (found.clipped, "of them are clipped to torque_limits."),
+        (found.clipped, "of them are clipped to torque_limits or the robot's own."),
         (found.rate_limited, "of them are held back by torque_rate_limit."),
         (found.safe, "other torques are those of the safe action, or zero."),
         (
