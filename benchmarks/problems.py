@@ -8,10 +8,13 @@ import numpy as np
 
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search import trajectory_optimization
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
+from vgps_ros.search.trajectory_optimization import (
+    OptimizationRequest,
+    OptimizationResult,
+    first_request,
+)
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task, make_task
@@ -39,15 +42,8 @@ def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> T
 
 def initial_request(task: Task, iterations: int | None = None) -> OptimizationRequest:
     """Returns the first solve of a search; without a number, with all its iterations."""
-    return OptimizationRequest(
-        trajectory_index=0,
-        iteration=0,
-        seed=SEED,
-        cost_scale=1.0,
-        max_iterations=iterations or search_settings(task).initial_ddp_iterations,
-        initial_state=task.initial_state,
-        guess=task.guess(generator(SEED, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
-    )
+    steps = iterations or search_settings(task).initial_ddp_iterations
+    return first_request(task, SEED, steps)
 
 
 def optimize(

@@ -150,7 +150,8 @@ def test_torques_are_compared_within_the_recorded_limits(tmp_path, capsys):
 
 @pytest.mark.parametrize("bad", [None, 300])
 def test_a_rate_limit_is_followed_from_torque_to_torque(tmp_path, capsys, bad):
-    limiter = TorqueLimiter(np.full(2, 1e9), 200.0, 0.02)
+    limits = (np.full(2, -1e9), np.full(2, 1e9))
+    limiter = TorqueLimiter(limits, 200.0, 0.02)
 
     def change(i, stamp, torques):
         torques = limiter.limited(torques, stamp)

@@ -41,6 +41,16 @@ def points(rng):
     return Trajectory(random_states(MODEL, rng, 13), rng.uniform(-1, 1, (12, MODEL.nu)))
 
 
+def test_a_rollout_stays_short_of_the_dynamics_by_its_gaps(points, rng):
+    dynamics = Dynamics(MODEL)
+    gaps = 0.1 * rng.standard_normal((12, dynamics.space.tangent_dim))
+    gains = np.zeros((12, MODEL.nu, dynamics.space.tangent_dim))
+    nominals, start = [points, points], points.states[0]
+    short, closed = dynamics.follow_each(start, nominals, gains, [gaps, None])
+    assert_allclose(dynamics.gaps(short), gaps, atol=1e-9)
+    assert_allclose(dynamics.gaps(closed), 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler", "RK4"])
 def test_a_step_is_the_simulators(points, integrator):
     model = everything()

@@ -38,7 +38,11 @@ class Dynamics(Protocol):
     substeps: int
 
     def follow_each(
-        self, start: Array, nominals: Sequence[Trajectory], gains: Array
+        self,
+        start: Array,
+        nominals: Sequence[Trajectory],
+        gains: Array,
+        gaps: Sequence[Array | None] | None = None,
     ) -> Iterator[Trajectory]:
         """Yields the rollout of u = ū + K (x ⊖ x̄) from x_1 for each of several x̄, ū, in order.
 
@@ -46,6 +50,8 @@ class Dynamics(Protocol):
             start: x_1, shape (n_x,).
             nominals: x̄, ū of each; a rollout is NaN from where it diverges on.
             gains: K, shape (T, n_u, n_dx), of all.
+            gaps: d of each, shape (T, n_dx), by which it stays short of the dynamics,
+                x_{t+1} = f(x_t, u_t) ⊕ (−d_t); None for none, as in a rollout of the robot.
         """
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:

@@ -9,8 +9,7 @@ import numpy as np
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.search.trajectory_optimization import first_motion, first_request, optimize
 from vgps_ros.tasks import Task
 
 _POINTS = 40  # steps whose derivatives are compared with centred differences
@@ -53,9 +52,9 @@ def check_task(
         on_iteration: called with the number of each iteration and the cost after it.
     """
     found = TaskCheck()
+    request = first_request(task, seed, iterations)
     try:
-        first = first_rollout(task, seed)
-        linear, _ = task.dynamics.linearize(first)
+        first = first_motion(task, request).trajectory
         found.costs.append(float(task.cost.values(first).sum()))
     except VgpsError as error:
         found.troubles.append(f"The first rollout fails: {error}")
@@ -66,11 +65,17 @@ def check_task(
             "(changes: joints), or choose a shorter time step."
         )
         return found
+    linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
     found.troubles += _unmoved(task, first, linear) + _too_hard(found.errors)
+
+    def note(iteration: Iteration) -> None:
+        found.costs.append(iteration.cost)
+        on_iteration(iteration.index, iteration.cost)
+
     began = time.perf_counter()
     try:
-        found.optimized = _optimized(task, first, seed, iterations, found.costs, on_iteration)
+        found.optimized = optimize(task, request, note).distribution.mean
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
@@ -78,18 +83,6 @@ def check_task(
     if found.optimized:
         found.troubles += _after(task, found.optimized, found.costs)
     return found
-
-
-def first_rollout(task: Task, seed: int) -> Trajectory:
-    """Returns the motion from which the first solve starts."""
-    steps, start = task.planned_horizon, task.initial_state
-    if task.guess:
-        guess = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0))
-        return task.dynamics.rollout(start, lambda t, _: guess[t], steps)
-    if task.demonstration:
-        return task.demonstration
-    assert task.demonstrate is not None
-    return task.demonstrate(start, steps, generator(seed, Stream.INITIAL_CONTROLS, 0))
 
 
 def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
@@ -102,24 +95,6 @@ def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
     )
     sizes = np.abs(centred).max(axis=(1, 2))
     return list((np.abs(plain - centred).max(axis=(1, 2)) / sizes).tolist())
-
-
-def _optimized(
-    task: Task,
-    first: Trajectory,
-    seed: int,
-    iterations: int,
-    costs: list[float],
-    on_iteration: Callable[[int, float], None],
-) -> Trajectory:
-    guess = None if task.demonstration else first.controls  # which give the same motion again
-    request = OptimizationRequest(0, 0, seed, 1.0, iterations, task.initial_state, guess)
-
-    def note(iteration: Iteration) -> None:
-        costs.append(iteration.cost)
-        on_iteration(iteration.index, iteration.cost)
-
-    return optimize(task, request, note).distribution.mean
 
 
 def _parts(task: Task, first: Trajectory, last: Trajectory) -> list[tuple[str, float, float]]:

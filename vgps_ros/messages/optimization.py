@@ -1,5 +1,6 @@
 """Requests and results of the trajectory optimizer to messages and back."""
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 from vgps_msgs.msg import OptimizerIteration, Trajectory
@@ -40,13 +41,23 @@ def request_to_msg(
 ) -> OptimizeTrajectory.Request:
     """Returns the request as a message."""
     n_x, n_u = task.dims["n_x"], task.dims["n_u"]
-    guess, previous, policy, k = request.guess, request.previous, request.policy, request.iteration
+    guess, states, k = request.guess, request.guess_states, request.iteration
+    previous, policy = request.previous, request.policy
     place = (request.trajectory_index, max(k - 1, 0))
     return to_message(
         OptimizeTrajectory.Request,
         request,
         task=task.name,
-        guess=[] if guess is None else [Trajectory(n_x=n_x, n_u=n_u, controls=pack(guess))],
+        guess=[]
+        if guess is None
+        else [
+            Trajectory(
+                n_x=n_x,
+                n_u=n_u,
+                states=pack(np.empty(0) if states is None else states),
+                controls=pack(guess),
+            )
+        ],
         previous=[distribution_to_msg(previous, task, *place, stamp)] if previous else [],
         policy=[policy_to_msg(policy, task.name, k, stamp)] if policy else [],
     )
@@ -64,12 +75,16 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
             f"'{task.name}'."
         )
     shape = (task.planned_horizon, task.dims["n_u"])
+    of_states = (task.planned_horizon + 1, task.dims["n_x"])
     guess, start = message.guess, (task.dims["n_x"],)
     return from_message(
         OptimizationRequest,
         message,
         initial_state=finite_array("initial_state", message.initial_state, start),
         guess=finite_array("guess.controls", guess[0].controls, shape) if guess else None,
+        guess_states=finite_array("guess.states", guess[0].states, of_states)
+        if guess and len(guess[0].states)
+        else None,
         previous=distribution_from_msg(message.previous[0]) if message.previous else None,
         policy=policy_from_msg(message.policy[0]) if message.policy else None,
     )

@@ -85,7 +85,7 @@ def check(arguments: argparse.Namespace) -> None:
         "the noise of the seed."
     )
     for count, sentence in (
-        (torques.clipped, "of them are clipped to torque_limits."),
+        (torques.clipped, "of them are clipped to torque_limits or the robot's own."),
         (torques.rate_limited, "of them are held back by torque_rate_limit."),
         (torques.safe, "other torques are those of the safe action, while it drove."),
         (torques.last, "zero torques end the executor's activity."),

@@ -17,14 +17,13 @@ import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.solve import Status, solve
-from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import setting
+from vgps_ros.search.trajectory_optimization import first_motion, first_request
 from vgps_ros.tasks import Task
 
 
@@ -112,18 +111,12 @@ class Planner:
         Raises:
             DivergenceError: that motion diverges, or no q is around what was found.
         """
-        task, start = self._task, self._task.initial_state
-        if task.guess is not None:
-            controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, 0))[: self.steps]
-            motion = task.dynamics.rollout(start, lambda t, _: controls[t], self.steps)
-        elif task.demonstrate is not None:
-            rng = generator(seed, Stream.INITIAL_CONTROLS, 0)
-            motion = task.demonstrate(start, self.steps, rng)
-        else:
-            assert task.demonstration is not None
-            shown, tolerance = task.demonstration.first(self.steps), 10.0
-            motion, _ = track(task.dynamics, shown, start, task.position_names, tolerance)
-        return self._plan(0, motion, self._cost(0, None), self._settings.first_iterations)
+        settings = self._settings
+        request = first_request(self._task, seed, settings.first_iterations)
+        motion = first_motion(self._task, request)
+        gaps = None if motion.gaps is None else motion.gaps[: self.steps]
+        begun = motion.trajectory.first(self.steps)
+        return self._plan(0, begun, self._cost(0, None), settings.first_iterations, gaps=gaps)
 
     def next_plan(
         self,
@@ -170,9 +163,10 @@ class Planner:
         cost: TrajectoryCost,
         iterations: int,
         is_cancelled: Callable[[], bool] = lambda: False,
+        gaps: Array | None = None,
     ) -> Plan:
         dynamics, ddp = self._task.dynamics, self._settings.ddp
-        found = solve(dynamics, cost, motion, ddp, iterations, is_cancelled=is_cancelled)
+        found = solve(dynamics, cost, motion, ddp, iterations, gaps=gaps, is_cancelled=is_cancelled)
         return Plan(start, found.trajectory, found.policy.gains, found.cost, found.status)
 
     def _continued(

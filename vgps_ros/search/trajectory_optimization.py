@@ -36,6 +36,8 @@ class OptimizationRequest:
         max_iterations: largest number of DDP iterations.
         initial_state: x_1, shape (n_x,).
         guess: controls (T, n_u) to start from if there is no `previous`.
+        guess_states: states (T+1, n_x) to start from with them, all but the first; they need not
+            satisfy the dynamics. None: those of the controls' rollout.
         previous: q(ζ) of the iteration before.
         policy: π_θ; if it is None the cost is α c alone.
     """
@@ -47,6 +49,7 @@ class OptimizationRequest:
     max_iterations: int
     initial_state: Array
     guess: Array | None = None
+    guess_states: Array | None = None
     previous: TrajectoryDistribution | None = None
     policy: GaussianPolicy | None = None
 
@@ -95,7 +98,7 @@ def optimize(
     """
     _check(task, request)
     warned_before = task.dynamics.warnings()
-    initial, linear, first_steps = _start(task, request, is_cancelled)
+    start = first_motion(task, request, is_cancelled)
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
     if request.policy and request.previous:
@@ -107,10 +110,11 @@ def optimize(
     solution = solve(
         task.dynamics,
         cost,
-        initial,
+        start.trajectory,
         _scaled(task.optimizer.ddp, request.cost_scale),
         request.max_iterations,
-        linear_dynamics=linear,
+        linear_dynamics=start.linear_dynamics,
+        gaps=start.gaps,
         on_iteration=on_iteration,
         is_cancelled=is_cancelled,
     )
@@ -120,7 +124,7 @@ def optimize(
         modified_cost=solution.cost,
         status=solution.status,
         iterations=solution.iterations,
-        simulator_steps=first_steps + solution.simulator_steps,
+        simulator_steps=start.simulator_steps + solution.simulator_steps,
         simulator_warnings=in_words(task.dynamics.warnings() - warned_before),
     )
 
@@ -139,6 +143,12 @@ def _check(task: Task, request: OptimizationRequest) -> None:
     check_array("initial_state", request.initial_state, (n_x,))
     if request.guess is not None:
         check_array("guess.controls", request.guess, (task.planned_horizon, n_u))
+    if request.guess_states is not None:
+        check_array("guess.states", request.guess_states, (task.planned_horizon + 1, n_x))
+        if request.guess is None:
+            raise InvalidInputError(
+                "The request has guess.states without guess.controls: add them."
+            )
     if request.previous is not None:
         check_distribution("previous", request.previous, task, request.initial_state)
     if request.policy is not None:
@@ -150,28 +160,64 @@ def _check(task: Task, request: OptimizationRequest) -> None:
             )
 
 
-def _start(
-    task: Task, request: OptimizationRequest, is_cancelled: Callable[[], bool]
-) -> tuple[Trajectory, LinearDynamics | None, int]:
-    """Returns the first trajectory, its derivatives if known, and the simulator steps it took."""
+@dataclass(frozen=True)
+class FirstMotion:
+    """The first trajectory, what is known of it (see `solve`), and the simulator steps it took."""
+
+    trajectory: Trajectory
+    simulator_steps: int = 0
+    linear_dynamics: LinearDynamics | None = None
+    gaps: Array | None = None
+
+
+def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest:
+    """Returns the first solve of a search that starts from the task's initial state."""
+    drawn = generator(seed, Stream.INITIAL_CONTROLS, 0)
+    return OptimizationRequest(
+        trajectory_index=0,
+        iteration=0,
+        seed=seed,
+        cost_scale=1.0,
+        max_iterations=iterations,
+        initial_state=task.initial_state,
+        guess=task.guess(drawn) if task.guess else None,
+        guess_states=task.path,
+    )
+
+
+def first_motion(
+    task: Task, request: OptimizationRequest, is_cancelled: Callable[[], bool] = lambda: False
+) -> FirstMotion:
+    """Returns the motion from which a solve starts.
+
+    Raises:
+        InvalidInputError: neither request nor task names one.
+        DivergenceError: the demonstration cannot be followed.
+    """
     start, dynamics = request.initial_state, task.dynamics
     if request.previous is not None:
-        return request.previous.mean, request.previous.linear_dynamics, 0
+        previous = request.previous
+        return FirstMotion(previous.mean, linear_dynamics=previous.linear_dynamics)
+    if request.guess is not None and request.guess_states is not None:
+        states = np.concatenate([start[None], request.guess_states[1:]])
+        guessed = Trajectory(states, np.clip(request.guess, *dynamics.control_limits))
+        steps = task.planned_horizon * dynamics.substeps
+        return FirstMotion(guessed, steps, gaps=dynamics.gaps(guessed))
     if request.guess is not None:
         guess, horizon = request.guess, task.planned_horizon
         rollout = dynamics.rollout(start, lambda t, _: guess[t], horizon)
-        return rollout, None, horizon * dynamics.substeps
+        return FirstMotion(rollout, horizon * dynamics.substeps)
     shown = task.demonstration
     recorded = shown is not None and np.array_equal(start, shown.states[0])
     if task.demonstrate is not None and not recorded:
         rng = generator(request.seed, Stream.INITIAL_CONTROLS, request.trajectory_index)
         motion = task.demonstrate(start, task.planned_horizon, rng, is_cancelled)
-        return motion, None, 0  # not counted as learning
+        return FirstMotion(motion)  # not counted as learning
     if shown is None:
         raise InvalidInputError("The request has neither guess nor previous; send one of them.")
     tolerance = task.optimizer.demonstration_tolerance
     followed, steps = track(dynamics, shown, start, task.position_names, tolerance)
-    return followed, None, steps
+    return FirstMotion(followed, steps)
 
 
 def _distribution(task: Task, solution: Solution, alpha: float) -> TrajectoryDistribution:

@@ -136,7 +136,10 @@ class Workspace:
         if self.task.guess:
             rngs = (generator(self.seed, Stream.INITIAL_CONTROLS, i) for i in range(len(requests)))
             guesses = map(self.task.guess, rngs)
-            requests = [replace(r, guess=g) for r, g in zip(requests, guesses, strict=True)]
+            requests = [
+                replace(r, guess=g, guess_states=self.task.path)
+                for r, g in zip(requests, guesses, strict=True)
+            ]
         return self._optimize(requests)
 
     def _request(self, i: int, k: int) -> OptimizationRequest:

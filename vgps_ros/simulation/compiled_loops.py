@@ -6,7 +6,7 @@ import numpy as np
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import network_output
 from vgps_ros.simulation.compiled_readings import read
-from vgps_ros.simulation.compiled_states import get_state, put_state, subtract
+from vgps_ros.simulation.compiled_states import add, get_state, put_state, subtract
 from vgps_ros.simulation.mujoco_functions import mj_step_skip
 
 # No stage of a step is skipped.
@@ -44,9 +44,12 @@ def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-de
 
 @compiled
 def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
-    sim, bounds, nominal_states, nominal_controls, gains, states, controls
+    sim, bounds, nominal_states, nominal_controls, gains, gaps, states, controls
 ):
-    """Writes the rollout of u = ū + K (x ⊖ x̄) from states[0], up to where it leaves its bounds."""
+    """Writes the rollout of u = ū + K (x ⊖ x̄) from states[0], up to where it leaves its bounds.
+
+    Where `gaps` has rows, one a step, each state stays short of f(x, u) by its row.
+    """
     x, deviation = states[0].copy(), np.empty(gains.shape[2])
     if not _is_within(x, bounds[0]):
         return
@@ -60,6 +63,8 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
         controls[t] = sim.ctrl
         if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
             return
+        if len(gaps):
+            add(sim, x, gaps[t], -1.0)
         states[t + 1] = x
 
 

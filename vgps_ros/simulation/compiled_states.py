@@ -72,6 +72,15 @@ def subtract(sim, x, origin, deviation):  # type: ignore[no-untyped-def]  # prag
 
 
 @compiled
+def add(sim, x, deviation, size):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Moves x by a deviation times `size`."""
+    n_q, n_v = len(sim.qpos), len(sim.qvel)
+    mj_integrate_pos(sim.model, x.ctypes.data, deviation.ctypes.data, size)
+    for i in range(n_q, len(x)):
+        x[i] += size * deviation[i - n_q + n_v]
+
+
+@compiled
 def move(sim, x, direction, j, size):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Moves x along coordinate j of its deviations; `direction`, (n_v,), is zero before and after.
 

@@ -125,24 +125,33 @@ class Dynamics:
         return Trajectory(states[0], controls[0])
 
     def follow_each(
-        self, start: Array, nominals: Sequence[Trajectory], gains: Array
+        self,
+        start: Array,
+        nominals: Sequence[Trajectory],
+        gains: Array,
+        gaps: Sequence[Array | None] | None = None,
     ) -> Iterator[Trajectory]:
         """Yields rollouts of u = ū + K (x ⊖ x̄), many times faster than under a Python law.
 
         As many run at once as there are threads. See `core.dynamics` for the arguments.
         """
         threads = self.simulations.threads
-        for first in range(0, len(nominals), threads):
-            batch = nominals[first : first + threads]
+        pairs = list(zip(nominals, gaps or [None] * len(nominals), strict=True))
+        none = np.empty((0, self.space.tangent_dim))
+        for first in range(0, len(pairs), threads):
+            batch = pairs[first : first + threads]
 
             def work(
-                sim: Simulation, part: slice, batch: Sequence[Trajectory] = batch
+                sim: Simulation,
+                part: slice,
+                batch: Sequence[tuple[Trajectory, Array | None]] = batch,
             ) -> list[Trajectory]:
                 found = []
-                for nominal in batch[part]:
+                for nominal, gap in batch[part]:
                     x, u = (np.full_like(a, np.nan) for a in (nominal.states, nominal.controls))
                     x[0] = start
-                    given = nominal.states, nominal.controls, gains
+                    short = none if gap is None else gap
+                    given = nominal.states, nominal.controls, gains, short
                     compiled_loops.follow(sim, _BOUNDS, *given, x, u)
                     found.append(Trajectory(x, u))
                 return found
@@ -167,6 +176,16 @@ class Dynamics:
             lambda sim, part: compiled_loops.replay(sim, _BOUNDS, controls[part], states[part]),
         )
         return states
+
+    def gaps(self, trajectory: Trajectory) -> Array:
+        """Returns f(x̄_t, ū_t) ⊖ x̄_{t+1}, shape (T, n_dx), NaN where f diverges.
+
+        A trajectory that was executed has none but rounding's; a guess of states has some.
+        """
+        states, controls = trajectory.states[:-1].copy(), trajectory.controls.copy()
+        after = np.empty_like(states)
+        self.simulations.in_one(compiled_loops.advance, _BOUNDS, states, controls, after)
+        return self.space.subtract(after, trajectory.states[1:])
 
     def execute(
         self, policy: GaussianPolicy, observation: Readings, initial_states: Array, noise: Array

@@ -12,10 +12,11 @@ from vgps_ros.core.patterns import matching
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks.motion_file import with_demonstration
+from vgps_ros.tasks.paths import path_states
 from vgps_ros.tasks.sampled_beginning import sampled_beginning
 from vgps_ros.tasks.start import keyframe
 from vgps_ros.tasks.task import Task, smoothed_noise
-from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Pd, Sampling
+from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Path, Pd, Sampling
 from vgps_ros.tasks.yaml_document import Document
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
@@ -50,7 +51,10 @@ def with_beginning(task: Task, begin: Begin, document: Document) -> Task:
                 _noise, task.dynamics, shape, std, begin.time_constant / task.dynamics.time_step
             ),
         )
-    return replace(task, guess=lambda _: np.zeros(shape))
+    task = replace(task, guess=lambda _: np.zeros(shape))
+    if isinstance(begin, Path):
+        return replace(task, path=path_states(task, begin, document))
+    return task
 
 
 def _noise(

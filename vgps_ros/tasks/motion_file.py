@@ -37,6 +37,7 @@ def with_demonstration(task: Task, path: Path) -> Task:
         demonstration=recorded,
         demonstrate=None,
         guess=None,
+        path=None,
         initial_state=recorded.states[0],
     )
 

@@ -52,6 +52,8 @@ class Task:
         fallen: tells whether the robot has fallen in states (..., n_x).
         limits: tells whether an executor must stop the policy in states (..., n_x).
         guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
+        path: states, shape (T+1, n_x), from which the first solve starts with the guess; they need
+            not satisfy the dynamics. None: those of the guess's rollout.
         demonstration: the trajectory from which the first solve starts if there is no guess.
         demonstrate: makes the first motion from any x_1, where it is not drawn or recorded; if it
             is None, a rollout follows the recorded demonstration.
@@ -74,6 +76,7 @@ class Task:
     fallen: Conditions
     limits: Conditions
     guess: Callable[[np.random.Generator], Array] | None = None
+    path: Array | None = None
     demonstration: Trajectory | None = None
     demonstrate: Demonstrate | None = None
     lookahead: int = 0

@@ -9,7 +9,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.tasks.document import Document, Place
 from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
 from vgps_ros.tasks.sensor_checks import check_one_of, check_sensor, scalar_count
-from vgps_ros.tasks.task_schema import Demonstration, TaskFile, flattened
+from vgps_ros.tasks.task_schema import Demonstration, Path, TaskFile, flattened
 
 MOST_STEPS = 100_000
 _ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
@@ -33,8 +33,13 @@ def check_task(task: TaskFile, document: Document) -> None:
     for key, limits in (("fallen", task.fallen), ("limits", task.limits)):
         for i, limit in enumerate(limits):
             _check_limit(limit, task, document, (key, i))
-    if isinstance(task.begin, Demonstration):
+    if isinstance(task.begin, Demonstration | Path) and task.begin.file is not None:
         document.file(("begin", "file"), task.begin.file)
+        document.refuse(
+            ("begin", "through") in document.lines,
+            ("begin", "through"),
+            "a path goes through keyframes or is in a file; leave one of them out.",
+        )
     for name, value in flattened(task.optimizer).items():
         with document.at(document.setting(("optimizer",), name)):
             with_values(OptimizerSettings(), {name: value})

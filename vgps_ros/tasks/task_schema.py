@@ -173,7 +173,30 @@ class Demonstration(Record, frozen=True, kw_only=True, tag_field="law", tag="dem
     ]
 
 
-Begin = Zero | Noise | Pd | Sampling | Demonstration
+class Path(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
+    """Positions over time, which no robot needs to be able to follow; the solve closes the gaps.
+
+    Without keyframes and file the robot stays in the air, or wherever it starts.
+    """
+
+    through: Annotated[
+        tuple[Name | Annotated[int, Meta(ge=0, le=1_000_000)], ...],
+        about("keyframes to pass on straight lines from the start, at even times", ["stand"]),
+    ] = ()
+    file: Annotated[
+        Name | None,
+        about(
+            "or a file with columns time and JOINT/position, also of another robot: joints that it "
+            "lacks stay as they start",
+            "walk.csv",
+        ),
+    ] = None
+    scale: Annotated[
+        Positive, about("of the file's lengths, as the ratio of two robots' sizes", 0.8)
+    ] = 1.0
+
+
+Begin = Zero | Noise | Pd | Sampling | Demonstration | Path
 
 
 class TaskFile(Record, frozen=True, kw_only=True):
@@ -235,7 +258,7 @@ class TaskFile(Record, frozen=True, kw_only=True):
         Marginals, about("limits of the width of q", {"std_limit": {"position": 0.3}})
     ] = field(default_factory=Marginals)
     begin: Annotated[
-        Begin, about("controls from which the first solve starts", {"law": "pd", "pose": "stand"})
+        Begin, about("motion from which the first solve starts", {"law": "pd", "pose": "stand"})
     ] = field(default_factory=Zero)
     optimizer: Annotated[
         Settings,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
 
@@ -37,21 +38,28 @@ class LqProblem:
     def state_dim(self) -> int:
         return self.linear.f_x.shape[1]
 
-    def rollout(self, initial_state, control_law, horizon) -> Trajectory:
+    def rollout(self, initial_state, control_law, horizon, gaps=None) -> Trajectory:
         states, controls = [initial_state], []
         for t in range(horizon):
             control = np.atleast_2d(control_law(t, states[t][None]))[0]
             controls.append(np.clip(control, *self.control_limits))
-            states.append(self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t])
+            after = self.linear.f_x[t] @ states[t] + self.linear.f_u[t] @ controls[t]
+            states.append(after if gaps is None else after - gaps[t])
         return Trajectory(np.array(states), np.array(controls))
 
-    def follow_each(self, start, nominals, gains) -> Iterator[Trajectory]:
-        for nominal in nominals:
+    def follow_each(self, start, nominals, gains, gaps=None) -> Iterator[Trajectory]:
+        for nominal, gap in zip(nominals, gaps or [None] * len(nominals), strict=True):
 
             def law(t, x, nominal=nominal):
                 return nominal.controls[t] + (x - nominal.states[t]) @ gains[t].T
 
-            yield self.rollout(start, law, nominal.horizon)
+            yield self.rollout(start, law, nominal.horizon, gap)
+
+    def gaps(self, trajectory: Trajectory) -> Array:
+        f_x, f_u = self.linear.f_x, self.linear.f_u
+        after = np.einsum("txy,ty->tx", f_x, trajectory.states[:-1])
+        after += np.einsum("txu,tu->tx", f_u, trajectory.controls)
+        return after - trajectory.states[1:]
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         return self.linear, 7 * self.horizon
@@ -73,6 +81,23 @@ class LqProblem:
             self.hessians[:, n:, :n],
         )
         return CostExpansion(*map(np.ascontiguousarray, blocks))
+
+    def optimum(self, start):
+        """Minimises the quadratic cost under the dynamics and x_1 = start, as one linear system."""
+        horizon, n_x = self.horizon, self.state_dim
+        n = self.gradients.shape[1]
+        constraints = np.zeros((horizon * n_x, horizon * n))
+        for t in range(horizon):
+            constraints[t * n_x : (t + 1) * n_x, t * n : t * n + n_x] = np.eye(n_x)
+            if t:
+                step = np.hstack([self.linear.f_x[t - 1], self.linear.f_u[t - 1]])
+                constraints[t * n_x : (t + 1) * n_x, (t - 1) * n : t * n] = -step
+        zeros = np.zeros((horizon * n_x, horizon * n_x))
+        matrix = np.block([[block_diag(*self.hessians), constraints.T], [constraints, zeros]])
+        bounds = np.zeros(horizon * n_x)
+        bounds[:n_x] = start
+        solution = np.linalg.solve(matrix, np.concatenate([-self.gradients.ravel(), bounds]))
+        return np.split(solution[: horizon * n].reshape(horizon, n), [n_x], axis=1)
 
     def at_rest(self) -> Trajectory:
         """The trajectory in which nothing moves."""

@@ -6,27 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.linalg import block_diag
 
 from vgps_ros.core.ddp.backward_pass import backward_pass
-
-
-def solve_kkt(problem, start):
-    """Minimises the quadratic cost under the dynamics and x_1 = start, as one linear system."""
-    horizon, n_x = problem.horizon, problem.state_dim
-    n = problem.gradients.shape[1]
-    constraints = np.zeros((horizon * n_x, horizon * n))
-    for t in range(horizon):
-        constraints[t * n_x : (t + 1) * n_x, t * n : t * n + n_x] = np.eye(n_x)
-        if t:
-            step = np.hstack([problem.linear.f_x[t - 1], problem.linear.f_u[t - 1]])
-            constraints[t * n_x : (t + 1) * n_x, (t - 1) * n : t * n] = -step
-    zeros = np.zeros((horizon * n_x, horizon * n_x))
-    matrix = np.block([[block_diag(*problem.hessians), constraints.T], [constraints, zeros]])
-    bounds = np.zeros(horizon * n_x)
-    bounds[:n_x] = start
-    solution = np.linalg.solve(matrix, np.concatenate([-problem.gradients.ravel(), bounds]))
-    return np.split(solution[: horizon * n].reshape(horizon, n), [n_x], axis=1)
 
 
 def follow(problem, policy, start, step_size=1.0):
@@ -74,7 +55,7 @@ def test_following_the_policy_solves_the_dense_kkt_system(lq_problem, rng, start
     policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
     start = start_scale * rng.standard_normal(problem.state_dim)
     trajectory = follow(problem, policy, start)
-    states, controls = solve_kkt(problem, start)
+    states, controls = problem.optimum(start)
     assert policy.complete
     assert_allclose(trajectory.controls, controls, rtol=0, atol=1e-9)
     assert_allclose(trajectory.states[:-1], states, rtol=0, atol=1e-9)

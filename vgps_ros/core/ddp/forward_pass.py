@@ -13,7 +13,7 @@ from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
-from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,14 @@ class Iterate:
         linear: f_x, f_u.
         expansion: the cost's values and derivatives.
         simulator_steps: simulator steps that the derivatives took.
+        gaps: f(x̄, ū) ⊖ x̄' of each step, shape (T, n_dx); None if x̄, ū satisfies the dynamics.
     """
 
     trajectory: Trajectory
     linear: LinearDynamics
     expansion: CostExpansion
     simulator_steps: int
+    gaps: Array | None = None
 
     @cached_property
     def cost(self) -> float:
@@ -59,9 +61,14 @@ class Problem:
         low, high = self.dynamics.control_limits
         controls = around.trajectory.controls
         bounds = (low - controls, high - controls)
-        return backward_pass(around.linear, around.expansion, regularization, bounds)
+        return backward_pass(around.linear, around.expansion, regularization, bounds, around.gaps)
 
-    def around(self, trajectory: Trajectory, known: LinearDynamics | None = None) -> Iterate:
+    def around(
+        self,
+        trajectory: Trajectory,
+        known: LinearDynamics | None = None,
+        gaps: Array | None = None,
+    ) -> Iterate:
         """Expands dynamics and cost around a trajectory, whose f_x, f_u may be known already.
 
         Raises:
@@ -79,7 +86,7 @@ class Problem:
                         "the policy's parameters.",
                         "infinite_cost" if record is expansion else "diverged",
                     )
-        return Iterate(trajectory, linear, expansion, steps)
+        return Iterate(trajectory, linear, expansion, steps, gaps)
 
 
 @dataclass(frozen=True)
@@ -88,13 +95,15 @@ class ForwardStep:
 
     Attributes:
         trajectory: the new trajectory, NaN from where it diverges.
+        gaps: what is left of the gaps, shape (T, n_dx); None if there are none.
         cost: its cost; NaN if it diverges.
         step_size: α.
         expected_reduction: the reduction of the cost that the quadratic model expects of α.
-        is_accepted: whether the cost falls by enough of that; never where it is NaN.
+        is_accepted: whether the merit falls by enough of that; never where the cost is NaN.
     """
 
     trajectory: Trajectory
+    gaps: Array | None
     cost: float
     step_size: float
     expected_reduction: float
@@ -104,20 +113,68 @@ class ForwardStep:
 def forward_pass(
     problem: Problem, around: Iterate, policy: LocalPolicy, settings: DdpSettings
 ) -> list[ForwardStep]:
-    """Tries u = ū + α k + K (x ⊖ x̄) with falling α; returns all steps up to the accepted one."""
-    nominal = around.trajectory
+    """Tries u = ū + α k + K (x ⊖ x̄) with falling α; returns all steps up to the accepted one.
+
+    A step closes its share α of each gap, and all of them at α = 1 (Mastalli et al., ICRA 2020).
+    """
+    nominal, gaps = around.trajectory, around.gaps
     step_sizes = settings.line_search_shrink ** np.arange(settings.line_search_steps)
     nominals = [
         Trajectory(nominal.states, nominal.controls + step_size * policy.feedforward)
         for step_size in step_sizes
     ]
+    left = [None if gaps is None or a == 1.0 else (1.0 - a) * gaps for a in step_sizes]
+    model = policy if gaps is None else _ModelWithGaps.along(around, gaps, policy)
+    worth = 0.0 if gaps is None else model.worth_of_gaps  # type: ignore[union-attr]
     tried: list[ForwardStep] = []
-    found = problem.dynamics.follow_each(nominal.states[0], nominals, policy.gains)
-    for step_size, trajectory in zip(step_sizes.tolist(), found, strict=True):
+    found = problem.dynamics.follow_each(nominal.states[0], nominals, policy.gains, left)
+    for step_size, trajectory, gap in zip(step_sizes.tolist(), found, left, strict=True):
         cost = float(np.sum(problem.cost.values(trajectory)))
-        expected = policy.expected_reduction(step_size)
-        enough = around.cost - cost > max(settings.acceptance_ratio * expected, 0.0)
-        tried.append(ForwardStep(trajectory, cost, step_size, expected, enough))
-        if enough:
-            break
+        expected = model.expected_reduction(step_size)
+        brought, promised = (r + step_size * worth for r in (around.cost - cost, expected))
+        enough = brought > max(settings.acceptance_ratio * promised, 0.0)
+        tried.append(ForwardStep(trajectory, gap, cost, step_size, expected, enough))
+        if not enough:
+            continue
+        if gap is not None:  # what is left of it may be so small that feedback makes up for it
+            (closed,) = problem.dynamics.follow_each(nominal.states[0], [trajectory], policy.gains)
+            cost = float(np.sum(problem.cost.values(closed)))
+            promised, brought = expected + worth, around.cost - cost + worth
+            enough = brought > max(settings.acceptance_ratio * promised, 0.0)
+            step = ForwardStep(closed, None, cost, step_size, expected, enough)
+            tried.insert(len(tried) - (not enough), step)
+        break
     return tried
+
+
+@dataclass(frozen=True)
+class _ModelWithGaps:
+    """The quadratic model along the policy while it closes gaps, α slope + ½ α² curvature.
+
+    The cost may have to rise for that. So the line search judges cost + ν Σ‖d‖₁, an exact penalty,
+    of which a step brings α ν Σ‖d‖₁ by the gaps alone. ν is the smallest one for which the model
+    expects a whole step to bring at least half of that.
+    """
+
+    slope: float
+    curvature: float
+
+    @classmethod
+    def along(cls, around: Iterate, gaps: Array, policy: LocalPolicy) -> "_ModelWithGaps":
+        linear, e = around.linear, around.expansion
+        slope = curvature = 0.0
+        x = np.zeros(gaps.shape[1])
+        for t, gap in enumerate(gaps):
+            u = policy.feedforward[t] + policy.gains[t] @ x
+            slope += e.c_x[t] @ x + e.c_u[t] @ u
+            curvature += x @ e.c_xx[t] @ x + 2 * u @ e.c_ux[t] @ x + u @ e.c_uu[t] @ u
+            x = linear.f_x[t] @ x + linear.f_u[t] @ u + gap
+        return cls(float(slope), float(curvature))
+
+    @property
+    def worth_of_gaps(self) -> float:
+        """ν Σ‖d‖₁, the reduction of the merit by which a whole step closes the gaps."""
+        return max(0.0, 2.0 * (self.slope + 0.5 * max(self.curvature, 0.0)))
+
+    def expected_reduction(self, step_size: float) -> float:
+        return -step_size * self.slope - 0.5 * step_size**2 * self.curvature

@@ -4,8 +4,10 @@
                                                    x_1 given.
 
 Each iteration expands dynamics and cost around the current trajectory, computes the local policy
-(backward pass) and searches along it (forward pass). The solve prints nothing: it returns a named
-status and a frozen log, and calls `on_iteration` while it runs.
+(backward pass) and searches along it (forward pass). A start that does not satisfy the dynamics, as
+a path that somebody drew, has gaps; the iterations close them, and from then on all is as if there
+had been none. The solve prints nothing: it returns a named status and a frozen log, and calls
+`on_iteration` while it runs.
 """
 
 from collections.abc import Callable
@@ -20,7 +22,7 @@ from vgps_ros.core.ddp.forward_pass import ForwardStep, Iterate, Problem, forwar
 from vgps_ros.core.dynamics import Dynamics
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
-from vgps_ros.core.records import LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
 
 class Status(str, Enum):
@@ -94,7 +96,8 @@ class _Search:
             policy = self._problem.local_policy(around, self.mu)
             if policy.complete:
                 negligible = self._settings.cost_tolerance * abs(around.cost)
-                if self.mu == first_mu and policy.expected_reduction(1.0) <= negligible:
+                is_small = policy.expected_reduction(1.0) <= negligible
+                if around.gaps is None and self.mu == first_mu and is_small:
                     return Status.CONVERGED
                 tried = forward_pass(self._problem, around, policy, self._settings)
                 self.simulator_steps += len(tried) * horizon * self._problem.dynamics.substeps
@@ -124,6 +127,7 @@ def solve(
     max_iterations: int,
     *,
     linear_dynamics: LinearDynamics | None = None,
+    gaps: Array | None = None,
     on_iteration: Callable[[Iteration], None] = lambda _: None,
     is_cancelled: Callable[[], bool] = lambda: False,
 ) -> Solution:
@@ -132,29 +136,33 @@ def solve(
     Args:
         dynamics: x' = f(x, u).
         cost: c(x, u).
-        initial: trajectory to start from, which must satisfy the dynamics.
+        initial: trajectory to start from.
         settings: regularisation, line search and tolerance.
         max_iterations: largest number of iterations, at least 1.
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
+        gaps: f(x̄, ū) ⊖ x̄' of each step of `initial`, shape (T, n_dx), where it does not satisfy
+            the dynamics; they are closed on the way. None: it was executed.
         on_iteration: called with each iteration's log.
         is_cancelled: called between the parts of an iteration; true ends the solve.
 
     Raises:
-        DivergenceError: the initial trajectory, its cost or a derivative is not finite, or Quu is
-            indefinite where q is centred.
+        DivergenceError: the initial trajectory, its cost or a derivative is not finite, gaps stay
+            open, or Quu is indefinite where q is centred.
+        InvalidInputError: the limits of the controls contradict each other.
     """
-    if not (np.isfinite(initial.states).all() and np.isfinite(initial.controls).all()):
+    given = (initial.states, initial.controls, *([] if gaps is None else [gaps]))
+    if not all(np.isfinite(array).all() for array in given):
         raise DivergenceError(
             "The initial trajectory diverges; start from smaller controls or another state."
         )
     problem = Problem(dynamics, cost)
     search = _Search(problem, settings, is_cancelled)
-    iterate = problem.around(initial, linear_dynamics)
+    iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
     log: list[Iteration] = []
     status = Status.ITERATION_LIMIT
     while len(log) < max_iterations:
-        step = search.next_step(iterate)
+        step, had_gaps = search.next_step(iterate), iterate.gaps is not None
         if isinstance(step, Status):
             status = step
             break
@@ -170,11 +178,20 @@ def solve(
         )
         on_iteration(log[-1])
         search.lower_mu()
-        iterate = problem.around(step.trajectory)
+        iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
-        if log[-1].cost_reduction < settings.cost_tolerance * abs(iterate.cost):
+        is_small = log[-1].cost_reduction < settings.cost_tolerance * abs(iterate.cost)
+        if is_small and not had_gaps:
             status = Status.CONVERGED
             break
+    if iterate.gaps is not None and status is not Status.CANCELLED:
+        largest = np.abs(iterate.gaps).max()
+        raise DivergenceError(
+            f"No robot can follow the motion: after {len(log)} iterations "
+            f"({status.value.replace('_', ' ')}) its gaps are still up to {largest:.2g} [m, rad, "
+            "m/s, rad/s]; allow more iterations, or begin with another motion.",
+            "open_gaps",
+        )
     mu = settings.distribution_regularization
     policy = problem.local_policy(iterate, mu)  # its covariances make q(ζ)
     if not policy.complete:
