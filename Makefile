@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults soak bench bench-peers lint clean distclean
+.PHONY: help setup demo test test-slow faults damages soak bench bench-peers lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,6 +29,9 @@ test-slow: setup  ## a real `pip install ".[standalone]"` without ROS (about two
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))
+
+damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
+	@bash -c 'source env.bash && exec nice python -m tests.bags.damage --count $(or $(COUNT),2000) --seed $(or $(SEED),7)'
 
 soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, files, bags
 	@scripts/run_faults.bash --minutes $(or $(SOAK_MINUTES),30) $(if $(SEED),--seed $(SEED))

@@ -103,7 +103,7 @@ def test_an_unknown_topic_is_refused_with_the_known_ones(bag):
         ("empty folder", "must be a folder with .mcap files"),
         ("cut", "lacks the index of bag_0.mcap"),
         ("no metadata", "lacks metadata.yaml"),
-        ("bad metadata", "is not a bag that can be read"),
+        ("bad metadata", "lacks a whole metadata.yaml"),
     ],
 )
 def test_what_is_no_whole_bag_is_refused_with_a_sentence(bag, tmp_path, make, sentence):

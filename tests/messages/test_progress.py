@@ -13,7 +13,7 @@ from vgps_ros.search.metrics import METRICS, IterationMetrics
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_progress_message.py"
 KINDS = {name: kind for name, kind in get_type_hints(IterationMetrics).items() if name in METRICS}
-VALUES = {float: 0.1, int: 7, tuple[float, ...]: (0.1, 0.2)}
+VALUES = {float: 0.1, int: 7, str: "a", tuple[float, ...]: (0.1, 0.2)}
 ITERATION = IterationMetrics(k=3, **{name: VALUES[kind] for name, kind in KINDS.items()})
 
 

@@ -7,9 +7,13 @@ from pathlib import Path
 import yaml
 
 from vgps_ros.bags.storage import FileSummary, Topic
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import replacing
+from vgps_ros.storage.plain_yaml import read_yaml
 
 FILE_NAME = "metadata.yaml"
+_FOREIGN_STORAGE, _FOREIGN_MODES = ("sqlite3",), ("file", "message", "FILE", "MESSAGE")
+_LARGEST = 2**24  # of a description that is read [bytes]
 
 
 def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
@@ -53,6 +57,30 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
     return yaml.safe_dump(information, sort_keys=False)
+
+
+def read_metadata(folder: Path) -> list[str] | None:
+    """Returns the names of the files of a bag, without folders; None if nothing can be read.
+
+    Raises:
+        InvalidInputError: `metadata.yaml` is of a bag that ours do not read.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        return None
+    try:
+        content = read_yaml(path.read_text(errors="replace"), f"'{path}'")
+        information = content["rosbag2_bagfile_information"]
+        storage, mode = information["storage_identifier"], information["compression_mode"]
+        names = [Path(str(name)).name for name in information["relative_file_paths"]]
+    except (InvalidInputError, KeyError, TypeError):
+        return None
+    if storage in _FOREIGN_STORAGE or mode in _FOREIGN_MODES:
+        raise InvalidInputError(
+            f"'{folder}' is not a bag that can be read: its storage is {storage} with the "
+            f"compression mode {mode!r}, and only mcap with compressed chunks is read."
+        )
+    return names
 
 
 def write_metadata(folder: Path, information: str) -> None:

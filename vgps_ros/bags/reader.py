@@ -1,16 +1,18 @@
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vgps_ros.bags.metadata import FILE_NAME
-from vgps_ros.bags.reindex import missing_parts, storage_files
+from vgps_ros.bags.reindex import missing_of, storage_files
+from vgps_ros.bags.storage import StorageScan
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 
@@ -52,6 +54,10 @@ class BagReader:
         start: time at which the first message was received [ns].
         duration: time from the first message to the last one [ns].
 
+        files: what was found in each file.
+        qos: QoS profiles that the publishers of each topic offered, as in `metadata.yaml`.
+        damages: a sentence on each part of the files that is damaged; all the rest is read.
+
     Raises:
         InvalidInputError: the folder is not a bag, or its recorder did not close it.
     """
@@ -60,40 +66,28 @@ class BagReader:
         self.path, self.namespace = path, namespace
         if not path.is_dir():
             raise InvalidInputError(f"'{path}' is not a bag: name the folder with {FILE_NAME}.")
-        try:
-            self._reader = AnyReader([path])
-            self._reader.open()
-        except Exception as error:
-            # A damaged bag raises errors of many kinds from deep inside the libraries.
-            raise InvalidInputError(
-                missing_parts(path)
-                or f"'{path}' is not a bag that can be read: {type(error).__name__}: "
-                f"{error!s:.300}."
-            ) from error
-        connections = self._reader.connections
-        self.topics = {c.topic: c.msgtype for c in connections}
-        self.type_hashes = {c.topic: c.digest for c in connections}
-        self.counts = {c.topic: c.msgcount for c in connections}
-        self.start = self._reader.start_time
-        # rosbags counts to 1 ns after the last message.
-        self.duration = max(0, self._reader.duration - 1)
-        self.damages: list[str] = []
+        self.files = [StorageScan(file) for file in storage_files(path)]
+        if missing := missing_of(path, self.files):
+            raise InvalidInputError(missing)
+        topics = [topic for file in self.files for topic in file.topics.values()]
+        self.topics = {topic.name: topic.kind for topic in topics}
+        self.type_hashes = {topic.name: topic.type_hash for topic in topics}
+        self.qos = {topic.name: list(topic.qos) for topic in topics}
+        counts = sum((Counter(file.summary.counts) for file in self.files), Counter[str]())
+        self.counts = {topic: counts[topic] for topic in self.topics}
+        written = [file.summary for file in self.files if file.summary.message_count]
+        self.start = min((summary.start for summary in written), default=0)
+        self.duration = max((summary.end for summary in written), default=0) - self.start
+        self.damages = [sentence for file in self.files for sentence in file.damages]
+        self._definitions = {topic.kind: topic.definition for topic in topics}
+        self._store = get_typestore(Stores.EMPTY)
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Closes the bag."""
-        self._reader.close()
-
-    @property
-    def qos(self) -> dict[str, list[dict[str, Any]]]:
-        """The QoS profiles that the publishers of each topic offered, as in `metadata.yaml`."""
-        return {
-            c.topic: [dict(profile) for profile in dump_qos_v9(c.ext.offered_qos_profiles)]  # type: ignore[union-attr]
-            for c in self._reader.connections
-        }
+        """Ends the use of the bag."""
 
     @property
     def filled_topics(self) -> dict[str, str]:
@@ -149,12 +143,8 @@ class BagReader:
 
     def attachments(self) -> dict[str, str]:
         """Returns the texts that the recorder attached to the bag, by their names."""
-        found = {}
-        for file in storage_files(self.path):
-            with file.open("rb") as stream:
-                for attachment in make_reader(stream).iter_attachments():
-                    found[attachment.name] = attachment.data.decode()
-        return found
+        attached = (a for file in self.files for a in file.content.attachments)
+        return {a.name: a.data.decode(errors="replace") for a in attached}
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order in which they were received.
@@ -168,9 +158,21 @@ class BagReader:
         for topic in topics or ():
             one_of("topic", topic, self.topics)
         wanted = self.topics if topics is None else topics
-        connections = [c for c in self._reader.connections if c.topic in wanted]
-        for connection, stamp, data in self._reader.messages(connections):
-            yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(data))
+        places = [
+            (place.start, i, place) for i, f in enumerate(self.files) for place in f.content.places
+        ]
+        # Chunks overlap in time where topics do, so messages wait for those of the chunks to come.
+        waiting: list[tuple[int, int, BagMessage]] = []
+        order = count()
+        for start, file, place in sorted(places, key=lambda one: one[:2]):
+            while waiting and waiting[0][0] < start:
+                yield heappop(waiting)[2]
+            for of, (_, stamp, data) in self.files[file].messages(place):
+                if of.name in wanted:
+                    message = BagMessage(of.name, of.kind, stamp, data)
+                    heappush(waiting, (stamp, next(order), message))
+        while waiting:
+            yield heappop(waiting)[2]
 
     def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yields the time of receipt [ns] and the decoded message, for each message of a topic."""
@@ -187,9 +189,13 @@ class BagReader:
             InvalidInputError: the message does not fit the definition.
         """
         try:
-            return self._reader.deserialize(message.data, message.kind)
-        except AnyReaderError as error:
+            if message.kind not in self._store.fielddefs:
+                definition = self._definitions[message.kind]
+                self._store.register(get_types_from_msg(definition, message.kind))
+            return self._store.deserialize_cdr(message.data, message.kind)
+        except Exception as error:
+            # A damaged message or definition raises errors of many kinds deep inside the library.
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
-                f"valid {message.kind}: {error}."
+                f"valid {message.kind}: {error!s:.200}."
             ) from error

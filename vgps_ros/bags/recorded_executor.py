@@ -6,13 +6,14 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import yaml
 
 from vgps_ros.bags import BagReader
+from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
@@ -21,6 +22,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
+from vgps_ros.storage.plain_yaml import read_yaml
 from vgps_ros.tasks import recorded_task
 
 
@@ -44,24 +46,34 @@ class RecordedExecutor:
     """
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
-        nodes = yaml.safe_load(bag.attachments().get("parameters.yaml", "")) or {}
-        of_nodes: list[dict[str, Any]] = [
-            nodes[name]["ros__parameters"] for name in bag.of_robot(nodes)
-        ]
+        nodes = read_yaml(bag.attachments().get("parameters.yaml", ""), "parameters.yaml") or {}
+        try:
+            of_nodes: list[dict[str, Any]] = [
+                dict(nodes[name]["ros__parameters"]) for name in bag.of_robot(nodes)
+            ]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError("parameters.yaml does not hold nodes' parameters.") from error
         parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
         simulated = next((p for p in of_nodes if {"mode", "real_time_factor"} <= set(p)), {})
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
-        self.seed = int(parameters.get("seed", 0))
+        self.seed = parameters.get("seed", 0)
+        SEED.check(self.seed)
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
         self._readings: dict[tuple[str, ...], Readings] = {}
-        self._task = recorded_task(parameters["task"]) if "safe_action" in parameters else None
+        self._task = (
+            recorded_task(str(parameters["task"]))
+            if {"safe_action", "task"} <= set(parameters)
+            else None
+        )
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
         if "torque_limits" in values:
-            values["torque_limits"] = tuple(values["torque_limits"])
+            limits = values["torque_limits"]
+            values["torque_limits"] = tuple(limits if isinstance(limits, list) else [limits])
         self.settings = with_values(defaults, values)
+        finite_array("torque_limits", self.settings.torque_limits, (model.nu,))
         self.limiter = TorqueLimiter(
             self.settings.torque_range(control_range(model)),
             self.settings.torque_rate_limit,

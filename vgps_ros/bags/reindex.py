@@ -1,15 +1,12 @@
-"""Repairs bags whose recorder was killed.
+"""Repairs bags whose recorder was killed, or that are damaged.
 
-Such a bag has no `metadata.yaml`. Its last file has no index, and may end in the middle of a
-record.
+After a kill a bag has no `metadata.yaml`. Its last file has no index, and may end within a record.
 """
 
 import os
 from pathlib import Path
 
-from mcap.records import Attachment
-
-from vgps_ros.bags.metadata import FILE_NAME, bag_information, write_metadata
+from vgps_ros.bags.metadata import FILE_NAME, bag_information, read_metadata, write_metadata
 from vgps_ros.bags.storage import StorageScan, is_being_written
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
@@ -21,7 +18,8 @@ def storage_files(path: Path) -> list[Path]:
     Raises:
         InvalidInputError: the folder has no such file.
     """
-    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    found = [file for file in path.glob("*.mcap") if file.is_file()]  # no pipe, no device
+    files = sorted(found, key=lambda file: (len(file.name), file.name))
     if not files:
         raise InvalidInputError(
             f"'{path}' is not a bag: it must be a folder with .mcap files, and there is none."
@@ -33,29 +31,36 @@ def missing_parts(path: Path) -> str:
     """Returns a sentence on what a bag lacks and what can be read of it; "" if it is complete.
 
     Raises:
-        InvalidInputError: the folder has no `.mcap` file.
+        InvalidInputError: the folder has no `.mcap` file, or its description cannot be read.
     """
-    contents = {file: StorageScan(file) for file in storage_files(path)}
-    lacks = [f"the index of {file.name}" for file, c in contents.items() if not c.is_complete]
-    if not (path / FILE_NAME).is_file():
-        lacks.insert(0, FILE_NAME)
+    return missing_of(path, [StorageScan(file) for file in storage_files(path)])
+
+
+def missing_of(path: Path, files: list[StorageScan]) -> str:
+    """Returns the same sentence of files that were read already."""
+    lacks = [f"the index of {file.path.name}" for file in files if not file.is_complete]
+    named = read_metadata(path)
+    if named is None:
+        lacks.insert(0, f"a whole {FILE_NAME}" if (path / FILE_NAME).exists() else FILE_NAME)
+    elif absent := set(named) - {file.path.name for file in files}:
+        lacks.insert(0, f"the file {', '.join(sorted(absent))}")
     if not lacks:
         return ""
-    if any(is_being_written(file) for file in contents):
+    if any(is_being_written(file.path) for file in files):
         return f"The bag '{path}' is still being recorded; end its recorder first."
-    summaries = [content.summary for content in contents.values()]
+    summaries = [file.summary for file in files]
     count = sum(summary.message_count for summary in summaries)
     last = max(summary.end for summary in summaries)
     first = min((summary.start for summary in summaries if summary.start), default=last)
     return (
         f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
-        f"{(last - first) * 1e-9:.3f} s can be read, and all later ones are lost; "
+        f"{(last - first) * 1e-9:.3f} s can be read, and all others are lost; "
         f"`vgps bag reindex {path}` repairs it."
     )
 
 
 def reindex(path: Path) -> list[Path]:
-    """Rebuilds `metadata.yaml`, and each file that has no index.
+    """Rebuilds `metadata.yaml`, and each file that has no index or is damaged.
 
     The original of a rebuilt file is kept, with `.unfinished` at the end of its name.
 
@@ -74,35 +79,35 @@ def reindex(path: Path) -> list[Path]:
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
-    contents = {file: StorageScan(file) for file in files}
-    known = [content for content in contents.values() if content.topics]
+    contents = [StorageScan(file) for file in files]
+    known = [content for content in contents if content.topics]
     if not known:
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
-    topics = {name: topic for content in known for name, topic in content.topics.items()}
+    topics = {topic.name: topic for content in known for topic in content.topics.values()}
     information = bag_information(topics.values(), [content.summary for content in known])
-    rebuilt = [file for file, c in contents.items() if c.topics and not c.is_complete]
-    for file in rebuilt:
-        _rebuild(file, contents[file], information)
-    for file, content in contents.items():
+    rebuilt = [c for c in known if c.damages or not c.is_complete]
+    for content in rebuilt:
+        _rebuild(content, information)
+    for content in contents:
         if not content.topics:  # the recorder was killed before the first message was on the disk
-            os.replace(file, _unfinished(file))
+            os.replace(content.path, _unfinished(content.path))
     write_metadata(path, information)
-    return rebuilt
+    return [content.path for content in rebuilt]
 
 
-def _rebuild(file: Path, content: StorageScan, information: str) -> None:
+def _rebuild(content: StorageScan, information: str) -> None:
+    file = content.path
     partial = file.with_name(f"{file.name}.partial")
     try:
         with partial.open("wb") as output:
-            writer = StorageWriter(output, content.compression)
-            for topic in content.topics.values():
+            writer = StorageWriter(output, content.content.compression)
+            for topic in {topic.name: topic for topic in content.topics.values()}.values():
                 writer.add_topic(topic)
-            for record in content.records():
-                if isinstance(record, Attachment):
-                    writer.attach(record.name, record.data, record.log_time)
-                else:
-                    topic, message = record
-                    writer.write(topic.name, message.log_time, message.data)
+            for attachment in content.content.attachments:
+                writer.attach(attachment.name, attachment.data, attachment.log_time)
+            for place in content.content.places:
+                for topic, message in content.messages(place):
+                    writer.write(topic.name, message.stamp, message.data)
             writer.close(information)
     except OSError:
         partial.unlink(missing_ok=True)  # half a file would only fill the disk

@@ -1,18 +1,21 @@
-"""One `.mcap` file of a rosbag2 bag, read as far as it goes.
+"""One `.mcap` file of a rosbag2 bag: its topics, its messages, and what is damaged.
 
-A file whose writer was killed has no index and may end within a record; all before that is read.
+A file whose writer was killed has no index and may end within a record.
 """
 
 import fcntl
+import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel
+
+from vgps_ros.bags.chunks import DamagedError, Place, RawMessage, messages, scan
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.storage.plain_yaml import read_yaml
 
 
 @dataclass(frozen=True)
@@ -67,65 +70,77 @@ class FileSummary:
 
 
 class StorageScan:
-    """The content of a file, read from its start record by record, as far as it is whole.
+    """The content of a file, as far as it is whole.
 
     Attributes:
-        topics: topics of the file by their names.
+        path: the file.
+        content: its chunks and attachments.
+        topics: its topics by the numbers of their channels.
         summary: times and counts of its messages.
-        compression: compression of its chunks.
+        damages: a sentence on each part that is not whole.
         is_complete: whether it has its index and ends where it should.
+
+    Raises:
+        OSError: it cannot be read.
     """
 
     def __init__(self, path: Path):
-        self.compression = "none"
-        self.is_complete = False
-        self._path = path
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Topic] = {}
+        self.path = path
+        self.content = content = scan(path)
+        self.topics = {n: self._topic(channel) for n, channel in content.channels.items()}
+        self.is_complete = content.is_complete
         counts: Counter[str] = Counter()
-        start = end = 0
-        for record in self.records():
-            if not isinstance(record, Attachment):
-                topic, message = record
-                counts[topic.name] += 1
-                start = min(start or message.log_time, message.log_time)
-                end = max(end, message.log_time)
-        self.topics = {topic.name: topic for topic in self._channels.values()}
-        self.summary = FileSummary(path.name, start, end, counts)
+        for place in content.places:
+            for channel, count in place.counts.items():
+                if channel in self.topics:
+                    counts[self.topics[channel].name] += count
+        self.summary = FileSummary(path.name, content.start, content.last, dict(counts))
+        self.damages = [f"{path.name}: {sentence}" for sentence in self._damages()]
 
-    def records(self) -> Iterator[tuple[Topic, Message] | Attachment]:
-        """Yields messages with their topics, and attachments, in the order of the file."""
-        for record in self._whole_records():
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels.setdefault(record.id, self._topic(record))
-            elif isinstance(record, Message):
-                yield self._channels[record.channel_id], record
-            elif isinstance(record, Attachment):
-                yield record
+    def messages(self, place: Place) -> list[tuple[Topic, RawMessage]]:
+        """Returns the messages of a chunk with their topics.
 
-    def _whole_records(self) -> Iterator[McapRecord]:
-        with self._path.open("rb") as file:
-            try:
-                for record in StreamReader(file, emit_chunks=True).records:
-                    if isinstance(record, Chunk):
-                        self.compression = record.compression or "none"
-                        yield from breakup_chunk(record, validate_crc=True)
-                    else:
-                        self.is_complete = isinstance(record, Footer)
-                        yield record
-            except OSError:
-                raise
-            except Exception:
-                self.is_complete = False
+        Raises:
+            OSError: the file cannot be read.
+            InvalidInputError: it was changed since it was opened.
+        """
+        try:
+            found = list(messages(self.path, place))
+        except (DamagedError, struct.error) as error:
+            raise InvalidInputError(f"'{self.path}' was changed while it was read.") from error
+        return [(self.topics[m.channel], m) for m in found if m.channel in self.topics]
+
+    def _damages(self) -> Iterator[str]:
+        content = self.content
+        missing = content.missing()
+        for number, index in missing:
+            names = (self.topics.get(channel) for channel in index.message_index_offsets)
+            topics = ", ".join(sorted(topic.name for topic in names if topic))
+            yield (
+                f"chunk {number} of {len(content.indexes)} is damaged, with messages of {topics} "
+                f"from {index.message_start_time * 1e-9:.3f} to "
+                f"{index.message_end_time * 1e-9:.3f} s"
+            )
+        if not content.indexes or not missing:
+            for begin, end in content.gaps:
+                yield f"bytes {begin} to {end} are damaged"
+        if content.doubled:
+            yield f"{content.doubled} chunks were there twice, and count once"
+        unknown = {c for place in content.places for c in place.counts} - set(self.topics)
+        if unknown:
+            count = sum(place.counts[c] for place in content.places for c in unknown)
+            yield f"{count} messages are of topics whose description is damaged"
 
     def _topic(self, channel: Channel) -> Topic:
-        schema = self._schemas[channel.schema_id]
+        schema = self.content.schemas.get(channel.schema_id)
+        try:
+            qos = read_yaml(channel.metadata.get("offered_qos_profiles", "[]"), "a QoS profile")
+        except InvalidInputError:
+            qos = []
         return Topic(
             channel.topic,
-            schema.name,
+            schema.name if schema else "",
             channel.metadata.get("topic_type_hash", ""),
-            yaml.safe_load(channel.metadata.get("offered_qos_profiles", "[]")) or [],
-            schema.data.decode(),
+            qos if isinstance(qos, list) else [],
+            schema.data.decode(errors="replace") if schema else "",
         )

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
+from vgps_ros.bags.manifest import FILE_NAME as MANIFEST
 from vgps_ros.bags.manifest import FileDigest, write_manifest
+from vgps_ros.bags.metadata import FILE_NAME as METADATA
 from vgps_ros.bags.metadata import bag_information, write_metadata
 from vgps_ros.bags.storage import FileSummary, Topic
 from vgps_ros.bags.storage_writer import StorageWriter
@@ -155,6 +157,7 @@ class BagWriter:
             UnfinishedBagError: what is on the disk can be read, but has no index.
         """
         self._file.flush()
+        writing = "a file"
         try:
             if not self.disk.drain(_PATIENCE, hurried):
                 self._give_up_waiting()
@@ -164,10 +167,12 @@ class BagWriter:
                     self._complete(file)
             if not self.disk.drain(_PATIENCE, hurried):
                 raise self._unfinished()
+            writing = METADATA
             write_metadata(self.path, self._information())
+            writing = MANIFEST
             write_manifest(self.path, self._digests, self.lost)
         except OSError as error:
-            raise self._unfinished(f"its end cannot be written, {error.strerror}") from error
+            raise self._unfinished(f"{writing} cannot be written, {error.strerror}") from error
         finally:
             self.disk.stop()
 

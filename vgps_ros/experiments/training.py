@@ -16,7 +16,9 @@ from vgps_ros.search.trajectory_optimization import (
     OptimizationResult,
     optimize,
 )
+from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
+from vgps_ros.storage.software import environment
 from vgps_ros.tasks import Task
 from vgps_ros.views.run_record import RunRecord
 
@@ -34,8 +36,8 @@ def train(
 ) -> dict[str, Any]:
     """Trains a policy.
 
-    It writes result.json and policy.json after each iteration, and trajectories.npz and
-    distribution.npz at the end.
+    It writes environment.yaml first, result.json and policy.json after each iteration, and
+    trajectories.npz and distribution.npz at the end.
 
     Args:
         method: name of the policy search.
@@ -55,6 +57,8 @@ def train(
             to another training.
     """
     output.path.mkdir(parents=True, exist_ok=True)  # before hours of learning, if it cannot be made
+    with replacing(output.environment) as file:
+        file.write(environment().encode())
 
     def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
         reports = [on_initial_ddp if r.iteration == 0 else lambda _: None for r in requests]

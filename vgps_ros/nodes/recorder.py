@@ -17,7 +17,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.software import environment
 from vgps_ros.bags.storage_writer import COMPRESSIONS
 from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.bags.writer import UnfinishedBagError
@@ -31,6 +30,7 @@ from vgps_ros.ros_runtime.parameters import declare_settings
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.storage.software import environment
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]

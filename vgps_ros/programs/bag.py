@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ def info(arguments: argparse.Namespace) -> None:
     from rich.table import Column, Table
 
     from vgps_ros.bags import BagReader
+    from vgps_ros.storage.plain_yaml import read_yaml
     from vgps_ros.views.table_console import table_console
 
     path = arguments.bag
@@ -41,8 +43,10 @@ def info(arguments: argparse.Namespace) -> None:
             "duration": seconds,
             "size": sum(file.stat().st_size for file in path.glob("*.mcap")),
             "topics": topics,
-            "attachments": {name: yaml.safe_load(text) for name, text in bag.attachments().items()},
+            "attachments": {n: read_yaml(text, n) for n, text in bag.attachments().items()},
+            "damages": bag.damages,
         }
+    _warn(content["damages"])
     if arguments.json:
         print(json.dumps(content, indent=2))
         return
@@ -71,11 +75,8 @@ def check(arguments: argparse.Namespace) -> None:
     The last line says how much is proven, and of what.
     """
     from vgps_ros.bags.bag_check import check_bag
-    from vgps_ros.bags.reindex import missing_parts
     from vgps_ros.storage.run_folder import load_policy
 
-    if missing := missing_parts(arguments.bag):
-        raise InvalidInputError(missing)
     trusted = load_policy(arguments.policy)[0] if arguments.policy else None
     found = check_bag(arguments.bag, trusted, arguments.signers, arguments.namespace)
     torques = found.torques
@@ -124,6 +125,7 @@ def rerun(arguments: argparse.Namespace) -> None:
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".rrd")
     with BagReader(arguments.bag, arguments.namespace) as bag:
+        _warn(bag.damages)
         for needed in ("robot_description", "joint_states"):
             bag.needed_topic(needed)
         of_robot = {*bag.filled_topics.values(), *bag.of_robot_nodes("iterations")}
@@ -135,8 +137,11 @@ def rerun(arguments: argparse.Namespace) -> None:
             messages = track(bag.messages(topics), "Drawing", total, console=Console(stderr=True))
             for message in messages:
                 scene.show(message.topic, bag.decode(message))
-        finally:
+        except BaseException:
             scene.close()
+            output.unlink()
+            raise
+        scene.close()
     for sentence, times in left_out.items():
         print(f"{sentence} ({times} times)", file=sys.stderr)
     print(f"Wrote {output}; open it with `rerun --bind 127.0.0.1 {output}`.")
@@ -150,6 +155,7 @@ def table(arguments: argparse.Namespace) -> None:
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
     with BagReader(arguments.bag, arguments.namespace) as bag:
+        _warn(bag.damages)
         mjcf = next(bag.decoded(bag.needed_topic("robot_description")))[1].data
         episode = last_episode(bag, compile_model(mjcf))
     if episode is None:
@@ -161,14 +167,23 @@ def table(arguments: argparse.Namespace) -> None:
 def reindex(arguments: argparse.Namespace) -> None:
     """Rebuilds metadata.yaml and the index after a recorder was killed."""
     from vgps_ros.bags import reindex as bags
+    from vgps_ros.bags.storage import StorageScan
 
     path = arguments.bag
-    if not bags.missing_parts(path):
+    damages = [s for file in bags.storage_files(path) for s in StorageScan(file).damages]
+    if not (damages or bags.missing_parts(path)):
         print(f"'{path}' is whole; there is nothing to rebuild.")
         return
+    _warn(damages)
     for file in bags.reindex(path):
         print(f"Rebuilt the index of {file}; {file.name}.unfinished is what was there before.")
     print(f"Rebuilt {path / 'metadata.yaml'}.")
+
+
+def _warn(damages: Sequence[str]) -> None:
+    """Says what is damaged, and so left out."""
+    for sentence in damages:
+        print(f"Damaged: {sentence}.", file=sys.stderr)
 
 
 def add_arguments(parser: Parser) -> None:

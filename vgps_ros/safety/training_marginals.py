@@ -91,7 +91,8 @@ class TrainingMarginals:
     def feedback(self, state: Array, step: int) -> Array:
         """Returns ū_t + K_t (x ⊖ x̄_t), shape (n_u,) [N·m], over coordinates the policy feels."""
         deviation = self._space.subtract(state, self._mean.states[step]) * self._felt
-        return self._mean.controls[step] + self._gains[step] @ deviation
+        # A sum of one order, since BLAS would choose the order by the processor.
+        return self._mean.controls[step] + (self._gains[step] * deviation).sum(axis=1)
 
 
 def nearest_of(marginals: Iterable[TrainingMarginals], state: Array) -> Nearest | None:

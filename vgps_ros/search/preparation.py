@@ -3,6 +3,7 @@
 import numpy as np
 
 from vgps_ros.core.ddp.backward_pass import backward_pass
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.notice import notice
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.tasks import Task
@@ -21,6 +22,7 @@ def _run_each_loop(task: Task) -> None:
     list(dynamics.follow_each(task.initial_state, [motion], local.gains))
     shape = Architecture(task.observation.names, (1,), dynamics.control_dim)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
+    ExecutedPolicy(policy)
     noise = np.zeros((1, 1, dynamics.control_dim))
     dynamics.execute(policy, task.observation, motion.states[:1], noise)
     dynamics.replay(task.initial_state, motion.controls[None])

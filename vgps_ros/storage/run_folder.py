@@ -30,6 +30,7 @@ class RunFolder:
         self.policy = path / "policy.json"  # of the last iteration
         self.distribution = path / "distribution.npz"  # q(ζ) of each initial state at the end
         self.trajectories = path / "trajectories.npz"  # motions to draw where there is no bag
+        self.environment = path / "environment.yaml"  # what the bytes of the others depend on
         self.learning_curve = path / "learning_curve.png"
         self.checkpoints = path / "checkpoints"  # a folder, empty once the training has ended
         self.bag = path / "bag"  # a folder, if the run was recorded

@@ -1,0 +1,178 @@
+"""Damages bags at random and runs every reader: no traceback, and no loss beyond what was hit.
+
+python -m tests.bags.damage --count 2000 --seed 7
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from random import Random
+
+from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.programs.__main__ import main as vgps
+
+SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
+TOOLS = ("info", "check", "rerun", "table", "plot", "reindex")
+MOST_SECONDS = 60.0  # for one tool on a small bag, on a machine that does much else
+KINDS = (
+    *("bit", "bits", "cut", "zeros", "garbage", "length", "without", "doubled", "swapped"),
+    *("metadata", "manifest", "foreign", "pipe", "missing", "device"),
+)
+
+
+def small_bag(path: Path) -> Path:
+    """Writes the first seconds of the sample, in many chunks."""
+    writer = BagWriter(path, compression="zstd")
+    taken: Counter[str] = Counter()
+    with BagReader(SAMPLE) as bag:
+        for topic, kind in bag.topics.items():
+            writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
+        for name, text in bag.attachments().items():
+            writer.attach(name, text, bag.start)
+        for i, message in enumerate(bag.messages()):
+            taken[message.topic] += 1
+            if taken[message.topic] <= (1 if "distribution" in message.topic else 40):
+                writer.write(message.topic, message.stamp, message.data)
+            if i % 50 == 0:
+                writer.flush()
+    writer.close()
+    return path
+
+
+def damage(bag: Path, kind: str, rng: Random) -> None:
+    """Damages a bag."""
+    [file] = bag.glob("*.mcap")
+    chunks = json.loads((bag / "manifest.json").read_text())["files"][file.name]["chunks"]
+    if kind in ("metadata", "manifest"):
+        file, kind = bag / f"{kind}.{'yaml' if kind == 'metadata' else 'json'}", "bits"
+    if kind in ("pipe", "device", "missing"):
+        file.unlink()
+        if kind != "missing":
+            make = os.mkfifo if kind == "pipe" else lambda path: os.symlink("/dev/zero", path)
+            make(file)
+        return
+    data = bytearray(file.read_bytes())
+    (begin, end, _), (other, other_end, _) = sorted(rng.sample(chunks, 2))
+    at = rng.randrange(len(data))
+    if kind in ("bit", "bits"):
+        for _ in range(1 if kind == "bit" else rng.randrange(2, 20)):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    elif kind == "cut":
+        del data[at:]
+    elif kind == "zeros":
+        data[at : at + rng.randrange(1, 5000)] = b""
+    elif kind == "garbage":
+        data[at:at] = rng.randbytes(rng.randrange(1, 5000))
+    elif kind == "length":
+        size = rng.choice((0, 1, 2**31, 2**63, rng.randrange(len(data))))
+        data[begin + 1 : begin + 9] = size.to_bytes(8, "little")
+    elif kind == "without":
+        del data[begin:end]
+    elif kind == "doubled":
+        data[other:other] = data[begin:end]
+    elif kind == "swapped":
+        first, second = data[begin:end], data[other:other_end]
+        data[begin:other_end] = second + data[end:other] + first
+    elif kind == "foreign":
+        data = bytearray(rng.choice((b"", b"SQLite format 3\0", b"\x89MCAP0\r\n")))
+        data += rng.randbytes(rng.randrange(5000))
+    file.write_bytes(data)
+
+
+def whole_messages(bag: Path, original: Path) -> set[tuple[str, int, bytes]]:
+    """The messages of the chunks that stand in the damaged file as they did.
+
+    None is expected where the first chunk and the index are both damaged, as topics are described
+    there alone.
+    """
+    [before] = original.glob("*.mcap")
+    files = [file for file in bag.glob("*.mcap") if file.is_file()]
+    if not files:
+        return set()
+    data, whole = files[0].read_bytes(), before.read_bytes()
+    chunks = json.loads((original / "manifest.json").read_text())["files"][before.name]["chunks"]
+    kept = [(begin, end) for begin, end, _ in chunks if whole[begin:end] in data]
+    if not data.endswith(whole[chunks[-1][1] :]) and whole[chunks[2][0] : chunks[2][1]] not in data:
+        return set()
+    with BagReader(original) as reader:
+        return {
+            (topic.name, message.stamp, message.data)
+            for scan in reader.files
+            for place in scan.content.places
+            if any(begin <= place.begin < end for begin, end in kept)
+            for topic, message in scan.messages(place)
+        }
+
+
+def run(tool: str, bag: Path) -> str:
+    """Runs a tool; returns what is wrong with how it ended."""
+    output = bag.with_suffix(".rrd" if tool == "rerun" else ".out")
+    words = ["plot", str(bag)] if tool == "plot" else ["bag", tool, str(bag)]
+    if tool in ("rerun", "table", "plot"):
+        words += ["--output", str(output)]
+    began = time.monotonic()
+    heard, code = io.StringIO(), 0
+    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
+        try:
+            vgps(words)
+        except SystemExit as stop:
+            code = stop.code or 0
+        except BaseException as error:
+            return f"{type(error).__name__}: {error!s:.200}"
+    if time.monotonic() - began > MOST_SECONDS:
+        return f"it took {time.monotonic() - began:.0f} s"
+    if code and tool == "rerun" and output.exists():
+        return "half a recording is left"
+    return ""
+
+
+def try_one(original: Path, folder: Path, kind: str, tools: tuple[str, ...], rng: Random) -> str:
+    """Damages a copy and runs tools on it; returns what is wrong."""
+    bag = folder / "bag"
+    shutil.copytree(original, bag)
+    damage(bag, kind, rng)
+    expected = whole_messages(bag, original)
+    for tool in tools:
+        if wrong := run(tool, bag):
+            return f"{tool}: {wrong}"
+    if expected:
+        if wrong := run("reindex", bag):
+            return f"reindex: {wrong}"
+        with BagReader(bag) as reader:
+            found = {(m.topic, m.stamp, m.data) for m in reader.messages()}
+        if lost := expected - found:
+            return f"{len(lost)} of {len(expected)} whole messages are lost"
+    return ""
+
+
+def campaign(count: int, seed: int, tools: int) -> list[str]:
+    """Damages a bag in many ways, each tried by some of the tools; returns what went wrong."""
+    wrong = []
+    with tempfile.TemporaryDirectory() as folder:
+        original = small_bag(Path(folder, "original"))
+        for i in range(count):
+            rng, kind = Random(f"{seed}-{i}"), KINDS[i % len(KINDS)]
+            with tempfile.TemporaryDirectory(dir=folder) as own:
+                some = tuple(rng.sample(TOOLS, tools))
+                if found := try_one(original, Path(own), kind, some, rng):
+                    wrong.append(f"damage {i} ({kind}): {found}")
+                    print(wrong[-1], flush=True)
+    return wrong
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=7)
+    arguments = parser.parse_args()
+    failures = campaign(arguments.count, arguments.seed, len(TOOLS))
+    print(f"{arguments.count} damages of seed {arguments.seed}: {len(failures)} went wrong.")
+    sys.exit(bool(failures))

@@ -1,0 +1,83 @@
+"""Damaged bags cost what was damaged; `make damages` runs the long campaign."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.bags.damage import KINDS, SAMPLE, campaign
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.chunks import scan
+from vgps_ros.bags.reindex import reindex, storage_files
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.storage.plain_yaml import read_yaml
+
+
+@pytest.mark.parametrize("seed", range(7))
+def test_no_damage_shows_a_traceback_or_costs_a_whole_chunk(seed):
+    assert campaign(len(KINDS), seed, tools=1) == []
+
+
+@pytest.fixture
+def bag(tmp_path) -> Path:
+    shutil.copytree(SAMPLE, tmp_path / "bag")
+    return tmp_path / "bag"
+
+
+def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
+    [file] = storage_files(bag)
+    place = scan(file).places[20]
+    with BagReader(bag) as reader:
+        before = list(reader.messages())
+    data = bytearray(file.read_bytes())
+    data[(place.begin + place.end) // 2] ^= 1
+    file.write_bytes(data)
+    with BagReader(bag) as reader:
+        assert len(before) - len(list(reader.messages())) == place.counts.total()
+        [sentence] = reader.damages
+    assert sentence.startswith("bag_0.mcap: chunk 21 of 31 is damaged, with messages of /")
+    assert f"from {place.start * 1e-9:.3f} to {place.last * 1e-9:.3f} s" in sentence
+    reindex(bag)
+    with BagReader(bag) as reader:
+        assert len(before) - len(list(reader.messages())) == place.counts.total()
+        assert reader.damages == []
+
+
+def test_a_bag_whose_file_is_missing_is_not_whole(bag):
+    shutil.copy(bag / "bag_0.mcap", bag / "bag_1.mcap")
+    (bag / "bag_0.mcap").unlink()
+    with pytest.raises(InvalidInputError, match=r"it lacks the file bag_0\.mcap"):
+        BagReader(bag)
+
+
+def test_a_pipe_and_a_device_are_no_files_of_a_bag(tmp_path):
+    os.mkfifo(tmp_path / "bag_0.mcap")
+    (tmp_path / "bag_1.mcap").symlink_to("/dev/zero")
+    with pytest.raises(InvalidInputError, match="is not a bag"):
+        BagReader(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 10_000,
+        "- 1\n- ]",
+        "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\n"
+        + "".join(
+            f"{b}: &{b} [{', '.join(9 * ['*' + a])}]\n"
+            for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+        ),
+        "a: &a [*a]",
+        "!!python/object/apply:os.system ['true']",
+        "\x02",
+    ],
+)
+def test_yaml_of_strangers_is_read_within_limits_or_refused(text):
+    with pytest.raises(InvalidInputError, match=r"^It is no YAML that can be read: .*\.$"):
+        read_yaml(text, "It")
+
+
+def test_plain_yaml_is_read_with_its_aliases():
+    assert read_yaml("a: &a [1, 2]\nb: *a", "It") == {"a": [1, 2], "b": [1, 2]}
+    assert read_yaml("", "It") is None
