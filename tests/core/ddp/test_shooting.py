@@ -113,7 +113,7 @@ def test_gaps_that_stay_open_are_an_error_with_advice(lq_problem, guess):
     assert caught.value.status == "open_gaps"
 
 
-def test_a_cancelled_solve_is_none_with_open_gaps(lq_problem, guess):
+def test_a_cancelled_solve_says_so_though_gaps_are_open(lq_problem, guess):
     problem = lq_problem()
     initial = guess(problem)
     options = {"gaps": problem.gaps(initial), "is_cancelled": lambda: True}
