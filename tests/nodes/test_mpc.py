@@ -51,9 +51,7 @@ def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     # Of each plan there is a message, whose motion begins where the robot was.
     assert [nanoseconds(p.header.stamp) // PERIOD for p in plans] == list(range(0, steps, 3))
     planned = trajectory_from_msg(plans[4].trajectory)
-    np.testing.assert_array_equal(
-        planned.states[0], state_from_msg(states[12], task.joint_names)
-    )
+    np.testing.assert_array_equal(planned.states[0], state_from_msg(states[12], task.joint_names))
     assert planned.horizon == 20
 
 

@@ -92,7 +92,7 @@ def test_the_swimmer_swims_by_plans_alone_and_a_run_repeats_bit_for_bit(swimmer)
 
 def test_a_horizon_that_the_task_has_not_is_refused(swimmer):
     for horizon in (0.001, 100.0):
-        with pytest.raises(InvalidInputError, match="must have 0.02 to 10 s"):
+        with pytest.raises(InvalidInputError, match=r"must have 0\.02 to 10 s"):
             Planner(swimmer, MpcSettings(horizon=horizon))
 
 

@@ -210,6 +210,4 @@ class Planner:
         n_dx, n_u = task.dims["n_dx"], task.dims["n_u"]
         deviations, gains = np.zeros((1, self.steps, n_dx)), np.zeros((self.steps, n_u, n_dx))
         scaled = ScaledCost(cost, 1.0 / weight)
-        return ScaledCost(
-            PolicyCost(scaled, policy, task.observation, deviations, gains), weight
-        )
+        return ScaledCost(PolicyCost(scaled, policy, task.observation, deviations, gains), weight)
