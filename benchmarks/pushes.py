@@ -51,9 +51,7 @@ class PushedRobot:
         qos = QoSProfile(depth=1000)
         graph.node.create_subscription(JointState, "joint_command", self._take, qos)
         self.plans: list[float] = []  # the time that each took [s]
-        graph.node.create_subscription(
-            Plan, "plan", lambda plan: self.plans.append(plan.solve_time), qos
-        )
+        graph.node.create_subscription(Plan, "plan", self._take_plan, qos)
         self.graph, self.missed, self.steps = graph, 0, 0
         self.pushes, self.falls = 0, 0
         self.costs: list[float] = []
@@ -65,6 +63,9 @@ class PushedRobot:
         self._command = stamp, torques, now
         if stamp in self._sent:
             self.delays.append(now - self._sent.pop(stamp))
+
+    def _take_plan(self, message: Any) -> None:
+        self.plans.append(message.solve_time)
 
     def wait_for_controller(self) -> None:
         """Publishes the first state until it is answered."""
