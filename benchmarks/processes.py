@@ -86,6 +86,11 @@ class Bench:
                 )
             self._executor.spin_once(timeout_sec=0.1)
 
+    def spin_to(self, due: float) -> None:
+        """Spins until a time of the steady clock [s]."""
+        while (left := due - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
     def call(self, kind: type, name: str, request: Any) -> Any:
         """Calls a service once it is there, and returns its response."""
         if name not in self._clients:

@@ -31,6 +31,7 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import (
     GaussianPolicy,
     LearningProgress,
+    Plan,
     SimulationState,
     Trajectory,
     TrajectoryDistribution,
@@ -111,6 +112,7 @@ DIAGNOSIS = DiagnosticArray(
         )
     ]
 )
+PLAN = Plan(task="rotor", time_step=0.02, cost=1.0, trajectory=DISTRIBUTION.mean)
 EVENT = ParameterEvent(
     node="/simulation",
     changed_parameters=[
@@ -308,6 +310,7 @@ TOPICS = {
     "joint_states": (JointState, STATE, STREAM, ("policy_executor", "visualizer")),
     "policy": (GaussianPolicy, POLICY_MESSAGE, LATCHED, ("policy_executor", "visualizer")),
     "trajectory_distribution": (TrajectoryDistribution, DISTRIBUTION, LATCHED, ("visualizer",)),
+    "plan": (Plan, PLAN, STREAM, ("visualizer",)),
     "learning_progress": (LearningProgress, PROGRESS, STREAM, ("visualizer",)),
     "robot_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
     "/diagnostics": (DiagnosticArray, DIAGNOSIS, STREAM, ()),

@@ -135,7 +135,7 @@ def test_a_late_plan_leaves_the_old_one_in_use_until_that_is_too_old(slow, swimm
     with pytest.raises(InvalidInputError, match="6 steps old, but a plan may drive for 5 steps"):
         horizon.control(state, 6)
     slow.may_end.set()
-    while slow.asked == [0]:  # the next one is begun with the first state after its end
+    while slow.asked in ([], [0]):  # the next one is begun with the first state after its end
         horizon.control(state, 5)
     assert horizon.control(state, 5)[1] <= 5
     horizon.stop()
@@ -156,3 +156,21 @@ def test_where_no_plan_is_found_the_reason_is_told_and_a_new_time_starts_anew(sl
     assert slow.warm[-1] == 100  # an old plan is no warm start, but the first one, begun anew
     assert horizon.trouble is None
     horizon.stop()
+
+
+def test_a_plan_of_the_time_before_a_reset_is_not_taken(slow, swimmer):
+    """Even where the new time begins at the step at which the newest plan does."""
+    horizon, state = RecedingHorizon(slow, every=0), swimmer.initial_state
+    for step in (0, 1, 2):
+        horizon.control(state, step)
+    slow.may_end.set()
+    while slow.asked in ([], [0]):
+        horizon.control(state, 3)
+    for _ in range(100):
+        assert horizon.control(state, 0)[1] == 0
+    horizon.stop()
+
+
+def test_a_state_from_before_the_plan_is_refused(planner, first, swimmer):
+    with pytest.raises(InvalidInputError, match="which begins at step 3"):
+        planner.next_plan(replace(first, start=3), swimmer.initial_state, 2)

@@ -8,14 +8,17 @@ from rerun.chunk import RrdReader
 from std_msgs.msg import String
 
 from tests.simulation.robots import EVERYTHING, everything, random_states
+from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
     command_to_msg,
     distribution_to_msg,
+    plan_to_msg,
     stamp_of,
     state_to_msg,
 )
 from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.search.mpc import Plan
 from vgps_ros.tasks import make_task
 from vgps_ros.views.graph_scene import GraphScene
 
@@ -164,6 +167,21 @@ def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_d
         recorded.scene.show("trajectory_distribution", message)
     assert [bool(text) for _, text in recorded.reports] == [False, True, True]
     recorded.close()
+
+
+def test_a_plan_is_drawn_where_it_leads_and_one_of_another_robot_is_left_out(recorded, swimmer):
+    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
+    motion = swimmer.dynamics.rollout(swimmer.initial_state, lambda *_: np.ones(2), 5)
+    plan = Plan(0, motion, np.zeros((5, 2, 10)), 2.5, Status.CONVERGED)
+    recorded.scene.show("/plan", plan_to_msg(plan, swimmer, 0.01, Time(sec=1)))
+    wrong = plan_to_msg(plan, swimmer, 0.01, Time(sec=2))
+    wrong.trajectory.n_x = 9
+    recorded.scene.show("/plan", wrong)
+    assert [bool(text) for _, text in recorded.reports] == [False, False, True]
+    chunks = recorded.close()
+    ((strip,),) = column(chunks["/world/plan"], "strips")
+    assert np.shape(strip) == (6, 3)
+    assert column(chunks["/plan/cost"], "scalars") == [[2.5]]
 
 
 @pytest.mark.parametrize(

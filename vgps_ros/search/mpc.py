@@ -136,9 +136,15 @@ class Planner:
             is_cancelled: asked between the parts of an iteration; true ends the solve.
 
         Raises:
+            InvalidInputError: the state is from before the plan.
             DivergenceError: both motions that the solve may start from diverge, or no q is around
                 what was found.
         """
+        if step < plan.start:
+            raise InvalidInputError(
+                f"The state is of control step {step}, but it must not be from before the plan, "
+                f"which begins at step {plan.start}."
+            )
         cost = self._cost(step, policy)
         motions = [self._continued(plan, state, step, policy), self._tail(state, policy)]
         costs = [float(np.sum(cost.values(motion))) for motion in motions]

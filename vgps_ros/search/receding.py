@@ -46,6 +46,7 @@ class RecedingHorizon:
         self._ending = Event()
         self._work: Future[tuple[Plan, float]] | None = None
         self._plan: Plan | None = None
+        self._step = 0  # of the last state
         self._first = self._worker.submit(planner.first_plan, seed).result()
 
     def stop(self) -> None:
@@ -60,14 +61,16 @@ class RecedingHorizon:
 
         Args:
             state: x, shape (n_x,).
-            step: control step of the state; one before those of the plan starts a new time.
+            step: control step of the state; one before that of the last state starts a new time.
             policy: π_θ, which continues plans.
 
         Raises:
             InvalidInputError: the newest plan is too old to drive.
         """
-        is_new_time = self._plan is None or step < self._plan.start
+        is_new_time = self._plan is None or step < self._step
+        self._step = step
         if self._plan is None or is_new_time:
+            # What is being planned is of the old time, and will not be taken.
             self._plan, self._work = replace(self._first, start=step), None
         if not self._every:
             if self._work is None or self._work.done():
