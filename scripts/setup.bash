@@ -62,7 +62,7 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 # --- What is up to date ---------------------------------------------------------------------
 venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
 build_key=$({
-  printf '%s\n' "$venv_key" config/* scripts/executables/*
+  printf '%s\n' "$venv_key" config/* launch/* scripts/executables/*
   find msg_schemas package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
     sort -z | xargs -0 sha256sum
 } | sha256sum)
