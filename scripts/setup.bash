@@ -41,9 +41,9 @@ source scripts/find_tools.bash
 # .venv/ros_setup names the setup.bash of the ROS installation that the environment was made for.
 # The environment stays with this installation, even if a later shell has not sourced it.
 ros=wheels
-if [[ -n ${ROS_DISTRO:-} ]]; then
-  [[ $ROS_DISTRO == jazzy ]] ||
-    fail "ROS 2 '$ROS_DISTRO' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
+if [[ -n ${ROS_VERSION:-} ]]; then # env.bash, which may be sourced here, sets ROS_DISTRO only
+  [[ ${ROS_DISTRO:-} == jazzy ]] ||
+    fail "ROS 2 '${ROS_DISTRO:-}' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
   ros=system
 elif [[ -f $venv/ros_setup && -f $(<"$venv/ros_setup") ]]; then
   ros=system
