@@ -24,7 +24,7 @@ demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITE
 test: setup  ## run the tests and check that they leave nothing behind
 	@scripts/run_tests.bash
 
-test-slow: setup  ## a real `pip install ".[standalone]"` without ROS (about two minutes, downloads)
+test-slow: setup  ## a real `pip install ".[standalone]"` without ROS, a colcon workspace (four minutes, downloads)
 	@scripts/run_tests.bash -m slow tests/programs
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)

@@ -19,15 +19,15 @@ _vgps_env() {
   set +u
   if [[ -f $venv/ros_setup ]]; then
     # shellcheck disable=SC1090
-    if [[ -z $ROS_DISTRO ]]; then source "$(<"$venv/ros_setup")"; fi
-  elif [[ -n $ROS_DISTRO ]]; then
+    if [[ -z $ROS_VERSION ]]; then source "$(<"$venv/ros_setup")"; fi
+  elif [[ -n $ROS_VERSION ]]; then # which installations set, and this file does not
     printf "env.bash: this checkout was set up without the ROS 2 '%s' sourced here: run 'make setup' again, or use a shell without it.\n" "$ROS_DISTRO" >&2
     if [[ -n $nounset ]]; then set -u; fi
     return 1
   else
     # Packages of other workspaces must not shadow the wheels.
     unset PYTHONPATH COLCON_PREFIX_PATH
-    export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
+    export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv ROS_DISTRO=jazzy
   fi
   # shellcheck disable=SC1091
   source "$root/install/setup.bash"

@@ -11,7 +11,7 @@ setup(
     version="0.1.0",
     description="Variational guided policy search on ROS 2",
     maintainer="vgps_ros maintainers",
-    maintainer_email="maintainers@vgps-ros.invalid",
+    maintainer_email="maintainers@users.noreply.h-seed-b6b9a4b1.example",
     license="Apache-2.0",
     packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
     package_data={"vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*.json"]},
@@ -22,6 +22,7 @@ setup(
         ("share/vgps_ros/config/walker", glob("config/walker/*.yaml")),
         ("share/vgps_ros/config/security", glob("config/security/*.xml")),
         ("share/vgps_ros/config/security/common", sorted(glob("config/security/common/*.xml"))),
+        ("share/vgps_ros/launch", sorted(glob("launch/*.launch.py"))),
         # `ros2 run` looks for executables in lib/<package>: each is `vgps` under another name.
         ("lib/vgps_ros", sorted(glob("scripts/executables/*"))),
     ],

@@ -56,7 +56,7 @@ find_python() {
     done < <(type -aP "$name")
   done
   case $lack in
-    rclpy) fail "ROS_DISTRO is 'jazzy', but $lacking cannot import rclpy: source the installation's setup.bash, or unset ROS_DISTRO to use wheels." ;;
+    rclpy) fail "ROS_VERSION is set, but $lacking cannot import rclpy: source the installation's setup.bash, or unset ROS_VERSION to use wheels." ;;
     venv) fail "$lacking has no venv module: install it, on Debian or Ubuntu with 'sudo apt-get install python3-venv'." ;;
     dev) fail "$lacking has no C headers: install them, on Debian or Ubuntu with 'sudo apt-get install python3-dev'." ;;
   esac

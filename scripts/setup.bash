@@ -41,9 +41,9 @@ source scripts/find_tools.bash
 # .venv/ros_setup names the setup.bash of the ROS installation that the environment was made for.
 # The environment stays with this installation, even if a later shell has not sourced it.
 ros=wheels
-if [[ -n ${ROS_DISTRO:-} ]]; then
-  [[ $ROS_DISTRO == jazzy ]] ||
-    fail "ROS 2 '$ROS_DISTRO' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
+if [[ -n ${ROS_VERSION:-} ]]; then # env.bash, which may be sourced here, sets ROS_DISTRO only
+  [[ ${ROS_DISTRO:-} == jazzy ]] ||
+    fail "ROS 2 '${ROS_DISTRO:-}' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
   ros=system
 elif [[ -f $venv/ros_setup && -f $(<"$venv/ros_setup") ]]; then
   ros=system
@@ -62,7 +62,7 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 # --- What is up to date ---------------------------------------------------------------------
 venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
 build_key=$({
-  printf '%s\n' "$venv_key" config/* scripts/executables/*
+  printf '%s\n' "$venv_key" config/* launch/* scripts/executables/*
   find msg_schemas package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
     sort -z | xargs -0 sha256sum
 } | sha256sum)

@@ -1,6 +1,8 @@
 """Types by names that may come from a bag or from another host."""
 
+import re
 import sys
+from pathlib import Path
 
 import pytest
 from sensor_msgs.msg import JointState
@@ -36,3 +38,10 @@ def test_a_package_that_is_no_interface_package_is_not_imported(tmp_path, monkey
 def test_a_name_that_is_no_type_is_refused_with_a_sentence(kind):
     with pytest.raises(InvalidInputError, match="is not installed; build or source its package"):
         message_type(kind)
+
+
+def test_comments_stand_above_the_fields_where_nested_types_show_them_as_written():
+    definitions = [*(Path(__file__).parents[2] / "msg_schemas").glob("*/*")]
+    assert definitions
+    for file in definitions:
+        assert not re.search(r"^[^#\n]+#", file.read_text(), re.MULTILINE), file

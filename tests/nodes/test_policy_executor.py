@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -276,3 +277,33 @@ def test_a_file_that_is_no_policy_of_the_task_ends_the_start_with_a_sentence(
         executor = graph.start("policy_executor", policy_file=tmp_path / name)
         assert executor.wait() == 1
         assert sentence in executor.output
+
+
+def test_a_robot_whose_driver_publishes_best_effort_is_driven_but_not_without_stamps(
+    graph, swimmer, random_policy
+):
+    graph.start("policy_executor", state_qos="sensor_data")
+    controller, policy = Controller(graph, swimmer), random_policy(0)
+    graph.node.destroy_publisher(controller.states)
+    controller.states = graph.publisher(JointState, "joint_states", qos_profile_sensor_data)
+    controller.policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    driver = state_to_msg(2.0 * np.ones(10), swimmer.joint_names, stamp_of(0))
+
+    def stamped(stamp):
+        driver.header.stamp = stamp_of(stamp)
+        controller.states.publish(driver)
+        graph.spin_for(0.05)
+        return bool(controller.commands)
+
+    # Another joint comes first and has no value; the rest comes the other way around.
+    driver.name = ["gripper", *reversed(driver.name)]
+    driver.position, driver.velocity = (
+        [np.nan, *reversed(values)] for values in (driver.position, driver.velocity)
+    )
+    driver.effort = []
+    graph.spin_until(lambda: stamped(PERIOD), what="torques from a best-effort state")
+    torques = command_from_msg(controller.commands[-1], swimmer.actuated_joint_names)
+    np.testing.assert_array_equal(torques, policy.mean(2.0 * READ))
+    stamped(0)
+    sentence = "the state's stamp is 0, but it must be the time of the measurement"
+    graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)

@@ -198,14 +198,23 @@ def state_to_msg(
 def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     """Returns (positions, velocities), whatever the order of the message's joints.
 
+    Further joints do not matter, whatever their values are.
+
     Raises:
         InvalidInputError: a joint is missing, or a value is missing or not finite.
     """
     order = name_order(tuple(message.name), tuple(joint_names))
-    n = len(message.name)
-    positions = finite_array("joint_states.position", message.position, (n,))
-    velocities = finite_array("joint_states.velocity", message.velocity, (n,))
-    return np.concatenate([positions[order], velocities[order]])
+    names = ("joint_states.position", "joint_states.velocity")
+    values = [message.position, message.velocity]
+    for name, given in zip(names, values, strict=True):
+        if len(given) != len(message.name):
+            raise InvalidInputError(
+                f"{name} has {len(given)} values, but the message names {len(message.name)} joints."
+            )
+    ordered = [np.asarray(given, dtype=float)[order] for given in values]
+    return np.concatenate(
+        [finite_array(*each, order.shape) for each in zip(names, ordered, strict=True)]
+    )
 
 
 def command_to_msg(control: Array, joint_names: Sequence[str], stamp: Time) -> JointState:

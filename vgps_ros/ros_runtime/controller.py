@@ -24,7 +24,7 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.qos import NEWEST, NEWEST_OF_SENSORS, STREAM
 from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
@@ -41,6 +41,13 @@ COMMAND_TYPE = Setting(
     "float64_multi_array: std_msgs/Float64MultiArray on commands, as the effort controllers of "
     "ros2_control take it",
     choices=("joint_state", "float64_multi_array"),
+)
+STATE_QOS = Setting(
+    "state_qos",
+    "reliable",
+    "reliable: no state is lost, as lock-step needs; sensor_data: best effort, which takes every "
+    "driver of a real robot, whose states must have a stamp other than zero",
+    choices=("reliable", "sensor_data"),
 )
 
 
@@ -62,6 +69,7 @@ class Controller(LifecycleNode):
         self.task = make_task(declare(self, TASK))
         self._needs_policy = needs_policy
         self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
+        self._is_real = declare(self, STATE_QOS) == "sensor_data"
         self.prepare_law()
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
             declare(self, setting)
@@ -93,7 +101,8 @@ class Controller(LifecycleNode):
         )
         self._states = StateMessages(self.task.dynamics.model)
         self._awaited = f"{' and '.join(self._states.topics)} from simulation"
-        subscribe_to_states(self, self._states, self._take_state, NEWEST)
+        qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
+        subscribe_to_states(self, self._states, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)
@@ -171,6 +180,11 @@ class Controller(LifecycleNode):
     def _answer(self, messages: dict[str, Any]) -> Command | None:
         state = self._states.join(messages)
         stamp = nanoseconds(messages[JOINTS].header.stamp)
+        if self._is_real and stamp == 0:
+            raise InvalidInputError(
+                "the state's stamp is 0, but it must be the time of the measurement; let the "
+                "robot's driver set it."
+            )
         return self._supervisor.answer(
             state,
             stamp,

@@ -9,6 +9,9 @@ STREAM = QoSProfile(depth=1000)
 # The other end of a stream of states, for a controller: it acts on the newest, never on a backlog.
 NEWEST = QoSProfile(depth=1)
 
+# The same for the sensors of a real robot, to which REP 2003 has nodes listen with best effort.
+NEWEST_OF_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
 # Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
 # follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
 SIGNS_OF_LIFE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)

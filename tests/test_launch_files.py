@@ -1,0 +1,102 @@
+"""The launch files, compared with what the package has; launched where ROS has `launch`."""
+
+import ast
+import importlib
+import re
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+from vgps_ros import NODES
+from vgps_ros.core.settings import Setting
+
+FOLDER = Path(__file__).parents[1] / "launch"
+ARGUMENTS = {
+    "robot": {"namespace", "use_sim_time", "task", "params_file"},
+    "training": {"namespace", "use_sim_time", "task", "params_file"},
+    "replay": {"namespace", "use_sim_time", "params_file", "bag", "output"},
+}
+STARTED = {
+    "robot": {"simulation", "policy_executor"},
+    "training": {"simulation", "policy_executor", "trajectory_optimizer", "policy_learner"},
+    "replay": {"player", "visualizer"},
+}
+
+
+def calls(name: str, *functions: str) -> list[ast.Call]:
+    """Returns the calls of some functions in a launch file, and in those that it includes."""
+    text = (FOLDER / f"{name}.launch.py").read_text()
+    found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    own = [call for call in found if getattr(call.func, "id", "") in functions]
+    included = set(re.findall(r'"(\w+)\.launch\.py"', text))
+    return own + [call for other in included for call in calls(other, *functions)]
+
+
+def keyword(call: ast.Call, name: str) -> ast.expr | None:
+    return next((each.value for each in call.keywords if each.arg == name), None)
+
+
+def first(call: ast.Call) -> str:
+    return ast.literal_eval(call.args[0])
+
+
+def parameters_of(node: str) -> set[str]:
+    """Returns the names of the settings that a node's module knows."""
+    module = importlib.import_module(f"vgps_ros.nodes.{node}")
+    return {v.name for v in vars(module).values() if isinstance(v, Setting)} | {"use_sim_time"}
+
+
+def test_there_is_a_description_of_each_launch_file_and_no_other():
+    assert {file.name.partition(".")[0] for file in FOLDER.iterdir() if file.is_file()} == {
+        *ARGUMENTS
+    }
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_it_declares_the_arguments_that_it_uses_each_with_a_description(name):
+    declared = calls(name, "DeclareLaunchArgument")
+    assert {first(call) for call in declared} == ARGUMENTS[name]
+    assert all(keyword(call, "description") for call in declared)
+    assert {
+        first(call)
+        for call in calls(name, "LaunchConfiguration", "given")
+        if isinstance(call.args[0], ast.Constant)
+    } == ARGUMENTS[name]
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_it_starts_nodes_of_the_package_with_parameters_that_they_have(name):
+    nodes = calls(name, "Node", "LifecycleNode")
+    started = {ast.literal_eval(keyword(call, "executable")): call for call in nodes}
+    assert started.keys() == STARTED[name] <= {*NODES}
+    assert {ast.literal_eval(keyword(call, "package")) for call in nodes} == {"vgps_ros"}
+    for_all = {first(call) for call in calls(name, "SetParameter")}
+    for node, call in started.items():
+        given = keyword(call, "parameters")
+        own = {ast.literal_eval(key) for key in given.elts[0].keys} if given else set()
+        assert own | for_all <= parameters_of(node)
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_launch_finds_the_same_arguments_and_nodes(name):
+    """Where ROS has `launch`; the wheels lack it."""
+    pytest.importorskip("launch_ros.actions")
+    from launch.actions import IncludeLaunchDescription
+    from launch_ros.actions import Node
+
+    def executables(launched):
+        for entity in launched.entities:
+            if isinstance(entity, Node):
+                yield entity.node_executable
+            elif isinstance(entity, IncludeLaunchDescription):
+                source = entity.launch_description_source
+                yield from executables(source.try_get_launch_description_without_context())
+
+    path = FOLDER / f"{name}.launch.py"
+    spec = spec_from_file_location(name, path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    launched = module.generate_launch_description()
+    assert {argument.name for argument in launched.get_launch_arguments()} == ARGUMENTS[name]
+    assert set(executables(launched)) == STARTED[name]
