@@ -23,6 +23,10 @@ from numba.extending import intrinsic
 _intrinsic: Callable[..., Callable[..., Any]] = intrinsic
 _LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
 
+# The Python bindings read the clock around each stage of a step, an eighth of its time here; no one
+# asks for these times.
+mujoco.set_mjcb_time(None)
+
 
 def address(record: mujoco.MjModel | mujoco.MjData) -> int:
     """Returns where MuJoCo keeps a record; valid only while the Python object lives."""
