@@ -1,4 +1,4 @@
-"""The peer of our derivatives: MuJoCo's plain centred differences at every step, on one thread."""
+"""The peers of our derivatives: MuJoCo's plain differences at every step, on one thread."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,9 @@ _EPS = 1e-6
 
 
 class CentredDynamics(Dynamics):
-    """The same dynamics, differentiated by `mjd_transitionFD`."""
+    """The same dynamics, differentiated by `mjd_transitionFD`, centred."""
+
+    is_centred = True
 
     def linearize(
         self, trajectory: Trajectory, *, centred: bool = True
@@ -28,6 +30,14 @@ class CentredDynamics(Dynamics):
             for substep in range(self.substeps):
                 if substep:
                     mujoco.mj_step(self.model, data)
-                mujoco.mjd_transitionFD(self.model, data, _EPS, True, a, b, None, None)
+                mujoco.mjd_transitionFD(self.model, data, _EPS, self.is_centred, a, b, None, None)
                 f_x[t], f_u[t] = a @ f_x[t], a @ f_u[t] + b
-        return LinearDynamics(f_x, f_u), horizon * self.substeps * (2 * (n_dx + n_u) + 1)
+        return LinearDynamics(f_x, f_u), horizon * self.substeps * (
+            (1 + self.is_centred) * (n_dx + n_u) + 1
+        )
+
+
+class ForwardDynamics(CentredDynamics):
+    """The same by forward differences, which take half as many steps and err more."""
+
+    is_centred = False

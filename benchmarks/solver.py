@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.centred_dynamics import CentredDynamics
+from benchmarks.centred_dynamics import CentredDynamics, ForwardDynamics
 from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
 from benchmarks.timing import Comparison, compare, compare_in_turns
 from vgps_ros.core.ddp.backward_pass import backward_pass
@@ -125,7 +125,7 @@ def ddp_iteration() -> Iterator[Comparison]:
 
 
 def derivatives() -> Iterator[Comparison]:
-    """Derivatives on one thread against two, and against MuJoCo's plain centred differences."""
+    """Derivatives on one thread against two, and against two processes."""
     with ProcessPoolExecutor(2, get_context("spawn")) as processes:
         for name in TASKS:
             one, motion = _single(name)
@@ -149,13 +149,29 @@ def derivatives() -> Iterator[Comparison]:
                 ],
                 repetitions=41,
             )
-            plain = with_threads(make_task(name), 1, CentredDynamics).dynamics
+
+
+def derivatives_by_robot() -> Iterator[Comparison]:
+    """Derivatives on one thread against MuJoCo's plain differences, with the errors of both."""
+    for name in ("swimmer", "walker", "quadruped", "hopper", "half_cheetah", "arm"):
+        ours, motion = _single(name)
+        centred, forward = (
+            with_threads(make_task(name), 1, kind).dynamics
+            for kind in (CentredDynamics, ForwardDynamics)
+        )
+        exact = centred.linearize(motion)[0]
+        for peer, kind in ((centred, "centred"), (forward, "forward")):
             yield compare(
-                f"{name}: derivatives, one thread / mjd_transitionFD, centred",
-                partial(one.linearize, motion),
-                partial(plain.linearize, motion),
+                f"{name}: derivatives, one thread / mjd_transitionFD, {kind}",
+                partial(ours.linearize, motion),
+                partial(peer.linearize, motion),
                 None,
-                remark=f"error {_error(one.linearize(motion)[0], plain.linearize(motion)[0])}",
+                remark=f"error {_error(ours.linearize(motion)[0], exact)}"
+                + (
+                    ""
+                    if peer is centred
+                    else f", the peer's {_error(peer.linearize(motion)[0], exact)}"
+                ),
             )
 
 

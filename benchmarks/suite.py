@@ -34,6 +34,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "backward_pass": solver.backward_passes,
     "ddp_iteration": solver.ddp_iteration,
     "derivatives": solver.derivatives,
+    "derivatives_by_robot": solver.derivatives_by_robot,
     "convergence": solver.convergence,
     "task_files": task_files.task_files,
     "trajectory_peers": trajectory_peers.trajectory_peers,

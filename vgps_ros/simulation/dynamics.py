@@ -24,7 +24,11 @@ from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.model import control_range
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
+from vgps_ros.simulation.step_structure import damping_varies, step_structure
 
+# Perturbation of the finite differences, by whether the neighbours' accelerations are predicted:
+# then no search for them adds its noise, and the curvature of hard contact counts for more.
+_EPS = {False: 1e-7, True: 1e-8}
 # Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 KINK = 10.0
 # A rollout whose states or controls leave these bounds has diverged.
@@ -45,7 +49,7 @@ class Dynamics:
     Args:
         model: the robot.
         substeps: simulator steps for which one control is held.
-        eps: perturbation of the finite differences.
+        eps: perturbation of the finite differences; None for one that suits the model.
         threads: threads that share finite differences and rollouts; their number changes no result.
 
     Raises:
@@ -56,19 +60,20 @@ class Dynamics:
         self,
         model: mujoco.MjModel,
         substeps: int = 1,
-        eps: float = 1e-7,
+        eps: float | None = None,
         threads: int | None = None,
     ):
         self.simulations = Simulations(model, substeps, threads)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
-        self.eps = eps
+        self.eps = eps or _EPS[step_structure(self.model).may_predict]
         self.control_dim = model.nu
         self.control_limits = control_range(model)
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
+        self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
 
     @property
@@ -235,7 +240,7 @@ class Dynamics:
         steps = self.simulations.in_threads(
             horizon,
             lambda sim, part: compiled_derivatives.differentiate(
-                *(sim, self._columns, self.eps, np.inf if centred else KINK * self.eps),
+                *(sim, self._columns, self.eps, np.inf if centred else self._kink),
                 *(states[part], controls[part], f_x[part], f_u[part]),
             ),
         )

@@ -23,6 +23,10 @@ from numba.extending import intrinsic
 _intrinsic: Callable[..., Callable[..., Any]] = intrinsic
 _LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
 
+# The Python bindings read the clock around each stage of a step, an eighth of its time here; no one
+# asks for these times.
+mujoco.set_mjcb_time(None)
+
 
 def address(record: mujoco.MjModel | mujoco.MjData) -> int:
     """Returns where MuJoCo keeps a record; valid only while the Python object lives."""
@@ -60,8 +64,17 @@ mj_subtree_vel = _of_simulation("mj_subtreeVel")
 mj_sensor_pos = _of_simulation("mj_sensorPos")
 mj_sensor_vel = _of_simulation("mj_sensorVel")
 mj_forward = _of_simulation("mj_forward")
+mj_fwd_kinematics = _of_simulation("mj_fwdKinematics")
+mj_make_m = _of_simulation("mj_makeM")
+mj_collision = _of_simulation("mj_collision")
+mj_make_constraint = _of_simulation("mj_makeConstraint")
+mj_transmission = _of_simulation("mj_transmission")
+mj_fwd_velocity = _of_simulation("mj_fwdVelocity")
+mj_fwd_actuation = _of_simulation("mj_fwdActuation")
+mj_inv_constraint = _of_simulation("mj_invConstraint")
 
-_CALL_STEP_SKIP = _call_of("mj_stepSkip")
+_CALL_STEP_SKIP, _CALL_MUL_M = _call_of("mj_stepSkip"), _call_of("mj_mulM")
+_CALL_EULER_SKIP, _CALL_IMPLICIT_SKIP = _call_of("mj_EulerSkip"), _call_of("mj_implicitSkip")
 _CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of("mj_integratePos")
 
 
@@ -84,3 +97,21 @@ def mj_differentiate_pos(_, model, velocity, period, origin, positions):  # type
 def mj_integrate_pos(_, model, positions, velocity, period):  # type: ignore[no-untyped-def]
     """Moves positions by a velocity for a period; arrays by address."""
     return types.void(types.intp, types.intp, types.intp, types.float64), _CALL_INTEGRATE
+
+
+@_intrinsic
+def mj_mul_m(_, model, data, product, vector):  # type: ignore[no-untyped-def]
+    """Writes the inertia matrix times a vector; arrays by address."""
+    return types.void(types.intp, types.intp, types.intp, types.intp), _CALL_MUL_M
+
+
+@_intrinsic
+def mj_euler_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
+    """Advances the state by the acceleration, without a factorisation that is valid already."""
+    return types.void(types.intp, types.intp, types.int32), _CALL_EULER_SKIP
+
+
+@_intrinsic
+def mj_implicit_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
+    """Does the same implicitly in velocity."""
+    return types.void(types.intp, types.intp, types.int32), _CALL_IMPLICIT_SKIP

@@ -1,0 +1,67 @@
+"""Derivatives whose accelerations are predicted, against MuJoCo's own differences of full steps."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.simulation.robots import EVERYTHING, random_states
+from vgps_ros.core.records import Trajectory
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.step_structure import damping_varies, step_structure
+
+
+def model_with(option="", old="", new=""):
+    mjcf = EVERYTHING.replace('integrator="implicitfast"', option or 'integrator="implicitfast"')
+    return mujoco.MjModel.from_xml_string(mjcf.replace(old, new))
+
+
+def centred_differences(model, state, control):
+    data, n_dx = mujoco.MjData(model), 2 * model.nv + model.na
+    data.qpos, data.qvel, data.act = np.split(state, [model.nq, model.nq + model.nv])
+    data.ctrl = control
+    a, b = np.empty((n_dx, n_dx)), np.empty((n_dx, model.nu))
+    mujoco.mjd_transitionFD(model, data, 1e-6, True, a, b, None, None)
+    return np.hstack([a, b])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        ('integrator="Euler"',),
+        ('integrator="implicitfast" cone="elliptic"',),
+        ('integrator="implicitfast" solver="CG" iterations="1000"',),
+        ("", '<motor name="hip" joint="hip"/>', '<velocity name="hip" joint="hip" kv=".5"/>'),
+        ("", 'joint name="hip"', 'joint name="hip" frictionloss=".1"'),
+        ("", "<tendon>", '<equality><joint joint1="hip" joint2="knee"/></equality><tendon>'),
+    ],
+)
+def test_predicted_accelerations_differentiate_as_full_steps_do(changes, rng):
+    model = model_with(*changes)
+    assert step_structure(model).may_predict
+    states, controls = random_states(model, rng, 13), rng.uniform(-1, 1, (12, model.nu))
+    linear, _ = Dynamics(model, threads=1).linearize(Trajectory(states, controls), centred=True)
+    errors = []
+    for t, control in enumerate(controls):
+        expected = centred_differences(model, states[t], control)
+        found = np.hstack([linear.f_x[t], linear.f_u[t]])
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+    assert np.quantile(errors, 0.8) < 1e-5
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ('integrator="RK4"',),
+        ('integrator="implicit"',),
+        ('integrator="implicitfast" noslip_iterations="3"',),
+        ('integrator="implicitfast" density="1000"',),
+    ],
+)
+def test_nothing_is_predicted_where_a_step_is_more_than_a_balance_of_forces(changes):
+    assert not step_structure(model_with(*changes)).may_predict
+
+
+def test_where_damping_depends_on_velocity_it_is_said_to_vary(swimmer):
+    assert damping_varies(swimmer.dynamics.model)
+    assert not damping_varies(model_with())
