@@ -10,6 +10,7 @@ import pytest
 
 from vgps_ros import NODES
 from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime import controller
 
 FOLDER = Path(__file__).parents[1] / "launch"
 ARGUMENTS = {
@@ -42,9 +43,13 @@ def first(call: ast.Call) -> str:
 
 
 def parameters_of(node: str) -> set[str]:
-    """Returns the names of the settings that a node's module knows."""
-    module = importlib.import_module(f"vgps_ros.nodes.{node}")
-    return {v.name for v in vars(module).values() if isinstance(v, Setting)} | {"use_sim_time"}
+    """Returns the names of the settings that a node's module and its controller's know."""
+    modules = [
+        importlib.import_module(f"vgps_ros.nodes.{node}"),
+        *([controller] if node in ("policy_executor", "mpc") else []),
+    ]
+    known = {v.name for m in modules for v in vars(m).values() if isinstance(v, Setting)}
+    return known | {"use_sim_time"}
 
 
 def test_there_is_a_description_of_each_launch_file_and_no_other():
