@@ -3,9 +3,6 @@
 import os
 import subprocess
 import sys
-import time
-
-from vgps_ros.search import preparation
 
 PROGRAM = """
 from vgps_ros.search.preparation import prepare
@@ -30,11 +27,3 @@ def output(**environment: str) -> str:
 def test_a_new_machine_is_compiled_for_once_and_told(tmp_path):
     assert "Compiling" in output(NUMBA_CACHE_DIR=str(tmp_path))
     assert any(tmp_path.rglob("*.nbc"))
-
-
-def test_nobody_is_told_of_a_moment(capsys, monkeypatch):
-    monkeypatch.setattr(preparation, "_NOTICE_DELAY", 0.05)
-    with preparation._notice("It takes a while."):
-        pass
-    time.sleep(0.2)
-    assert capsys.readouterr().out == ""

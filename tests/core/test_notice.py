@@ -1,0 +1,30 @@
+"""A program says what it is at, but only where that takes long."""
+
+import time
+
+import pytest
+
+from vgps_ros.core import notice
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    monkeypatch.setattr(notice, "_DELAY", 0.05)
+
+
+def test_nobody_is_told_of_a_moment(capsys):
+    with notice.notice("It takes a while."):
+        pass
+    notice.progress_lines("Samples")(0.5)
+    time.sleep(0.2)
+    assert capsys.readouterr().out == ""
+
+
+def test_progress_that_takes_long_is_told_once_in_a_while(capsys):
+    report = notice.progress_lines("Samples")
+    time.sleep(0.1)
+    for share in (0.25, 0.5, 1.0):
+        report(share)
+    assert capsys.readouterr().out.startswith("Samples: 25 %, about ")
+    report(1.0)
+    assert capsys.readouterr().out == ""
