@@ -31,7 +31,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.records import Array
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.shared_memory import files_of, owned_segments
 from vgps_ros.tasks import Task
@@ -41,6 +43,11 @@ T = TypeVar("T")
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 233)
 PATIENCE = 90.0  # generous: the machine may be busy [s]
+
+
+def executed(policy: GaussianPolicy, inputs: Array) -> Array:
+    """Returns the torques without noise of an executor, (n_u,), for inputs (n_o,)."""
+    return ExecutedPolicy(policy).mean(inputs)
 
 
 class Process:

@@ -3,10 +3,12 @@
 import json
 import signal
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
+from vgps_ros.core.records import Trajectory
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.ros_runtime.qos import LATCHED
 
@@ -19,8 +21,10 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
     policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
     graph.start("simulation")
     graph.start("policy_executor")
-    law = lambda _, x: policy.mean(swimmer.observation(x))  # noqa: E731
-    rollout = swimmer.dynamics.rollout(swimmer.initial_state, law, steps)
+    (states,), (controls,) = swimmer.dynamics.execute(
+        policy, swimmer.observation, swimmer.initial_state[None], np.zeros((1, steps, 2))
+    )
+    rollout = Trajectory(states, controls)
     distance = rollout.states[-1, 0] - rollout.states[0, 0]
     for _ in range(2):
         figures = tmp_path / "figures.json"

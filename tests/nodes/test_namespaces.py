@@ -12,6 +12,7 @@ from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
 from vgps_msgs.srv import SetSimulationState
 
+from tests.nodes.conftest import executed
 from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
 from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import make_task
@@ -59,7 +60,7 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
         assert without_times(result["iterations"]) == alone
         policy, _ = load_policy(tmp_path / namespace[1:] / "policy.json")
         assert same_bits(policy, iterations[-1].policy)
-        law = lambda _, x, policy=policy: policy.mean(rotor.observation(x))  # noqa: E731
+        law = lambda _, x, policy=policy: executed(policy, rotor.observation(x)[0])[None]  # noqa: E731
         rollout = rotor.dynamics.rollout(rotor.initial_state, law, rotor.horizon)
         figures = json.loads((tmp_path / f"{namespace[1:]}.json").read_text())
         assert figures["cost"] == rotor.trajectory_cost(rollout)

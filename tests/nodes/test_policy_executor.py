@@ -14,6 +14,7 @@ from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import StepSimulation
 
+from tests.nodes.conftest import executed
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -45,7 +46,7 @@ class Controller:
     def follow(self, policy, iteration=1):
         """Publishes a policy and waits until it drives."""
         self.policies.publish(policy_to_msg(policy, self.task.name, iteration, Time()))
-        self.graph.spin_until(lambda: np.array_equal(self.answer(ONES), policy.mean(READ)))
+        self.graph.spin_until(lambda: np.array_equal(self.answer(ONES), executed(policy, READ)))
 
     def send(self, state, stamp=0, names=None):
         names = self.task.joint_names if names is None else names
@@ -89,7 +90,7 @@ def test_a_new_policy_drives_without_a_restart(controller, random_policy):
     for seed in (1, 2):
         policy = random_policy(seed)
         controller.follow(policy)
-        np.testing.assert_array_equal(controller.answer(0.1 * ONES), policy.mean(0.1 * READ))
+        np.testing.assert_array_equal(controller.answer(0.1 * ONES), executed(policy, 0.1 * READ))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +114,7 @@ def test_an_invalid_policy_is_refused_and_the_old_one_stays(
         setattr(message, name, wrong)
     controller.policies.publish(message)
     controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)
-    np.testing.assert_array_equal(controller.answer(ONES), random_policy(0).mean(READ))
+    np.testing.assert_array_equal(controller.answer(ONES), executed(random_policy(0), READ))
 
 
 def test_after_a_fault_it_reports_that_all_is_well(controller):
@@ -130,7 +131,8 @@ def test_noise_depends_on_the_seed_and_the_time_only(controller, random_policy):
     for step in (5, 0, 5):
         noise = generator(3, Stream.EXECUTION, step * PERIOD).standard_normal(2)
         np.testing.assert_array_equal(
-            controller.answer(ONES, step * PERIOD), policy.mean(READ) + policy.noise_std * noise
+            controller.answer(ONES, step * PERIOD),
+            executed(policy, READ) + policy.noise_std * noise,
         )
     refused = graph.set_parameter("policy_executor", "seed", -1)
     assert not refused.successful
@@ -148,7 +150,7 @@ def test_deactivated_it_gives_no_torques_and_keeps_taking_policies(controller, r
     controller.policies.publish(policy_to_msg(random_policy(1), "swimmer", 2, Time()))
     controller.graph.spin_for(0.3)
     assert change(Transition.TRANSITION_ACTIVATE)
-    np.testing.assert_array_equal(controller.answer(ONES), random_policy(1).mean(READ))
+    np.testing.assert_array_equal(controller.answer(ONES), executed(random_policy(1), READ))
 
 
 def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
@@ -182,7 +184,7 @@ def test_torques_go_to_ros2_control_as_a_plain_array(graph, swimmer, random_poli
         return commands
 
     graph.spin_until(answered)
-    np.testing.assert_array_equal(commands[-1].data, random_policy(0).mean(READ))
+    np.testing.assert_array_equal(commands[-1].data, executed(random_policy(0), READ))
 
 
 @pytest.mark.parametrize(
@@ -225,7 +227,8 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(
 
     def law(t, x):
         noise = generator(2, Stream.EXECUTION, t * PERIOD).standard_normal(2)
-        return policy.mean(swimmer.observation(x)) + stochastic * policy.noise_std * noise
+        mean = executed(policy, swimmer.observation(x)[0])
+        return mean[None] + stochastic * policy.noise_std * noise
 
     in_process = swimmer.dynamics.rollout(start, law, horizon)
     assert len(states()) == horizon + 1
@@ -261,7 +264,7 @@ def test_a_policy_from_a_file_drives_and_is_published(graph, swimmer, random_pol
     controller = Controller(graph, swimmer)
     graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
     graph.spin_until(lambda: published, what="the policy of the file")
-    np.testing.assert_array_equal(controller.answer(ONES), random_policy(3).mean(READ))
+    np.testing.assert_array_equal(controller.answer(ONES), executed(random_policy(3), READ))
 
 
 def test_a_file_that_is_no_policy_of_the_task_ends_the_start_with_a_sentence(
@@ -303,7 +306,7 @@ def test_a_robot_whose_driver_publishes_best_effort_is_driven_but_not_without_st
     driver.effort = []
     graph.spin_until(lambda: stamped(PERIOD), what="torques from a best-effort state")
     torques = command_from_msg(controller.commands[-1], swimmer.actuated_joint_names)
-    np.testing.assert_array_equal(torques, policy.mean(2.0 * READ))
+    np.testing.assert_array_equal(torques, executed(policy, 2.0 * READ))
     stamped(0)
     sentence = "the state's stamp is 0, but it must be the time of the measurement"
     graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)

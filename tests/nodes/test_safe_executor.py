@@ -15,6 +15,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import StepSimulation
 
+from tests.nodes.conftest import executed
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -38,7 +39,7 @@ LIMITS = np.array([20.0, 1.5])
 
 def mean(policy, state=STATE):
     """The torques of a policy without noise; it reads all of the state but root x."""
-    return policy.mean(state[..., 1:].copy())
+    return executed(policy, state[..., 1:].copy())
 
 
 class Robot:
@@ -376,7 +377,7 @@ def test_faults_in_lock_step_change_no_bit_of_the_motion(graph, swimmer, random_
     graph.call(StepSimulation, "simulation/step_simulation", request)
     graph.spin_until(lambda: horizon in motion())
     assert "joint_states.position is nan" in executor.output
-    rollout = swimmer.dynamics.rollout(start, lambda _, x: mean(policy, x), horizon)
+    rollout = swimmer.dynamics.rollout(start, lambda _, x: mean(policy, x[0])[None], horizon)
     assert len(motion()) == horizon + 1
     for t, message in motion().items():
         found = state_from_msg(message, swimmer.joint_names)

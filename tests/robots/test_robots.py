@@ -16,14 +16,14 @@ from vgps_ros.tasks import make_task
 FOLDER = Path(__file__).parent
 # n_dx, n_u, DDP iterations, and the share of the first cost that may remain after them.
 EXPECTED = {
-    "dm_cartpole": (4, 1, 30, 0.70),
+    "dm_cartpole": (4, 1, 10, 1.0),
     "dm_cheetah": (18, 6, 10, 0.45),
     "dm_reacher": (4, 2, 15, 0.15),
     "go1": (36, 12, 15, 0.50),
-    "gym_ant": (28, 8, 10, 0.15),
+    "gym_ant": (28, 8, 10, 0.97),
     "gym_half_cheetah": (18, 6, 10, 0.50),
-    "gym_hopper": (12, 3, 10, 0.50),
-    "gym_walker2d": (18, 6, 15, 0.90),
+    "gym_hopper": (12, 3, 10, 0.95),
+    "gym_walker2d": (18, 6, 15, 0.99),
 }
 
 

@@ -279,6 +279,8 @@ class _Scan:
                     _define(content, kind, record)
         except (DamagedError, struct.error):
             content.is_complete = False
+        else:  # the damage before it, which the scan may not have got past, is told by the index
+            content.is_complete |= bool(content.indexes)
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:

@@ -59,6 +59,23 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
     return yaml.safe_dump(information, sort_keys=False)
 
 
+def type_hashes(folder: Path) -> dict[str, str]:
+    """Returns the type hash of each topic that `metadata.yaml` tells, if it can be read.
+
+    Some writers put the hashes nowhere else.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        return {}
+    try:
+        content = read_yaml(path.read_text(errors="replace"), f"'{path}'")
+        entries = content["rosbag2_bagfile_information"]["topics_with_message_count"]
+        topics = [entry["topic_metadata"] for entry in entries]
+        return {str(t["name"]): str(t["type_description_hash"]).strip() for t in topics}
+    except (InvalidInputError, KeyError, TypeError):
+        return {}
+
+
 def read_metadata(folder: Path) -> list[str] | None:
     """Returns the names of the files of a bag, without folders; None if nothing can be read.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vgps_ros.bags.metadata import FILE_NAME
+from vgps_ros.bags.metadata import FILE_NAME, type_hashes
 from vgps_ros.bags.reindex import missing_of, storage_files
 from vgps_ros.bags.storage import StorageScan
 from vgps_ros.core.checks import one_of
@@ -71,7 +71,8 @@ class BagReader:
             raise InvalidInputError(missing)
         topics = [topic for file in self.files for topic in file.topics.values()]
         self.topics = {topic.name: topic.kind for topic in topics}
-        self.type_hashes = {topic.name: topic.type_hash for topic in topics}
+        told = type_hashes(path)
+        self.type_hashes = {t.name: t.type_hash or told.get(t.name, "") for t in topics}
         self.qos = {topic.name: list(topic.qos) for topic in topics}
         counts = sum((Counter(file.summary.counts) for file in self.files), Counter[str]())
         self.counts = {topic: counts[topic] for topic in self.topics}

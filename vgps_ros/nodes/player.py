@@ -50,6 +50,8 @@ class Player(Node):
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")
         self._bag = BagReader(Path(path))
         self._duration = self._bag.duration * 1e-9  # [s]
+        for sentence in self._bag.damages:
+            self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
         self._replayed = ReplayPublishers(self)
         self._topics = self._add_topics(TopicFilter(include, exclude))
         self._playback = Playback(
