@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # Puts vgps_ros, and the ROS 2 it was set up with, on this shell's path: source env.bash
 #

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The peers of our derivatives: MuJoCo's plain differences at every step, on one thread."""
 
 import mujoco

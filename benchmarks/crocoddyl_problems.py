@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Control problems that crocoddyl and this project solve alike, to the last digits of a step.
 
 The robots are those of two tasks, without damping, limits of joints and contact: then MuJoCo's

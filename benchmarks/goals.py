@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a learner of locomotion must reach, however it learns, and how it has fared."""
 
 import time

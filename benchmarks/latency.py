@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plans that come late by a fixed time, under pushes: `python -m benchmarks.latency TASK --help`.
 
 The closed loop is in process and in simulated time, so that its result depends neither on how fast

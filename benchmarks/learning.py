@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Benchmarks of policy search: where its time goes, and how it grows."""
 
 import time

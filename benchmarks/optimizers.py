@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Time of an iteration's solves against the number of optimizer nodes, on one host and on two.
 
 The hosts are network namespaces that a pair of virtual interfaces joins, with a shared memory of

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The peer of a controller: a bare node that answers each state at once with the same torques."""
 
 from contextlib import suppress

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Control problems that benchmarks share."""
 
 from collections.abc import Callable

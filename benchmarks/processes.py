@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Processes of a graph in a ROS domain of its own, for benchmarks."""
 
 import os

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A controller in real time under pushes: `python -m benchmarks.pushes TASK CONTROLLER --help`.
 
 The robot is simulated here, in the place of the node `simulation`, since it is pushed: at each push

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Variational guided policy search against reinforcement learning, on the same task and cost."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a run of benchmarks leaves: a table for the terminal, one for documents, and a picture."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reinforcement learning by Stable-Baselines3, as far as a goal.
 
 Its settings are those that its own zoo has for the MuJoCo environment of the same name (Swimmer-v4

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a cost by sensors costs, against the same cost written by hand with its Jacobian."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Benchmark of whole solves against crocoddyl's, on the same problems."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plays a bag, and draws it into a Rerun recording where a file for that is named."""
 
 from launch import LaunchDescription

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Starts a simulated robot and the executor of its policy, in a namespace where one is given."""
 
 from launch import LaunchDescription

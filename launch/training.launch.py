@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Starts all nodes that learn a policy and drive a simulated robot with it.
 
 `vgps train-through-graph` then asks for a training.

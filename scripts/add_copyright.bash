@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Puts the copyright line into each source file that lacks it. ruff (CPY001) checks the Python files.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

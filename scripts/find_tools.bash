@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # Finds the tools that the set-up needs on this machine. It runs each one, because a name on the path
 # may belong to a shim that starts nothing. setup.bash sources this file, which uses its fail().

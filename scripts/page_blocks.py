@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Makes the blocks of figures in README.md and docs/ from the content of docs/figures.json.
 
 A block stands between the lines `<!-- figures: NAME -->` and `<!-- end of figures -->`, where NAME

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trains policies for many robots, and writes the table of docs/robots.md.
 
 Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run

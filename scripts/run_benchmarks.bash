@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Runs the benchmarks that are named, or all of them; OUTPUT names the folder for the result.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

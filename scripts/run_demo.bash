@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Learns a policy in a graph of separate ROS 2 processes, then executes it.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
 # TASK is a name, a task file or its folder. HIDDEN and ITERATIONS that are left out are the task's own.

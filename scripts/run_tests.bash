@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Runs the tests, and fails if they left a process, a shared-memory segment or a file outside this
 # checkout. Arguments, such as the path of a test, are handed to pytest.
 set -euo pipefail

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Sets this checkout up: makes a virtual environment, installs packages and builds with colcon.
 #
 # If ROS 2 Jazzy is sourced, it is used; otherwise ROS comes from wheels. Steps that are done are

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs the trainings whose figures the pages quote, and writes these figures into the pages.
 
 Every figure in a block between `<!-- figures: NAME -->` and `<!-- end of figures -->` comes from

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the definition of the message LearningProgress from the metrics that are declared.
 
 Run it in the repository's root after a change of `vgps_ros/search/metrics.py`, and build again:

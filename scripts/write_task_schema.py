@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
 Run it in the repository's root after a change of `vgps_ros/tasks/task_schema.py` or

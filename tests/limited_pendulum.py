@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A pendulum whose motor pulls more to one side than to the other, and cannot hold it up."""
 
 PENDULUM = """

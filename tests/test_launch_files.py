@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The launch files, compared with what the package has; launched where ROS has `launch`."""
 
 import ast

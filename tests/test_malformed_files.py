@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Files that were cut short or changed: each is read as it stands, or refused with a sentence."""
 
 import json

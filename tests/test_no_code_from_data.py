@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """No data is ever run as code: no pickle, no eval, no shell, and torch files as weights only."""
 
 import ast

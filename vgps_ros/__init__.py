@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Variational guided policy search on ROS 2."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Damages bags at random and runs every reader: no traceback, and no loss beyond what was hit.
 
 python -m tests.bags.damage --count 2000 --seed 7

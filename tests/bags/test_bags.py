@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Bags without a graph: what is written is read back, and what is no bag is refused."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The manifest of a bag: every altered byte is found, and a signature names its signer."""
 
 import json

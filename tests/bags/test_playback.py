@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Playback without a graph: when messages come, and what holds them."""
 
 import threading

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Bags whose writer was killed: what was flushed is kept, and the bag is made whole again."""
 
 import signal

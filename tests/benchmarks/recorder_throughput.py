@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What the recorder stands: states of 12 joints at 3,000 messages/s, from another process.
 
     python tests/benchmarks/recorder_throughput.py [--seconds 60] [--rate 3000]

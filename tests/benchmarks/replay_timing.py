@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """How well the player keeps time, and whether it loses anything: prints measured figures.
 
     source env.bash; python tests/benchmarks/replay_timing.py

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The suite times in turns, survives a benchmark that fails, and writes what it has."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Goals are what they say, and a peer is driven, looked at and ended as it should be."""
 
 import tempfile

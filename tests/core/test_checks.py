@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A refusal is a sentence that names the value and what would be right."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiled functions work with and without a place for their machine code."""
 
 from vgps_ros.core.compilation import compiled

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Executed controls have the same bits whatever BLAS, libm and compiler find in the processor."""
 
 import math

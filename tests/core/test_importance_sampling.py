@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The importance-sampled objective against densities and sums written out anew."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Settings know their range, their help and their names; seeds give streams of their own."""
 
 import itertools

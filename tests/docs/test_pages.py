@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """README, CONTRIBUTING and docs: what they name exists, their code runs, their figures hold."""
 
 import importlib.util

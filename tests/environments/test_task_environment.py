@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The environments keep Gymnasium's rules, and pose the tasks' own problem."""
 
 import warnings

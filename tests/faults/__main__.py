@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Command line of the fault campaign and the soak test."""
 
 import argparse

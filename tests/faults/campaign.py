@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Strikes a working graph with random faults, and counts what it survives and what it loses.
 
     python -m tests.faults --count 40 --seed 7

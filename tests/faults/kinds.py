@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The faults: each strikes the graph, checks what is promised for it, and undoes itself.
 
 A promise that is not kept raises AssertionError or TimeoutError; whether the graph works again, and

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a fault campaign hears of the graph, as one more listener."""
 
 import time

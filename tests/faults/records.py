@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a fault campaign keeps: bags, trainings, and messages that must be in the bags."""
 
 import time

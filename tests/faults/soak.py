@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs the whole graph for long with random faults, in lock-step and in real time.
 
 Memory and open files of each process must be flat: what it takes when it begins to work does not

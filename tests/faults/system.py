@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The whole graph at work: a training that never ends, a policy that drives, a recorder.
 
 Real processes in one ROS domain. Faults strike it; what it published meanwhile is kept, to be

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A short campaign; `make faults` runs the long one, `make soak` runs for half an hour."""
 
 from pathlib import Path

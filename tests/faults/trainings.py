@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A training that never ends: one after the other, each with a seed of its own."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Each metric is declared once, and appears wherever an iteration is told of."""
 
 import math

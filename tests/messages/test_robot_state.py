@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """States split into messages and joined again: a base, balls, activations, in any order."""
 
 import random

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Real node processes for tests, each test in a ROS domain of its own.
 
     def test_it_answers(graph):

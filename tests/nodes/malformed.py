@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Valid messages broken in every way that their types allow, drawn by hypothesis.
 
 A message is broken in one to three places: a number becomes NaN, infinite, huge, negative or zero,

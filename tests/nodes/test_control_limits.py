@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The limits of a robot's motor hold alike in the graph, in a bag's check and in process."""
 
 import signal

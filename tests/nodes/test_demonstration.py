@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The node `demonstration` answers states as its controller would in this process."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The program `execute_policy`, with the real simulation and executor."""
 
 import json

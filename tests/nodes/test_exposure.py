@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What the graph lets in and out: the addresses it binds, and the topics, services and actions."""
 
 import os

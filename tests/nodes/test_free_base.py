@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A robot with a free base, a ball, activations and any actuators, driven through the graph."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A full disk under the recorder and the visualizer, and signals while a bag is written."""
 
 import os

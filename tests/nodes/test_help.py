@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """`--help` of nodes, in real processes; programs have tests of their own."""
 
 import os

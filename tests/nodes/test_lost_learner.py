@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A training whose learner dies or hangs: it goes on, and not one bit is different."""
 
 import json

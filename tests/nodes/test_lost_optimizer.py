@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A training whose optimizer dies or hangs: said, waited for, and not one bit is different."""
 
 import signal

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Thousands of malformed requests and messages to nodes that run: none may harm them.
 
 MALFORMED_MESSAGES sets how many there are, MALFORMED_SEED what they are.

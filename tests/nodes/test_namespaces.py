@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Two robots in one domain, each in a namespace, and parameter files that reach them there."""
 
 import json

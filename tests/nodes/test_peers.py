@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What nodes notice of each other: one that dies, hangs, leaves, or is one too many."""
 
 import os

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The player: what was recorded comes back, byte for byte, in order and in time."""
 
 import os

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Names that libraries do not promise still mean what this project takes them for."""
 
 import ctypes

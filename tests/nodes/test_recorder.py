@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The recorder: what it writes is what was published, and other tools read it."""
 
 import os

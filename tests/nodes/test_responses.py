@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A response waits for a client that discovery shows only later, and nobody waits for it."""
 
 import warnings

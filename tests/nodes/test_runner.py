@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """How a node ends whose code fails, or that has not even begun."""
 
 import os

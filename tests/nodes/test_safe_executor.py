@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Faults injected into a running `policy_executor`: what it sends, says, and how it recovers."""
 
 import signal

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The node `simulation`, driven by the test in the executor's place."""
 
 import signal

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 over real processes: the learner, its optimizers, and the program that asks."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The optimizer's service: what it refuses, how it is cancelled, what it reports."""
 
 import math

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Numerical trouble has a name in the response, on /diagnostics and in the log."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Two hosts on a network: by default nothing leaves one, and one setting opens both.
 
 The hosts are network namespaces, joined by a pair of virtual interfaces and with a shared memory of

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The visualizer: what flows through the graph ends up in a whole recording."""
 
 import math

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The command `vgps`: help that comes at once, misspelt words, completion, executables."""
 
 import os

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The program `evaluate`: figures of known policies, and what it refuses."""
 
 import json

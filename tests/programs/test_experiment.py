@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The comparison as users run it: in processes, killed and started again, on a cluster."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The gait's cost: what walks longer is better, whatever it costs in torque."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trainings under several kernels of BLAS: other bytes, and costs within a tolerance."""
 
 import json

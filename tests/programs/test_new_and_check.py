@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """`vgps new` writes a task file that works, and `vgps check` says what is wrong with one."""
 
 import json

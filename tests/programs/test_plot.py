@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The program `plot`: pictures of the shipped bag, and of a run of `train`."""
 
 import json

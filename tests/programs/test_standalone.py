@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """`pip install ".[standalone]"` without ROS: what then works, and what says that it needs more."""
 
 import os

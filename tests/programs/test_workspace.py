@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A normal colcon workspace, built by the line of the README, and what is in its packages."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Robots of others, each by one YAML file: they load, and DDP lowers the cost by a known share.
 
 Their packages are those of requirements/robots.txt; a test whose package is missing is skipped.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Requests of Algorithm 1 small enough for a unit test."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs that stop and go on: not one bit is different, and no file can do harm."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The weights of cost-weighted search, and what they are used for."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What an evaluation draws, and how it sums up; its costs themselves are in test_vgps.py."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """DAGGER's dataset: the oracle's actions, and the weights by the DDP marginals."""
 
 from functools import partial

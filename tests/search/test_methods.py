@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Every method of the comparison: one shape, and a problem whose optimum is known."""
 
 import dataclasses

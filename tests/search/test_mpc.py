@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plans over a receding horizon: their warm start, their feedback, and which of them drives."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """One solve is a pure function of its request, which is checked."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A search goes on where it can, and says what it got over."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 on a short walk: lookahead, demonstration and falls reach every part."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A robot that has everything: a free base on a floor, a ball, activations, a tendon, sensors."""
 
 import mujoco

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Changes of a model: made in memory, and refused with the nearest name."""
 
 from importlib.util import find_spec

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What the compiled loops rely on in MuJoCo, numba and llvmlite; a new version may change it."""
 
 import mujoco

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Derivatives whose accelerations are predicted, against MuJoCo's own differences of full steps."""
 
 import mujoco

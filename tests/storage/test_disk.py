@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A slow, full or hanging disk: nobody waits for it, and what it took can be read."""
 
 import os

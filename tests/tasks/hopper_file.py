@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A small hopper and its task file, as a user would write them."""
 
 HOPPER = """

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A short solve, by which tests see that a task can be optimised."""
 
 from vgps_ros.core.seeding import Stream, generator

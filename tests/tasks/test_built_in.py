@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Every built-in task loads, and DDP lowers its cost by a share that was measured."""
 
 from pathlib import Path

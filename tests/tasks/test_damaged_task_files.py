@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Hundreds of damaged task files: each reads well, or gives one sentence, and nothing is executed.
 
 DAMAGED_SEED changes how they are damaged.

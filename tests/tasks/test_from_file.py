@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A task file and an MJCF become a task, however a user names them."""
 
 import importlib

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Recorded demonstrations: what is read back, and what is refused."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Tasks whose first solve begins with a path that nobody can follow."""
 
 import numpy as np

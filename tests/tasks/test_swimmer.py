@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The swimmer's sensor of velocity against a closed form, its cost, and its symmetry."""
 
 import mujoco

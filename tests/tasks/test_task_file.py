@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Task files: what a good one says, and the sentence, with its line, for each kind of fault."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The scene: geometry and contacts of any robot, and messages in whatever order they come."""
 
 import mujoco

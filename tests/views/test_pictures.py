@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plots and rendered pictures show the figures that they are given."""
 
 import itertools

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Says of a bag what is proven, what is wrong, and what cannot be proven."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The chunks of an `.mcap` file, each of which is whole or not, whatever is around it.
 
 A file is read from its start, record by record. Where a record is damaged, reading goes on with the

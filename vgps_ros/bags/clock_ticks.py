@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Adds ticks of /clock to the messages of a bag, for bags in which nobody recorded a clock."""
 
 import struct

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Finds the definitions of message types, which a bag holds so that any reader can decode it.
 
 The definitions of standard types come with rosbags. Those of other types, such as the project's

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads the last motion in a bag: the states since time last went back, and their controls."""
 
 import csv

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a recorded executor said of itself: its commands, its activity, and its faults."""
 
 from bisect import bisect_left, bisect_right

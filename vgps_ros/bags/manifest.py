@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The manifest of a bag: what its recorder wrote, with a SHA-256 of each chunk and of each file.
 
 It is the file `manifest.json` beside `metadata.yaml`, written last. Who alters the bag can alter

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the `metadata.yaml` of a rosbag2 bag, in version 9 of its format."""
 
 import os

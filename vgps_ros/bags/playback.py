@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plays recorded messages back with the delays with which they were received.
 
 A message that was received t seconds after the bag's start is due at origin + t / rate. The origin

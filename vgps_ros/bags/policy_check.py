@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks that a bag's policies are those that their learner published."""
 
 from collections import defaultdict

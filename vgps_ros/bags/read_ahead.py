@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a bag ahead in a thread, so that the decoding of a chunk delays no message.
 
 A chunk of a megabyte takes 2 ms or more to decode, and a disk may take longer. The player must

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Repeats what a recorded policy_executor did, as its recorded parameters describe it."""
 
 from collections.abc import Iterable

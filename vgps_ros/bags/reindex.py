@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Repairs bags whose recorder was killed, or that are damaged.
 
 After a kill a bag has no `metadata.yaml`. Its last file has no index, and may end within a record.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a run from its bag, or from the files that `train` writes."""
 
 from pathlib import Path

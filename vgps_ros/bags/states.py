@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads the states of a robot from a bag."""
 
 from collections.abc import Iterator

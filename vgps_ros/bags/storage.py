@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """One `.mcap` file of a rosbag2 bag: its topics, its messages, and what is damaged.
 
 A file whose writer was killed has no index and may end within a record.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """One `.mcap` file of a rosbag2 bag, written with its index.
 
 The file is made of mcap's public records. mcap's own `Writer` is not used: it has no public way to

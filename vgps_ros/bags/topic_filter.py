@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Chooses the topics that a recorder or a player takes, by regular expressions."""
 
 import re

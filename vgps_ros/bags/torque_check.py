@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks that a bag's torques are those that its policy gives for its states, bit for bit.
 
 The torques are computed again with the limits from the executor's recorded parameters. Those of the

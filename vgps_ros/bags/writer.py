@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a genuine rosbag2 bag with MCAP storage: `.mcap` files and `metadata.yaml`."""
 
 import math

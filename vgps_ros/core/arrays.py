@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Arrays that are fields of records: each is declared once, with its shape.
 
 A field such as `gains: Annotated[Array, Shape("T", "n_u", "n_x")]` names its sizes by symbols.

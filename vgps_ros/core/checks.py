@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks values that come from outside; each check raises a sentence that a user can act on."""
 
 import math

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiles functions, and keeps their machine code between processes where a folder allows it."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The policy's network, compiled; up to rounding it computes the same as `GaussianPolicy.mean`.
 
 It gives the same bits on every machine. Each sum has one order, no multiplication is fused with an

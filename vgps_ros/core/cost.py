@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The form of cost that all tasks share, and the protocol that DDP needs of any cost.
 
     c_t(x, u) = Σ_i w_ti ρ_i(r_i(x, u) − r*_ti) + Σ_j w_j u_j²

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The dynamics that trajectory optimisation works on, x_{t+1} = f(x_t, u_t), as a protocol.
 
 `vgps_ros.simulation.dynamics` implements it for MuJoCo models; tests bring others.

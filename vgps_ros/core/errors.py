@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Errors that a caller can act on: each message names the value and what would be right."""
 
 

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The controls of a policy that drives a robot: the same bits on every machine."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The objective of guided policy search (Levine and Koltun, ICML 2013), and its maximisation.
 
 N rollouts ζ_i, drawn from several distributions q_j, estimate the return of any policy by

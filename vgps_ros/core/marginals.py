@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The marginals of the Gaussian trajectory distribution q(ζ) (section 4).
 
 In deviations from the trajectory, δx = x ⊖ x̄ and δu = u − ū:

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Says what a program is at, where that takes longer than a person likes to wait without a word."""
 
 import threading

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The protocol of an observation o = h(x), which is all that a policy reads of a state.
 
 A policy may know less than the optimiser does (section 5): joint angles or their sines and

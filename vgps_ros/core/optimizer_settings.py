@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Settings of the optimisation of q(ζ) and of the M-step.
 
 They stand apart from what uses them: a program that only names them loads no compiler, no torch.

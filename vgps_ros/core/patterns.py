@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Finds names by patterns such as `*_hip`, for settings that name many things at once."""
 
 from collections.abc import Sequence

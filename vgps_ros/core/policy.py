@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The Gaussian network policy π_θ(u|x) = N(μ_θ(o), diag(σ)²), o = h(x) (section 6).
 
 μ_θ is a multilayer perceptron of what it reads of the state (see `observation`). By default it has

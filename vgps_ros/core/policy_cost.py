@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The modified cost c̄ = α c − log π_θ of section 4, averaged over samples of the marginals.
 
 log π_θ can be jagged, so its values and derivatives are averaged over samples drawn from q. State

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The M-step: maximise L(q, θ) with respect to the policy (section 5).
 
 Up to a constant, with states drawn from the marginals of q, the objective is

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The policy's network in torch, in standardised units, in which its fit is well conditioned.
 
 States and controls are standardised while weights are optimised; the weights handed in and out are

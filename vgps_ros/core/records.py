@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Frozen records that the parts of the method hand to each other.
 
 Indices run over steps first: `states[t]` is x_{t+1} of the paper, which counts from 1. A trajectory

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Random draws that depend only on a seed and on their purpose and place in a run.
 
 Every draw has its own stream, which purpose and place name. Two processes that make the same draw

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Settings that carry their own description and range.
 
 A setting is declared once, in the record that uses it. From this `--help` prints its description

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The space of a robot's states, x = (qpos, qvel, act), and of their small changes δ.
 
 Most coordinates are plain numbers, whose changes are differences. The orientation of a free body

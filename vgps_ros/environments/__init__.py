@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Registers the tasks as Gymnasium environments when it is imported.
 
 import gymnasium, vgps_ros.environments

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs the cells of an experiment in parallel, and goes on where it was stopped."""
 
 import fcntl

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes and reads the table of an experiment, with a row for each iteration of each cell."""
 
 import math

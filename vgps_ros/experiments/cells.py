@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs the cells of a comparison. Each cell is one training in a folder of its own."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Command lines: flags from settings, their defaults from a parameter file, and clear errors."""
 
 import argparse

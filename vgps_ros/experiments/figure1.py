@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The pictures of an experiment: Figure 1 of the paper, a recording and a summary."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The search for the gait of the walker's demonstration, by CMA-ES.
 
 Minimises over the parameters of the SIMBICON controller

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Looks a task over before it is trained on: what its cost is made of, and what looks wrong."""
 
 import time

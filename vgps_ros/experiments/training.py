@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs a whole training in this process and writes the folder of its results."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Free and ball joints in messages: a pose, and a twist in the body's own axes, as REP-105 has it.
 
 MuJoCo has a free body's linear velocity in the world's axes, and a quaternion as w, x, y, z.

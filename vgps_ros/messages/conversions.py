@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Records of the core to messages and back.
 
 Arrays cross as their bytes, so a value that goes there and back keeps every bit.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What policy_executor says on /diagnostics that a check of its bag relies on."""
 
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start

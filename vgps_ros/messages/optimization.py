@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Requests and results of the trajectory optimizer to messages and back."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Splits a robot's state x into ROS messages of one stamp, and joins them to x again.
 
 | topic | type | holds |

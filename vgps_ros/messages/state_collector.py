@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Brings the messages of one state together, which come on several topics."""
 
 from collections.abc import Iterable

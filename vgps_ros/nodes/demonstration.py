@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `demonstration`: torques from the walker's SIMBICON controller, in the executor's place."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Lifecycle node `mpc`: plans from the newest state over a receding horizon, and follows the plan.
 
 Each state is answered with the feedback of the newest plan. A plan that is late leaves the one

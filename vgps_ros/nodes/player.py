@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
 import threading

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes.
 
 Where the policy must not drive, the safe action does; `safety.supervisor` decides.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `recorder`: every topic of the graph, also those that appear later, into an MCAP bag."""
 
 import time

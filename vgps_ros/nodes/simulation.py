@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `simulation`: a task's robot in MuJoCo, in lock-step with its controller or in real time.
 
 In lock-step each state waits for the command that carries its stamp, so a run does not depend on

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `trajectory_optimizer`: DDP on ᾱ c − log π_θ, as a service that answers with q(ζ)."""
 
 import threading

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `visualizer`: a headless Rerun recording of the graph, live.
 
 `ros2 run vgps_ros bag rerun BAG` makes the same recording from a bag.

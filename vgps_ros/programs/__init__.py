@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The commands, one file each, and the one program `vgps` that runs them.
 
 A command's module has a docstring, which is its help, and two functions: `add_arguments(parser)`

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
 
 import importlib

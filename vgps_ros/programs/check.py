@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Looks a task over: dimensions, cost, derivatives, DDP's progress, a picture, what looks wrong.
 
 It takes seconds, and changes nothing. Example: vgps check hopper/task.yaml

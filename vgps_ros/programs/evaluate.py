@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Measures how far, how fast and for how long a learned policy goes, from perturbed starts."""
 
 import argparse

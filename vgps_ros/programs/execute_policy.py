@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Lets the policy drive the simulation in lock-step, and scores it.
 
 It resets a running simulation, lets the policy drive it, and prints how far it came and what it

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trains every method on every panel of Figure 1, over several seeds.
 
 It writes results.parquet and results.csv. Started again it goes on where it was stopped; cells that

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Draws an experiment as Figure 1 of the paper, and sums it up in a table.
 
 It writes figure1.png, figure1.svg, the Rerun recording figure1.rrd, and the table as summary.csv.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Searches the gait of the walker's demonstration by CMA-ES.
 
 It needs the package `cma`: pip install -r requirements/search.txt.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a first task file for a robot: DIR/task.yaml, with comments that say what to change.
 
 Example: vgps new hopper --model package://gymnasium/envs/mujoco/assets/hopper.xml

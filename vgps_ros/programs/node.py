@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Runs a node of the ROS 2 graph.
 
 `vgps node NAME --help` lists the parameters of a node; they are given as ROS arguments:

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Draws a run: its learning curve, trajectory, motion, a filmstrip, and a moving picture.
 
 The pictures are PNG, SVG and GIF: the learning curve, the trajectory within the tubes of q, the

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns a policy in this process, without a graph.
 
 It writes result.json, policy.json, distribution.npz, trajectories.npz and learning_curve.png. A

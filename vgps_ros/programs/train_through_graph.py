@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Asks a running policy_learner to train, and shows how it goes.
 
 It writes result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Quality of service between the graph and a bag's metadata."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A lifecycle node that answers each state that comes with torques, as all controllers share it.
 
 Where its law must not drive, the safe action does; `safety.supervisor` decides.

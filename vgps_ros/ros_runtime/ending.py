@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """INT and TERM end a node in two steps: its executor stops, and a moment later its context ends.
 
 In between the node closes while it can still publish. A thread of its own reads the signal, since

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Timers that end the process, whatever it is doing.
 
 Where a call into a library hangs and holds Python's lock, no thread and no signal handler of Python

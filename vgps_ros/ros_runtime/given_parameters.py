@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks the parameters that a node's command line and parameter files give to it.
 
 ROS leaves out, without a word, what it cannot use: a misspelt parameter, and a block of a file

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A node's diagnostics: its faults, its warnings, and what it is waiting for."""
 
 import time

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The results of a training for the node that executes its policy, from topics or from files."""
 
 from collections.abc import Callable

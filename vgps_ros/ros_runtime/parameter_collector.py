@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Gathers the parameters of every node of the graph, as a parameter file has them."""
 
 from functools import partial

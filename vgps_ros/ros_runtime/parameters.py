@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Settings of the core as ROS parameters: one declaration serves both."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The other nodes of the graph, as /diagnostics shows them: there, silent, or one too many.
 
 The middleware takes up to 20 s to notice that a process was killed, and never notices that one

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The figures on plans that the node `mpc` shows on /diagnostics."""
 
 import time

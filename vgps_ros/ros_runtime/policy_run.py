@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A client of the simulation that runs it in lock-step and collects what its robot does."""
 
 import time

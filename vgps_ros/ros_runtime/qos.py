@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The quality-of-service profiles of the graph, by name: reliable, if not said otherwise."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """All that this project needs of rclpy beyond its public interface.
 
 - `Service.callback` and `Service.send_response` are replaced. The services for parameters and

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Publishers for the recorded messages of a bag: raw CDR, with the recorded quality of service."""
 
 import json

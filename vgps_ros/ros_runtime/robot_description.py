@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The robot's MJCF on the topic `robot_description`, for whoever draws, records or replays it."""
 
 from rclpy.node import Node

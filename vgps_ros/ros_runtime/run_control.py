@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A simulation's state and its transitions, as in the ROS standard simulation_interfaces."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The function that runs every node and ends it, or prints its `--help`."""
 
 import gc

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Additions to what rclpy does for the services of a node.
 
 - Services that rclpy brings along raise on some bad requests, which would end the node.

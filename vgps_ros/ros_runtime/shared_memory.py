@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The files of Fast DDS's shared memory, which a process that is cut off leaves behind.
 
 Fast DDS has no public call that lists or removes a process's segments: `fastdds shm clean` removes

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The robot that the node `simulation` holds: its state, its time, its limits."""
 
 import mujoco

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Subscribes a node to the states of a robot, on one topic or on several."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Timers by the wall clock: simulated time may stand still just when something is wrong."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A client of policy_learner's action."""
 
 import time

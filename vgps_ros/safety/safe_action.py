@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Computes the torques that replace the policy's when the policy must not drive."""
 
 from collections.abc import Iterable

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Decides for each state whether the policy drives, or the safe action.
 
 States must come in the order of their stamps:

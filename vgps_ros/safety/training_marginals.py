@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Measures how far a state is from the states of the training.
 
 The distance of x is the Mahalanobis distance of what the policy reads of it, o = h(x), from the

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checkpoints of a policy search: a run that was killed goes on and ends with the same bits.
 
 A checkpoint is one NumPy archive: the arrays, and all the rest as JSON text. Reading it can run no

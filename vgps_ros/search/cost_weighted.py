@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Cost-weighted variational policy search, the analogue of PoWER of section 6.
 
     w_i ∝ exp(−α_k Σ_t c(x_t, u_t)) over rollouts ζ_i of π_θ,    θ ← argmax Σ_i w_i log π_θ(ζ_i)

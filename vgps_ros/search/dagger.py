@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """DAGGER (Ross, Gordon and Bagnell, AISTATS 2011) with DDP as its oracle, as section 6 uses it.
 
     θ ← argmax Σ_(x,t) in D  w(x, t) log π_θ(ū_t + K_t (x − x̄_t) | x)

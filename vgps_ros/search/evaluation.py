@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The two costs that Figure 1 of the paper plots, on the true dynamics."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Guided policy search (Levine and Koltun, ICML 2013), as section 6 compares with it.
 
     θ ← argmax Σ_t [ −1/Z_t(θ) Σ_i w_it(θ) c(x_t, u_t) + w_r log Z_t(θ) ]

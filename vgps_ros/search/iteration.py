@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The state and the outcome of a policy search as an iteration ends, and the time that is left."""
 
 import time

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The policy search methods of section 6, by name, and the loop that runs any of them.
 
 Every method gets the same initial DDP solutions and as many policy updates, the first of which fits

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """An iteration of a policy search in numbers.
 
 Each number is declared here once, and computed below. The entries of result.json, the message

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Model predictive control: plans over a receding horizon, and feedback along the newest plan.
 
 A plan is a short DDP solution from a state of the robot. Between two plans the robot follows

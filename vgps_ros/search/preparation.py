@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiles the loops that a search needs, so that no request waits for the compiler."""
 
 import numpy as np

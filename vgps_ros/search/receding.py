@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The newest plan of model predictive control, made beside the answers or waited for."""
 
 import time

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Lines 1, 3 and 6 of Algorithm 1: optimises q(ζ) by DDP and computes its marginals.
 
 An optimisation is a pure function of its request, so it gives the same numbers in this process, in

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Variational guided policy search, Algorithm 1 of Levine and Koltun (NIPS 2013).
 
 It alternates between two problems until the policy reproduces what the trajectory optimiser found:

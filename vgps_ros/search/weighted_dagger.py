@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """DAGGER with a dataset weighted by the DDP marginals, as section 6 compares with it.
 
     θ ← argmax Σ_(x,t) in D  (q(x_t) / q(x̄_t))^(1/n) log π_θ(ū_t + K_t (x − x̄_t) | x)

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The workspace of a policy search method: its problem, and the steps that methods share."""
 
 import time

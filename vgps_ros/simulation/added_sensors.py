@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Adds sensors to a model, of the form that `vgps_ros.tasks.model_schema` declares."""
 
 from collections.abc import Mapping

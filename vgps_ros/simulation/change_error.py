@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The error of a change that does not suit a model, which knows the place of the change."""
 
 from collections.abc import Iterator

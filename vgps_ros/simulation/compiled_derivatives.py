@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Finite differences in a compiled loop, which calls MuJoCo's C functions without Python.
 
 In a simulator step, all forces balance at the acceleration a = (v' − v)/h (before damping is

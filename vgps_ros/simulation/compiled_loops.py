@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Rollouts in compiled loops, which call MuJoCo's C functions without Python."""
 
 import mujoco

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Readings of states in compiled loops, with their derivatives by finite differences."""
 
 from typing import NamedTuple

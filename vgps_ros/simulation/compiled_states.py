@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A simulation as compiled loops see it, and its states x = (qpos, qvel, act).
 
 Arrays this short are copied by plain loops, which take a tenth of the time of a slice.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Finds the positions on which nothing depends, such as how far a robot has gone along a floor.
 
 The rest of the motion is the same wherever it starts along such a coordinate. So the derivatives

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A MuJoCo model as discrete dynamics.
 
 A control is held for a number of simulator steps:

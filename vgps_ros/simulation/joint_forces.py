@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Computes the forces that a model's actuators exert on its joints."""
 
 import mujoco

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
 
 from contextlib import suppress

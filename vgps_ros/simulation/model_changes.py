@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
 Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in

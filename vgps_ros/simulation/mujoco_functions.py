@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """MuJoCo's C functions for compiled loops, and the addresses of what they work on.
 
 MuJoCo's Python functions cannot be called from a compiled loop, so the loop calls those of the C

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Readings: the numbers that a cost scores, a policy reads, and a fall is judged by.
 
 Each has a name. A joint's coordinates are JOINT/position, JOINT/velocity, JOINT/sin and JOINT/cos

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The text of a model that needs no other file: it can be sent, recorded, and compiled anywhere."""
 
 import warnings

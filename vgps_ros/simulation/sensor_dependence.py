@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads off the tree of bodies which joints a sensor's value depends on.
 
 A sensor of where a body is, or how it moves, feels the joints between that body and the world only.

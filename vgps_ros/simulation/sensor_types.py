@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The types of MuJoCo's sensors that a task may add to a model, and the names of their scalars.
 
 A sensor's values are named after it: `touch` if there is one, `velocity/x` to `velocity/z` if there

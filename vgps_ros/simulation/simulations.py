@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Simulations of one MuJoCo model, one for each thread, and the threads that share work on them."""
 
 import os

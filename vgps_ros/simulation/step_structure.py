@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Finds what the derivatives of a simulator step may leave out on a model.
 
 MuJoCo computes a step in stages: positions, velocities, actuation, the acceleration at which all

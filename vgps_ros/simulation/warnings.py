@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """MuJoCo's warnings: counted by kind for each simulation, and kept out of files where asked.
 
 MuJoCo counts a simulation's warnings in its MjData. The first one of each kind it also hands to one

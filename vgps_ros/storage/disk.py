@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Files written in a thread of their own, so that a slow or full disk holds up nobody.
 
 A block that cannot be written is tried again until it can be, so a full disk only delays it.

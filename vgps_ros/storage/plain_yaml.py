@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads YAML of strangers: no objects, and no more than its text has room for."""
 
 from typing import Any

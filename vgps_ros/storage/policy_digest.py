@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Digests of a training's policies, each of which vouches for all before it."""
 
 import hashlib

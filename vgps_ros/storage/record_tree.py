@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Records as JSON values and arrays, and back: for files that can run no code.
 
 A record becomes a tree of JSON values, in which a name stands for each array. Reading it back

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The folder that a training leaves: the names of its files, and how they are written and read.
 
 Loading a file can run no code. A policy is JSON text that a person can read: the keys are the names

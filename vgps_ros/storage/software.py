@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Describes what the bytes of a run depend on: versions, commit, machine and its arithmetic.
 
 The torques of an executed policy do not depend on the machine (see `core/compiled_network`). The

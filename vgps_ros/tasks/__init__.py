@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Control problems as data. Their names and settings are there before MuJoCo is loaded."""
 
 from importlib import import_module

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Conditions on readings, such as that a robot has fallen where its torso is too low."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A file's data, with the line of each entry, so that errors can name it."""
 
 import os

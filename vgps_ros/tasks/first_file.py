@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a first task file for a robot, with comments that say what to change."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Builds a task from a task file and the robot's MJCF."""
 
 from collections.abc import Iterable, Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Explains in a sentence why a file's data do not fit a record.
 
 msgspec judges the data, but its errors name neither a line, nor the nearest key, nor an example. So

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The part of a task file that is about the model: changes of it, and added sensors.
 
 Each field has a description with its unit, and an example: errors and editors show them.

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A recorded motion as a task's demonstration.
 
 The file is a table of comma-separated values with a header, one row a step of the task:

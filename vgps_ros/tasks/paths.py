@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A path of states from which a first solve starts, though no robot could follow it."""
 
 from pathlib import Path as FilePath

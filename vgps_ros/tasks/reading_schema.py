@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The parts of a task file that read sensors: cost, observations and limits."""
 
 from typing import Annotated, Literal

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Resolves what a user calls a task by: a name, a task file or its folder, or a Python function.
 
 Names are those of the folders beside this module, and of the entry-point group `vgps_ros.tasks`,

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A first motion found by sampling, without a demonstration: `begin: {law: sampling}`.
 
 Samples find what derivatives do not see, such as a leap from a crouch; a few iterations of DDP on

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The base record and the types of values that all parts of the task file's form share."""
 
 from typing import Annotated, Any

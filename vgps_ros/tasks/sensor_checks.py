@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks of the sensors that a task file adds, and of the scalars that it reads from sensors."""
 
 from collections.abc import Sequence

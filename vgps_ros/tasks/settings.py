@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The settings that a task file holds, without its model: to show them takes no MuJoCo."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A table of numbers over time, in a file of comma-separated values with a header."""
 
 import csv

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The record of a control problem, and functions to build one."""
 
 from collections.abc import Callable, Mapping

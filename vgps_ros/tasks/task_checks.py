@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks of a task file that need no model, and that the types of its fields cannot express."""
 
 from collections.abc import Sequence

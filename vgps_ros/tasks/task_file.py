@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a task file: a control problem as data, in one YAML file beside a robot's MJCF.
 
 For example, a pendulum that is swung up:

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The robot of a task file, with the changes and sensors that the file asks for."""
 
 from contextlib import suppress

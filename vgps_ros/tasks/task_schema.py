@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The form of a task file: a control problem as data.
 
 Each field has a description with its unit, and an example: errors and editors show them. From

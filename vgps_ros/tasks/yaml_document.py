@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a YAML file as plain data.
 
 The file may come from anybody, so only the plain part of YAML is read: mappings, lists, texts and

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The layout in which the Rerun viewer shows a recording of a run."""
 
 from collections.abc import Sequence

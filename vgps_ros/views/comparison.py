@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Figure 1 of the paper: average costs of several methods by iteration, and the robots."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Figure 1 of the paper as a Rerun recording, where one can zoom in and hide methods."""
 
 from collections.abc import Sequence

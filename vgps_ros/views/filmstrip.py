@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Filmstrips and moving pictures of a robot, which MuJoCo renders without a screen.
 
 The pictures show the robot's own MJCF model. A sky and a chequered ground are added where the

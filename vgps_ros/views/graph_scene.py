@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Draws the messages that pass between the nodes into a Rerun recording.
 
 The node `visualizer` does so live and `vgps bag rerun` from a bag; both give the same recording,

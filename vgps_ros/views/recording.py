@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a Rerun recording to a file, without a screen and without opening a port."""
 
 import os

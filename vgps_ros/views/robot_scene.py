@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Draws a robot into a Rerun recording: its shape in motion, joints, contacts and trajectories.
 
 Joint states get the same entities and timeline as from Rerun's own MCAP reader, so that a live

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Positions of a robot's limbs and of its centre of mass, for drawings."""
 
 import mujoco

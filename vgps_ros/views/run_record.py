@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The data of a run that pictures need, read from a bag or from the files of `train`."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Opens the console on which programs print their tables."""
 
 from rich.console import Console

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Live progress of a training run on the terminal: a table that grows, and a bar with time left."""
 
 import math

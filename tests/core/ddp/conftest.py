@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Linear-quadratic problems, for which everything is known in closed form."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The quadratic problem with bounds, against its optimality conditions and other solvers."""
 
 import dataclasses

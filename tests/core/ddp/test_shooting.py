@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Solves that begin with a trajectory which does not satisfy the dynamics."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plans by sampling, against functions whose least value is known."""
 
 import dataclasses

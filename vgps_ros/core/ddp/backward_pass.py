@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The backward pass of iterative LQR (section 4).
 
 In deviations from a trajectory, it solves the linear-quadratic problem

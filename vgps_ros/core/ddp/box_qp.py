@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The quadratic problem of one step of a backward pass with limits of the controls.
 
     minimise  ½ kᵀ H k + gᵀ k   subject to  low ≤ k ≤ high,

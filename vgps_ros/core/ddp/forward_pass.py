@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The forward pass: a line search along the local policy, on the true dynamics.
 
 It works on iterates: trajectories with the expansions of dynamics and cost around them.

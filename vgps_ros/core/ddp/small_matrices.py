@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Products and factorisations of matrices so small that plain compiled loops are the fastest."""
 
 import numpy as np

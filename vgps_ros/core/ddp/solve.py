@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trajectory optimisation by iterative LQR.
 
     minimise  Σ_{t=1..T} c(x_t, u_t)   subject to  x_{t+1} = f(x_t, u_t),  low ≤ u_t ≤ high,

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Follows a demonstration.
 
 A gait whose torques are replayed without feedback diverges, since rounding errors grow with every

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Improves a plan of controls by samples around it, without derivatives.
 
 A sample adds a random spline to the plan,

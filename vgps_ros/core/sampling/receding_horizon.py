@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Fills a long horizon with the first pieces of short plans.
 
 At each replanning the last plan, shifted by what was executed of it, is improved by samples from

@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """SIMBICON, a hand-crafted walking controller (Yin, Loken and van de Panne, 2007).
 
 A step has two states, and the step of the other leg is its mirror image. Each state has a target

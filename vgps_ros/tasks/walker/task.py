@@ -1,3 +1,4 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The walker's task: its file, and the gait of the SIMBICON controller as the first motion."""
 
 from copy import copy
