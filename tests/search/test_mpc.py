@@ -104,7 +104,7 @@ def test_a_cost_that_changes_with_time_is_planned_for_its_own_steps(swimmer):
     motion = swimmer.dynamics.rollout(swimmer.initial_state, lambda *_: np.ones(2), 40)
     x, u = motion.states[:-1], motion.controls
     expected = timed(x[12:], u[12:], 12)
-    np.testing.assert_array_equal(timed.later(12, 28)(x[12:], u[12:]), expected)
+    np.testing.assert_array_equal(timed.starting_at(12, 28)(x[12:], u[12:]), expected)
 
 
 class Slow:

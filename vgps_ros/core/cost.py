@@ -79,11 +79,6 @@ class FeatureCost:
         """Returns the cost of steps in which all readings and controls are zero, shape (T,)."""
         return self._parts_of(np.zeros((steps, len(self.smooth))), first).sum(axis=-1)
 
-    def later(self, first: int, steps: int) -> "FeatureCost":
-        """Returns the cost of so many steps from a later one on, as that of steps from 0 on."""
-        targets, weights = self._at(first, steps)
-        return replace(self, targets=targets, weights=weights)
-
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""
         return self(trajectory.states[:-1], trajectory.controls)

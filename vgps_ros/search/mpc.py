@@ -206,7 +206,7 @@ class Planner:
     def _cost(self, step: int, policy: GaussianPolicy | None) -> TrajectoryCost:
         """Returns the cost of a plan that begins at a control step."""
         task, weight = self._task, self._settings.policy_weight
-        cost = task.cost.later(step, self.steps)
+        cost = task.cost.starting_at(step, self.steps)
         if policy is None or not weight:
             return cost
         n_dx, n_u = task.dims["n_dx"], task.dims["n_u"]
