@@ -52,6 +52,8 @@ class ExecutorLog:
         topic = bag.filled_topics.get("diagnostics")
         for received, message in bag.decoded(topic) if topic else ():
             for status in message.status:
+                if not bag.of_robot([status.name]):
+                    continue  # all robots of a domain share the topic
                 values = {pair.key: pair.value for pair in status.values}
                 if COMMANDS_SENT in values or SAFE_ACTION_DRIVES in status.message:
                     self._add(received, values, SAFE_ACTION_DRIVES in status.message)
