@@ -66,7 +66,11 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         lowest = _WEAKEST * robot.height
         lines.append(f"fallen: [{{sensor: height, index: z, below: {lowest:.2g}}}]   # [m]")
     lines += _begin(model, robot, limits)
-    lines.append("search: {hidden_units: [16], alphas: [1.0, 3.0], ddp_iterations: 5}")
+    lines += [
+        "search:                     # a smaller network learns faster, and may miss a contact",
+        "  {hidden_units: [32], alphas: [1.0, 3.0], ddp_iterations: 5, fit.samples_per_step: 30,",
+        "   fit.iterations: 200}",
+    ]
     return "\n".join(lines) + "\n"
 
 
