@@ -14,9 +14,9 @@ with the inverse Hessian (∂r/∂a)⁻¹ of the point itself. So a difference n
         a = a_0 − H⁻¹ (r(moved, a_0) − r_0)
         column[j] = (integrate(moved, a) ⊖ after) / eps
 
-Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a are
-then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away from
-kinks, this is seen, and the neighbours of such a point are stepped in full.
+Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a
+are then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away
+from kinks, this is seen, and the neighbours of such a point are stepped in full.
 """
 
 from typing import NamedTuple
@@ -175,7 +175,7 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     for i in range(len(residual)):
         for j in range(len(residual)):
             sim.qacc[i] -= balance.inverse_hessian[i, j] * (residual[j] - balance.residual[j])
-    # The constraints' force is what is missing to M a, but for r_0, which the search left there too.
+    # The constraints' force is what is missing to M a, but for r_0: the search left that there too.
     mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
