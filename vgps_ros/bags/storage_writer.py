@@ -86,7 +86,7 @@ class StorageWriter:
 
     @property
     def digest(self) -> FileDigest:
-        """What the file must be; once it is closed, this describes it to its end."""
+        """The digest of the file up to here; once it is closed, it covers the whole file."""
         begins = [self.begin, *(block.end for block in self._blocks)]
         chunks = [
             (begin, block.end, block.sha256)
