@@ -7,14 +7,13 @@ from itertools import groupby
 from typing import NamedTuple
 
 from vgps_ros.bags.reader import BagReader
+from vgps_ros.bags.timeline import SLACK
 from vgps_ros.messages.executor_diagnostics import (
     COMMANDS_SENT,
     IS_ACTIVE,
     POLICY_OF_ITERATION,
     SAFE_ACTION_DRIVES,
 )
-
-SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 
 
 class _Status(NamedTuple):
