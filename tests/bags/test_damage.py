@@ -9,8 +9,8 @@ import pytest
 
 from tests.bags.damage import KINDS, SAMPLE, campaign
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.chunks import scan
 from vgps_ros.bags.reindex import reindex, storage_files
+from vgps_ros.bags.scan import scan
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.plain_yaml import read_yaml
 

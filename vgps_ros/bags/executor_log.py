@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a recorded executor said of itself: its commands, its activity, and its faults."""
+"""Reads what a recorded executor said of itself: its commands, activity and faults."""
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
@@ -7,14 +7,13 @@ from itertools import groupby
 from typing import NamedTuple
 
 from vgps_ros.bags.reader import BagReader
+from vgps_ros.bags.timeline import SLACK
 from vgps_ros.messages.executor_diagnostics import (
     COMMANDS_SENT,
     IS_ACTIVE,
     POLICY_OF_ITERATION,
     SAFE_ACTION_DRIVES,
 )
-
-SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 
 
 class _Status(NamedTuple):
@@ -61,7 +60,7 @@ class ExecutorLog:
 
     @property
     def counts(self) -> bool:
-        """Whether the executor counted its commands, as all versions do that state their bits."""
+        """True if the executor counted its commands, as all versions do that state their bits."""
         return any(status.sent is not None for status in self._all)
 
     def has_fault(self, time: int) -> bool:

@@ -28,7 +28,7 @@ _TIMEOUT = 30.0  # for ssh-keygen, which may ask a key's agent [s]
 
 @dataclass(frozen=True)
 class FileDigest:
-    """What one file of a bag must be.
+    """The content that one file of a bag must have, as digests and counts.
 
     Attributes:
         sha256: of the whole file.
@@ -43,7 +43,7 @@ class FileDigest:
 
 @dataclass(frozen=True)
 class ManifestCheck:
-    """What a manifest proves of its bag.
+    """The outcome of comparing a bag with its manifest.
 
     Attributes:
         chunks: number of chunks that are as the recorder closed them.

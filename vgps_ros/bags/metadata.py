@@ -4,6 +4,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -65,12 +66,8 @@ def type_hashes(folder: Path) -> dict[str, str]:
 
     Some writers put the hashes nowhere else.
     """
-    path = folder / FILE_NAME
-    if not path.is_file() or path.stat().st_size > _LARGEST:
-        return {}
     try:
-        content = read_yaml(path.read_text(errors="replace"), f"'{path}'")
-        entries = content["rosbag2_bagfile_information"]["topics_with_message_count"]
+        entries = _information(folder)["topics_with_message_count"]
         topics = [entry["topic_metadata"] for entry in entries]
         return {str(t["name"]): str(t["type_description_hash"]).strip() for t in topics}
     except (InvalidInputError, KeyError, TypeError):
@@ -83,12 +80,8 @@ def read_metadata(folder: Path) -> list[str] | None:
     Raises:
         InvalidInputError: `metadata.yaml` is of a bag that ours do not read.
     """
-    path = folder / FILE_NAME
-    if not path.is_file() or path.stat().st_size > _LARGEST:
-        return None
     try:
-        content = read_yaml(path.read_text(errors="replace"), f"'{path}'")
-        information = content["rosbag2_bagfile_information"]
+        information = _information(folder)
         storage, mode = information["storage_identifier"], information["compression_mode"]
         names = [Path(str(name)).name for name in information["relative_file_paths"]]
     except (InvalidInputError, KeyError, TypeError):
@@ -99,6 +92,20 @@ def read_metadata(folder: Path) -> list[str] | None:
             f"compression mode {mode!r}, and only mcap with compressed chunks is read."
         )
     return names
+
+
+def _information(folder: Path) -> Any:
+    """Returns the description in `metadata.yaml`, which may hold anything.
+
+    Raises:
+        InvalidInputError: there is no such file, it is too large, or it is not YAML.
+        KeyError, TypeError: it holds no description of a bag.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        raise InvalidInputError(f"'{path}' is not a file of at most {_LARGEST} bytes.")
+    content: Any = read_yaml(path.read_text(errors="replace"), f"'{path}'")
+    return content["rosbag2_bagfile_information"]
 
 
 def write_metadata(folder: Path, information: str) -> None:

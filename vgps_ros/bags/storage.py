@@ -14,7 +14,9 @@ from typing import Any
 
 from mcap.records import Channel
 
-from vgps_ros.bags.chunks import DamagedError, Place, RawMessage, messages, scan
+from vgps_ros.bags.chunks import Place, RawMessage, messages
+from vgps_ros.bags.mcap_bytes import DamagedError
+from vgps_ros.bags.scan import scan
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.plain_yaml import read_yaml
 

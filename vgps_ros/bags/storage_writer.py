@@ -20,6 +20,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 from vgps_ros.bags.manifest import FileDigest
+from vgps_ros.bags.mcap_bytes import MAGIC
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
 from vgps_ros.storage.disk import DiskFile
@@ -30,7 +31,6 @@ COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
     "zstd": zstandard.compress,
 }
 
-_MAGIC = b"\x89MCAP0\r\n"
 _CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
 # The start of a message's record: kind, length, channel, sequence number, receipt, publication.
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -72,7 +72,7 @@ class StorageWriter:
         self._blocks: list[_Block] = []
         self._counts: Counter[int] = Counter()
         self._file = file
-        header = _MAGIC + _bytes_of(records.Header("ros2", "vgps_ros"))
+        header = MAGIC + _bytes_of(records.Header("ros2", "vgps_ros"))
         self._file.write(header)
         self._header_hash = hashlib.sha256(header)
         self._hash = self._header_hash.copy()
@@ -86,7 +86,7 @@ class StorageWriter:
 
     @property
     def digest(self) -> FileDigest:
-        """What the file must be; once it is closed, this describes it to its end."""
+        """The digest of the file up to here; once it is closed, it covers the whole file."""
         begins = [self.begin, *(block.end for block in self._blocks)]
         chunks = [
             (begin, block.end, block.sha256)
@@ -191,7 +191,7 @@ class StorageWriter:
         )
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, at + len(data), 0)
         checksum = struct.pack("<I", zlib.crc32(summary + footer))
-        end = data + summary + footer + checksum + _MAGIC
+        end = data + summary + footer + checksum + MAGIC
         self._hash.update(end)
         self._file.write(end)
         self._file.close()

@@ -9,19 +9,15 @@ A torque answers the state that has the same stamp. The topics reach a recorder 
 the bag may hold a state or a policy somewhat later than the torque that was computed from it.
 """
 
-from bisect import bisect_left, bisect_right
-from collections import defaultdict
-from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.executor_log import SLACK, Counted, ExecutorLog
+from vgps_ros.bags.answered_states import AnsweredStates
+from vgps_ros.bags.executor_log import Counted, ExecutorLog
 from vgps_ros.bags.recorded_executor import RecordedExecutor
-from vgps_ros.bags.states import recorded_states
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.bags.timeline import SLACK, Timeline
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
@@ -30,7 +26,6 @@ from vgps_ros.messages.conversions import (
     nanoseconds,
     policy_from_msg,
 )
-from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
 
@@ -80,32 +75,6 @@ class TorqueCheck:
     counted: Counted | None = None
     first_difference: str = ""
 
-    @property
-    def is_good(self) -> bool:
-        """True if each torque is explained, and each state that needs a torque has one."""
-        miscounted = self.counted and (self.counted.missing or self.counted.surplus)
-        wrong = (self.different, self.unexplained, self.stateless, self.unanswered)
-        return not (any(wrong) or miscounted)
-
-
-@dataclass
-class _Timeline:
-    """Values with the times at which they were received [ns], in this order."""
-
-    received: list[int] = field(default_factory=list)
-    values: list[Any] = field(default_factory=list)
-
-    def add(self, received: int, value: Any) -> None:
-        self.received.append(received)
-        self.values.append(value)
-
-    def around(self, time: int) -> list[Any]:
-        """Returns the values that may have been the latest at a time, the likeliest first."""
-        first = max(0, int(np.searchsorted(self.received, time - SLACK, side="right")) - 1)
-        last = int(np.searchsorted(self.received, time + SLACK, side="right"))
-        now = int(np.searchsorted(self.received, time, side="right")) - 1
-        return [self.values[i] for i in sorted(range(first, last), key=lambda i: abs(i - now))]
-
 
 def check_torques(bag: BagReader) -> TorqueCheck:
     """Compares every recorded torque with what the recorded policy gives.
@@ -115,99 +84,37 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     """
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
     model = compile_model(next(bag.decoded(topics["robot_description"]))[1].data)
-    executor = RecordedExecutor(bag, model)
-    policies = _Timeline()
-    for received, message in bag.decoded(topics["policy"]):
-        policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
-        policies.add(received, (message.iteration, policy))
-    robot_states, actuated = StateMessages(model), actuated_joint_names(model)
-    marginals = _marginals(bag, executor)
-    log, found = ExecutorLog(bag), TorqueCheck()
-    states: dict[int, _Timeline] = defaultdict(_Timeline)
-    runs: list[_Run] = []
-    for received, messages in recorded_states(bag, robot_states):
-        try:
-            state = robot_states.join(messages)
-        except InvalidInputError:  # noqa: PERF203
-            found.unusable += 1
-        else:
-            stamp = nanoseconds(messages[JOINTS].header.stamp)
-            states[stamp].add(received, state)
-            if not runs or runs[-1].stamp != stamp:
-                runs.append(_Run(stamp, received))
-    first_state = runs[0].received if runs else 0
-    answers: dict[int, list[int]] = defaultdict(list)
+    executor, actuated = RecordedExecutor(bag, model), actuated_joint_names(model)
+    policies, marginals = _policies(bag, topics["policy"], executor), _marginals(bag, executor)
+    states, log = AnsweredStates(bag, model), ExecutorLog(bag)
+    found = TorqueCheck(unusable=states.unusable)
     commands: list[int] = []
     before: _Sent | None = None
     for received, message in bag.decoded(topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
         torques = command_from_msg(message, actuated)
-        answered_states = states[stamp].around(received) if stamp in states else []
-        if answered_states:
+        is_safe = is_answer = False
+        if answered := states.around(stamp, received):
             # Even the first policy may be recorded late, since it was published long before.
             known = policies.around(received) or policies.values[:1]
             had = marginals.around(received) or [()]
-            sent = _Sent(torques, stamp, received, known, answered_states, had, before)
+            sent = _Sent(torques, stamp, received, known, answered, had, before)
             is_safe, is_answer = _compare(found, sent, executor, log, actuated)
             before = sent
         else:
-            found.stateless += received > first_state
-            is_safe = is_answer = False
+            found.stateless += received > states.begin
         if is_safe:
             executor.limiter.note_safe(torques)
         else:
             executor.limiter.note(torques, stamp)
         commands.append(received)
         if is_answer:
-            answers[stamp].append(received)
+            states.note_answer(stamp, received)
     found.counted = log.count(commands) if log.counts else None
-    begin = policies.received[0] + SLACK
-    unanswered = _unanswered(runs, answers, log, begin, executor.is_in_lock_step)
-    if executor.is_in_lock_step:
-        found.unanswered = unanswered
-    else:
-        found.skipped = unanswered
+    lock_step, begin = executor.is_in_lock_step, policies.received[0] + SLACK
+    unanswered = states.unanswered(log, begin, is_in_lock_step=lock_step)
+    found.unanswered, found.skipped = (unanswered, 0) if lock_step else (0, unanswered)
     return found
-
-
-@dataclass(frozen=True)
-class _Run:
-    """States of one stamp that came one after the other; a paused simulation repeats its state."""
-
-    stamp: int
-    received: int  # the first one [ns]
-
-
-def _unanswered(
-    runs: list[_Run],
-    answers: dict[int, list[int]],
-    log: ExecutorLog,
-    begin: int,
-    is_in_lock_step: bool,
-) -> int:
-    """Counts the states that lack a torque, although a policy drove when they came.
-
-    In lock-step a later state proves that the one before it was answered. The newest states of a
-    bag may lack a torque, since their answers may have come after its end.
-
-    Args:
-        runs: usable states.
-        answers: times of the torques by the stamps of the states that they answer [ns].
-        log: what the executor said of its activity.
-        begin: time from which on there was a policy [ns], for an executor that did not say so.
-        is_in_lock_step: whether a simulation waited for each torque.
-    """
-    count = 0
-    for run, following in pairwise(runs):
-        drove = log.was_ready(run.received) if log.counts else run.received > begin
-        if not drove or log.has_fault(run.received):
-            continue
-        if is_in_lock_step and following.stamp < run.stamp:
-            continue  # a reset, which needs no answer
-        times = answers.get(run.stamp, [])
-        first = bisect_left(times, run.received - SLACK)
-        count += first == bisect_right(times, following.received + SLACK)
-    return count
 
 
 @dataclass(frozen=True)
@@ -292,9 +199,18 @@ def _is_close(torques: Array, expected: Array) -> bool:
     return bool((np.abs(torques - expected) <= allowed).all())
 
 
-def _marginals(bag: BagReader, executor: RecordedExecutor) -> _Timeline:
+def _policies(bag: BagReader, topic: str, executor: RecordedExecutor) -> Timeline:
+    """Reads the policies, each with its iteration."""
+    timeline = Timeline()
+    for received, message in bag.decoded(topic):
+        policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
+        timeline.add(received, (message.iteration, policy))
+    return timeline
+
+
+def _marginals(bag: BagReader, executor: RecordedExecutor) -> Timeline:
     """Reads the training marginals that the executor had, if its safe action needs them."""
-    timeline, latest = _Timeline(), dict[int, TrainingMarginals]()
+    timeline, latest = Timeline(), dict[int, TrainingMarginals]()
     topic = bag.filled_topics.get("trajectory_distribution")
     if executor.settings.safe_action == "feedback" and topic:
         for received, message in bag.decoded(topic):

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What policy_executor says on /diagnostics that a check of its bag relies on."""
+"""The words of policy_executor on /diagnostics on which a check of its bag relies."""
 
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation

@@ -65,11 +65,7 @@ def evaluate(
             f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
         )
     rng = generator(seed, Stream.EVALUATION, 0)
-    space = task.dynamics.space
-    scale = np.zeros(space.tangent_dim)
-    scale[: len(task.angles)] = perturbation * task.angles
-    scale[task.velocities] = 10.0 * perturbation * task.angles
-    starts = space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
+    starts = _perturbed_starts(task, perturbation, rollouts, rng)
 
     def control_law(_: int, x: Array) -> Array:
         mean = policy.mean(task.observation(x))
@@ -96,6 +92,17 @@ def evaluate(
         "survival": float(survived.mean()),
         **{name: {key: float(f(values)) for key, f in SPREAD.items()} for name, values in figures},
     }
+
+
+def _perturbed_starts(
+    task: "Task", perturbation: float, rollouts: int, rng: np.random.Generator
+) -> Array:
+    """Draws initial states, shape (rollouts, n_x); see `evaluate`."""
+    space = task.dynamics.space
+    scale = np.zeros(space.tangent_dim)
+    scale[: len(task.angles)] = perturbation * task.angles
+    scale[task.velocities] = 10.0 * perturbation * task.angles
+    return space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
 
 
 def show(result: dict[str, Any], *, can_fall: bool) -> None:

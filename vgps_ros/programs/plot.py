@@ -7,10 +7,14 @@ motion with the paths of the centre of mass. Example: vgps plot recordings/sampl
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from vgps_ros.views.run_record import RunRecord
 
 
 def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None = None) -> None:
@@ -25,19 +29,8 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
 
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
     from vgps_ros.views.plots import learning_curve, motion, save, trajectory
-    from vgps_ros.views.run_record import read_results
 
-    if (source / "experiment.json").is_file():
-        raise InvalidInputError(
-            f"'{source}' is the folder of an experiment: `vgps figure {source}` draws it, and "
-            "`vgps plot` draws one of the folders in its runs/."
-        )
-    if (folder := RunFolder(source)).trajectories.is_file():
-        run = read_results(folder)
-    else:
-        from vgps_ros.bags.run_reader import read_run  # needs ROS
-
-        run = read_run(source, namespace)
+    run = _read(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
@@ -74,6 +67,22 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     }
     notes += [sentence for sentence, value in known.items() if value is None]
     print(*notes, f"Wrote {', '.join(written)} to {output}.", sep="\n")
+
+
+def _read(source: Path, namespace: str | None) -> "RunRecord":
+    """Reads what is known of a run; see `plot`."""
+    from vgps_ros.views.run_record import read_results
+
+    if (source / "experiment.json").is_file():
+        raise InvalidInputError(
+            f"'{source}' is the folder of an experiment: `vgps figure {source}` draws it, and "
+            "`vgps plot` draws one of the folders in its runs/."
+        )
+    if (folder := RunFolder(source)).trajectories.is_file():
+        return read_results(folder)
+    from vgps_ros.bags.run_reader import read_run  # needs ROS
+
+    return read_run(source, namespace)
 
 
 def add_arguments(parser: Parser) -> None:

@@ -54,23 +54,8 @@ def run(
     Returns:
         The process's exit code.
     """
-    name = Path(sys.argv[0]).name
-    try:
-        arguments = remove_ros_args(sys.argv)[1:]
-    except RuntimeError as error:  # it ends with the places in rcl's source
-        words = str(error).partition(", at /")[0].removeprefix("Failed to parse ROS arguments: ")
-        print(f"{name} cannot start: {' '.join(words.split())}.", file=sys.stderr)
-        return 1
-    if {"-h", "--help"} & set(arguments):
-        _show_help(make_node, name)
-        return 0
-    if arguments:
-        print(
-            f"{name} does not know the argument '{arguments[0]}': give its parameters as "
-            f"--ros-args -p NAME:=VALUE; `{name} --help` lists them.",
-            file=sys.stderr,
-        )
-        return 1
+    if (code := _answer_arguments(make_node)) is not None:
+        return code
     silence_mujoco()
     ending = Ending()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -105,6 +90,32 @@ def run(
     del node, executor
     gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
     return code
+
+
+def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
+    """Prints the help that the arguments ask for, or what is wrong with them.
+
+    Returns:
+        The process's exit code, or None if the node is to run.
+    """
+    name = Path(sys.argv[0]).name
+    try:
+        arguments = remove_ros_args(sys.argv)[1:]
+    except RuntimeError as error:  # it ends with the places in rcl's source
+        words = str(error).partition(", at /")[0].removeprefix("Failed to parse ROS arguments: ")
+        print(f"{name} cannot start: {' '.join(words.split())}.", file=sys.stderr)
+        return 1
+    if {"-h", "--help"} & set(arguments):
+        _show_help(make_node, name)
+        return 0
+    if arguments:
+        print(
+            f"{name} does not know the argument '{arguments[0]}': give its parameters as "
+            f"--ros-args -p NAME:=VALUE; `{name} --help` lists them.",
+            file=sys.stderr,
+        )
+        return 1
+    return None
 
 
 def _show_help(make_node: Callable[[], Node], name: str) -> None:

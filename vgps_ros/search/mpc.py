@@ -110,7 +110,7 @@ class Planner:
         Its solve starts from the motion from which a search of the task starts too.
 
         Raises:
-            DivergenceError: that motion diverges, or no q is around what was found.
+            DivergenceError: that motion diverges, or its solve ends where Quu is indefinite.
         """
         settings = self._settings
         request = first_request(self._task, seed, settings.first_iterations)
@@ -138,8 +138,8 @@ class Planner:
 
         Raises:
             InvalidInputError: the state is from before the plan.
-            DivergenceError: both motions that the solve may start from diverge, or no q is around
-                what was found.
+            DivergenceError: both motions that the solve may start from diverge, or it ends where
+                Quu is indefinite.
         """
         if step < plan.start:
             raise InvalidInputError(

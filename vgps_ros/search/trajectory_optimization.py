@@ -94,8 +94,8 @@ def optimize(
 
     Raises:
         InvalidInputError: a value of the request does not fit the task.
-        DivergenceError: the first rollout diverges, or there is no q(ζ) of finite numbers around
-            what was found; its status names the cause.
+        DivergenceError: the first rollout diverges, or the solve ends where q(ζ) would not be
+            finite, as at an indefinite Quu; its status names the cause.
     """
     _check(task, request)
     warned_before = task.dynamics.warnings()

@@ -223,10 +223,16 @@ def _is_symmetric(a):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @compiled
 def _invert(a):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Replaces a positive definite matrix by its inverse, by Gauss-Jordan elimination."""
+    """Replaces a positive definite matrix by its inverse, by Gauss-Jordan elimination.
+
+    It needs no search for pivots: ∂r/∂a is the mass matrix plus a term of the constraints that is
+    positive semidefinite, since their forces descend a convex cost, so that each pivot is positive
+    and none is lost to cancellation. If rounding makes one zero, the result is NaN, which `Problem`
+    refuses as a derivative that is not finite.
+    """
     n = len(a)
     for k in range(n):
-        pivot = 1.0 / a[k, k]
+        pivot = 1.0 / a[k, k] if a[k, k] else np.nan
         a[k, k] = 1.0
         for j in range(n):
             a[k, j] *= pivot

@@ -28,7 +28,7 @@ _NEXT_STEPS = {
 
 @dataclass(frozen=True)
 class DiskFault:
-    """Why nothing can be written now.
+    """The reason why nothing can be written now.
 
     Attributes:
         number: the system's error number.

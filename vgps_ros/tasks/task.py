@@ -106,7 +106,7 @@ class Task:
 
     @property
     def velocities(self) -> slice:
-        """Where the velocities stand in a deviation; positions come before them."""
+        """The place of the velocities in a deviation; positions come before them."""
         n_v = self.dynamics.model.nv
         return slice(n_v, 2 * n_v)
 

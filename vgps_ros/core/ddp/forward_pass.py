@@ -4,7 +4,7 @@
 It works on iterates: trajectories with the expansions of dynamics and cost around them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,8 +125,7 @@ def forward_pass(
         for step_size in step_sizes
     ]
     left = [None if gaps is None or a == 1.0 else (1.0 - a) * gaps for a in step_sizes]
-    model = policy if gaps is None else _ModelWithGaps.along(around, gaps, policy)
-    worth = 0.0 if gaps is None else model.worth_of_gaps  # type: ignore[union-attr]
+    model, worth = (policy, 0.0) if gaps is None else _while_closing(gaps, around, policy)
     tried: list[ForwardStep] = []
     found = problem.dynamics.follow_each(nominal.states[0], nominals, policy.gains, left)
     for step_size, trajectory, gap in zip(step_sizes.tolist(), found, left, strict=True):
@@ -148,34 +147,20 @@ def forward_pass(
     return tried
 
 
-@dataclass(frozen=True)
-class _ModelWithGaps:
-    """The quadratic model along the policy while it closes gaps, α slope + ½ α² curvature.
+def _while_closing(gaps: Array, around: Iterate, policy: LocalPolicy) -> tuple[LocalPolicy, float]:
+    """Returns the policy with slope and curvature as they are while it closes gaps; and ν Σ‖d‖₁.
 
     The cost may have to rise for that. So the line search judges cost + ν Σ‖d‖₁, an exact penalty,
     of which a step brings α ν Σ‖d‖₁ by the gaps alone. ν is the smallest one for which the model
     expects a whole step to bring at least half of that.
     """
-
-    slope: float
-    curvature: float
-
-    @classmethod
-    def along(cls, around: Iterate, gaps: Array, policy: LocalPolicy) -> "_ModelWithGaps":
-        linear, e = around.linear, around.expansion
-        slope = curvature = 0.0
-        x = np.zeros(gaps.shape[1])
-        for t, gap in enumerate(gaps):
-            u = policy.feedforward[t] + policy.gains[t] @ x
-            slope += e.c_x[t] @ x + e.c_u[t] @ u
-            curvature += x @ e.c_xx[t] @ x + 2 * u @ e.c_ux[t] @ x + u @ e.c_uu[t] @ u
-            x = linear.f_x[t] @ x + linear.f_u[t] @ u + gap
-        return cls(float(slope), float(curvature))
-
-    @property
-    def worth_of_gaps(self) -> float:
-        """ν Σ‖d‖₁, the reduction of the merit by which a whole step closes the gaps."""
-        return max(0.0, 2.0 * (self.slope + 0.5 * max(self.curvature, 0.0)))
-
-    def expected_reduction(self, step_size: float) -> float:
-        return -step_size * self.slope - 0.5 * step_size**2 * self.curvature
+    linear, e = around.linear, around.expansion
+    slope = curvature = 0.0
+    x = np.zeros(gaps.shape[1])
+    for t, gap in enumerate(gaps):
+        u = policy.feedforward[t] + policy.gains[t] @ x
+        slope += e.c_x[t] @ x + e.c_u[t] @ u
+        curvature += x @ e.c_xx[t] @ x + 2 * u @ e.c_ux[t] @ x + u @ e.c_uu[t] @ u
+        x = linear.f_x[t] @ x + linear.f_u[t] @ u + gap
+    model = replace(policy, slope=float(slope), curvature=float(curvature))
+    return model, max(0.0, 2.0 * (model.slope + 0.5 * max(model.curvature, 0.0)))

@@ -185,27 +185,40 @@ def solve(
         if is_small and not had_gaps:
             status = Status.CONVERGED
             break
-    if iterate.gaps is not None and status is not Status.CANCELLED:
-        largest = np.abs(iterate.gaps).max()
-        raise DivergenceError(
-            f"No robot can follow the motion: after {len(log)} iterations "
-            f"({status.value.replace('_', ' ')}) its gaps are still up to {largest:.2g} [m, rad, "
-            "m/s, rad/s]; allow more iterations, or begin with another motion.",
-            "open_gaps",
-        )
-    mu = settings.distribution_regularization
-    policy = problem.local_policy(iterate, mu)  # its covariances make q(ζ)
-    if not policy.complete:
-        raise DivergenceError(
-            f"Quu is not positive definite at distribution_regularization={mu}; raise it.",
-            "indefinite_quu",
-        )
+    if status is not Status.CANCELLED:
+        _refuse_gaps(iterate.gaps, len(log), status)
     return Solution(
         trajectory=iterate.trajectory,
         cost=iterate.cost,
-        policy=policy,
+        policy=_centre_of_q(problem, iterate, settings.distribution_regularization),
         linear_dynamics=iterate.linear,
         status=status,
         iterations=tuple(log),
         simulator_steps=derivative_steps + search.simulator_steps,
     )
+
+
+def _refuse_gaps(gaps: Array | None, iterations: int, status: Status) -> None:
+    """Raises DivergenceError if gaps are left at the end of a solve."""
+    if gaps is not None:
+        raise DivergenceError(
+            f"No robot can follow the motion: after {iterations} iterations "
+            f"({status.value.replace('_', ' ')}) its gaps are still up to {np.abs(gaps).max():.2g} "
+            "[m, rad, m/s, rad/s]; allow more iterations, or begin with another motion.",
+            "open_gaps",
+        )
+
+
+def _centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
+    """Returns the local policy around a solve's result, whose covariances make q(ζ).
+
+    Raises:
+        DivergenceError: Quu is indefinite there.
+    """
+    policy = problem.local_policy(found, mu)
+    if not policy.complete:
+        raise DivergenceError(
+            f"Quu is not positive definite at distribution_regularization={mu}; raise it.",
+            "indefinite_quu",
+        )
+    return policy

@@ -30,7 +30,7 @@ PlanCost = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Sampler:
-    """What a planner samples, and how often.
+    """Samples plans around a plan, and keeps what is better.
 
     Attributes:
         method: one of METHODS.
