@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
-from vgps_ros.programs.node import start
+from vgps_ros.programs.node import heed, start
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
@@ -26,12 +26,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         words.insert(0, "node")
     if words and words[0] != "node":
         words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros find_gait`
-    if arguments is None:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # TERM ends it as INT does
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1], words[2:])
+        if arguments is None:
+            heed(signal.default_int_handler)  # TERM ends it as INT does
         _run(words)
+    except KeyboardInterrupt:
+        sys.exit("vgps: interrupted.")
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in ("", "vgps_ros"):
