@@ -73,7 +73,7 @@ class Outcome:
 def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> Outcome:
     """Starts a program, interrupts it after a time [s], and tells how it ended."""
     mark = f"{os.getpid()}.{time.monotonic_ns()}"
-    words = [word.replace("FOLDER", str(folder)) for word in KINDS[kind].words]
+    command = [word.replace("FOLDER", str(folder)) for word in KINDS[kind].words]
     variables = {_MARK: mark, "TASK": "rotor", "OUTPUT": str(folder / "demo")}
     output, master = folder / "output", -1
     with output.open("w") as file:
@@ -82,7 +82,7 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
             master, terminal = pty.openpty()
             streams["stdin"] = terminal
         program = subprocess.Popen(
-            [*_STARTERS[mode], *words],
+            [*_STARTERS[mode], *command],
             env={**os.environ, **variables, "ROS_DOMAIN_ID": str(domain_id)},
             **streams,
         )
@@ -106,7 +106,8 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
     if isinstance(code, int) and code < 0:
         code = 128 - code  # as a shell shows a death by a signal
     wrong = [] if code == KINDS[kind].code else [f"code {code}"]
-    wrong += ["Traceback"] if "Traceback" in output.read_text(errors="replace") else []
+    words = output.read_text(errors="replace")
+    wrong += [f"it says {words}"] if "Traceback" in words else []
     for pid in _marked(mark):
         wrong.append(f"left {Path(f'/proc/{pid}/cmdline').read_bytes()!r:.60}")
         os.kill(pid, signal.SIGKILL)
