@@ -1,4 +1,4 @@
-#!/usr/bin/env -S --default-signal=INT bash
+#!/usr/bin/env -S --default-signal=INT,TERM --block-signal=INT,TERM bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Learns a policy in a graph of separate ROS 2 processes, then executes it.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
@@ -6,6 +6,19 @@
 # PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
 # INT and TERM end it at any time, also in the background of a script, which ignores INT.
 set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+# INT and TERM wait while the programs of env.bash run, which would print a traceback, and during which
+# bash may lose one. Only another program can let them through: it starts this script once more.
+if [[ -z ${_VGPS_DEMO_BEGUN:-} ]]; then
+  source env.bash
+  _VGPS_DEMO_BEGUN=1 exec python -c 'import os, signal, sys
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, signal.SIG_DFL)
+signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
+os.execvp("bash", ["bash", *sys.argv[1:]])' scripts/run_demo.bash
+fi
+unset _VGPS_DEMO_BEGUN
 
 # Each process gets its signals from this script alone: in a process group of its own it neither hears
 # Ctrl-C a second time nor ignores INT, as background jobs of scripts do otherwise.
@@ -63,9 +76,6 @@ stop_all() {  # ends the program that runs, then the nodes, which it needed, the
 trap stop_all EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
-
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
-source env.bash
 
 task=${TASK:-swimmer} method=${METHOD:-vgps} seed=${SEED:-0}
 name=$(basename "${task%/task.yaml}")
