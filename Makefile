@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults damages soak bench bench-peers lint clean distclean
+.PHONY: help setup demo test test-slow faults interrupts damages soak bench bench-peers lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,6 +29,9 @@ test-slow: setup  ## a real `pip install ".[standalone]"` without ROS, a colcon 
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))
+
+interrupts: setup  ## one INT, COUNT=60 times each, for demo, node, train and recorder at random times (SEED=)
+	@bash -c 'source env.bash && exec python -m tests.faults.interrupts --count $(or $(COUNT),60) $(if $(SEED),--seed $(SEED))'
 
 damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
 	@bash -c 'source env.bash && exec nice python -m tests.bags.damage --count $(or $(COUNT),2000) --seed $(or $(SEED),7)'

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-# Runs the tests, and fails if they left a process, a shared-memory segment or a file outside this
-# checkout. Arguments, such as the path of a test, are handed to pytest.
+# Runs the tests, and fails if they left a process, a piece of shared memory or a temporary file. It looks
+# only at what the tests themselves made, so other ROS programs may run beside them. Arguments, such as
+# the path of a test, are handed to pytest.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
@@ -12,27 +13,24 @@ marker=VGPS_TEST_RUN=$$.$(date +%s%N)
 
 # Each process keeps the environment with which it was started, so the marker finds all descendants,
 # including those that left their process group.
-leftover_processes() { grep -lsz "^$marker\$" /proc/[0-9]*/environ | grep -o '[0-9]\+' || true; }
+processes() { grep -lsz "^$marker\$" /proc/[0-9]*/environ | grep -o '[0-9]\+' || true; }
 
-# A segment that a running process maps belongs to another ROS graph on this machine.
-shared_memory() { find /dev/shm -mindepth 1 -user "$(id -u)" 2>/dev/null | sort; }
-in_use() { grep -qsF "$1" /proc/[0-9]*/maps; }
-
-# Lists the files that libraries would write if they ignored the variables of run_pytest below.
-outside_files() {
-  find "$HOME" -mindepth 1 -maxdepth 2 \( -path "$root" -o -path '*/.local' \) -prune -o -print 2>/dev/null
-  find "$HOME/.ros" "$HOME/.cache/numba" "$HOME/.cache/matplotlib" "$HOME/.config/rerun" 2>/dev/null
-  find /tmp -mindepth 1 -maxdepth 1 -user "$(id -u)" \( -name 'pytest-*' -o -name 'pymp-*' -o -name 'torch*' \
-    -o -name '*rerun*' -o -name '*ros*' -o -name '*vgps*' \) 2>/dev/null
+# Prints the shared memory that processes of this run have mapped.
+mapped_memory() {
+  local pid
+  for pid in $(processes); do grep -oh '/dev/shm/[^ ]*' "/proc/$pid/maps" 2>/dev/null || true; done
 }
-# Files may vanish while find runs, so its errors are ignored.
-snapshot() { { outside_files || true; } | sort -u; }
+is_mapped() { grep -qsF "$1" /proc/[0-9]*/maps; }
 
 scratch=$root/log/tests
 rm -rf "$scratch"
 mkdir -p "$scratch"/{home,ros,tmp}
-snapshot >"$scratch/files_before"
-shared_memory >"$scratch/shared_memory_before"
+: >"$scratch/again"
+
+# The segments that the tests make have random names, so they are noted while their processes live.
+while sleep 0.5; do mapped_memory; done >"$scratch/shared_memory" &
+watch=$!
+trap 'kill "$watch" 2>/dev/null || true' EXIT
 
 run_pytest() {
   env "$marker" HOME="$scratch/home" TMPDIR="$scratch/tmp" ROS_HOME="$scratch/ros" ROS_LOG_DIR="$scratch/ros/log" \
@@ -49,7 +47,7 @@ run_group() {
   run_pytest -o cache_dir="$scratch/$name" "$@" || status=$?
   if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]]; then
     printf 'run_tests: these failed, and are run once more:\n' >&2
-    grep -o '^ *"[^"]*' "$failed" | tr -d ' "' >&2
+    grep -o '^ *"[^"]*' "$failed" | tr -d ' "' | tee -a "$scratch/again" >&2
     status=0
     run_pytest -o cache_dir="$scratch/$name" --last-failed "$@" || status=$?
   fi
@@ -74,10 +72,10 @@ else
   cat "$scratch/computing.log"
 fi
 
-left=$(leftover_processes)
+left=$(processes)
 if [[ -n $left ]]; then
   sleep 2 # a node that just got a signal may need a moment
-  left=$(leftover_processes)
+  left=$(processes)
 fi
 if [[ -n $left ]]; then
   printf 'run_tests: these processes are left, and are killed now:\n' >&2
@@ -88,18 +86,20 @@ if [[ -n $left ]]; then
   status=1
 fi
 
-comm -13 "$scratch/shared_memory_before" <(shared_memory) | while read -r segment; do
-  if in_use "$segment"; then continue; fi
-  case $segment in
-    # LTTng, which the tracepoints of ROS use, leaves these two segments for the next process.
-    */lttng-ust-wait-*) rm -f "$segment" ;;
-    *) printf '%s\n' "$segment" ;;
-  esac
+# Of a Fast DDS segment the lock file stays, too. LTTng, which the tracepoints of ROS use, keeps two
+# segments for all processes of a user.
+sort -u "$scratch/shared_memory" | sed '/lttng-ust-wait-/d; p; s/$/_el/' | while read -r file; do
+  if [[ -e $file ]] && ! is_mapped "${file%_el}"; then printf '%s\n' "$file"; fi
 done >"$scratch/left"
-comm -13 "$scratch/files_before" <(snapshot) >>"$scratch/left"
+# Where libraries put what they should have removed. Folders of pytest itself stay for three runs.
+find "$scratch/tmp" -mindepth 1 -maxdepth 1 ! -name 'pytest-of-*' >>"$scratch/left"
 if [[ -s $scratch/left ]]; then
-  printf 'run_tests: these are left outside the checkout:\n' >&2
+  printf 'run_tests: the tests left these:\n' >&2
   cat "$scratch/left" >&2
   status=1
+fi
+if [[ -s $scratch/again ]]; then
+  printf 'run_tests: %d tests failed at first, and were run once more:\n' "$(wc -l <"$scratch/again")"
+  cat "$scratch/again"
 fi
 exit "$status"

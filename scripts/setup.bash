@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S --default-signal=INT bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Sets this checkout up: makes a virtual environment, installs packages and builds with colcon.
 #

@@ -27,6 +27,7 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("iterations", 2.5, "iterations is 2.5 of type float, but it must be of type int"),
         ("iterations", True, "of type bool"),
         ("hidden_bias", 1, "of type int, but it must be of type bool"),
+        ("hidden_units", (), "hidden_units is empty, but it must have at least one value"),
         ("hidden_units", (5, 0), "hidden_units is 0"),
         ("hidden_units", (2.5,), "hidden_units is 2.5"),
         ("hidden_units", ("five",), "hidden_units is 'five'"),

@@ -49,7 +49,7 @@ def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy
         return program.output
 
     assert "There is no task 'crawler'" in ends_with("--task", "crawler")
-    assert "--steps is 0" in ends_with("--steps", "0")
+    assert "steps is 0, but it must be from 1" in ends_with("--steps", "0", code=2)
     assert "No simulation is there" in ends_with("--timeout", "1")
     graph.start("simulation")
     assert "No policy came" in ends_with("--timeout", "3")

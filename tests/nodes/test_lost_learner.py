@@ -46,11 +46,11 @@ def expected(tmp_path_factory):
 class Training:
     """A training that is some iterations old."""
 
-    def __init__(self, graph, folder, *, keeps=True):
+    def __init__(self, graph, folder, *, keeps=True, **optimizer):
         self.graph = graph
         self.folder = folder
         self.options = {**PARAMETERS, "checkpoint_folder": folder / "kept" if keeps else "''"}
-        graph.start("trajectory_optimizer", task="rotor")
+        self.optimizer = graph.start("trajectory_optimizer", task="rotor", **optimizer)
         self.progress = graph.messages(LearningProgress, "learning_progress")
         self.policies = graph.messages(GaussianPolicy, "policy", LATCHED)
         self.start_learner()
@@ -129,6 +129,20 @@ def test_one_that_is_missed_is_waited_for_and_one_that_hangs_goes_on(graph, tmp_
     assert training.program.running
     training.start_learner()
     assert training.outcome() == expected
+
+
+def test_one_whose_optimizer_comes_back_with_other_settings_is_refused(graph, tmp_path):
+    training = Training(graph, tmp_path, policy_samples=1)
+    training.learner.kill()
+    training.optimizer.kill()
+    graph.start("trajectory_optimizer", task="rotor")
+    training.start_learner()
+    assert training.program.wait() == 1
+    assert "Going on from iteration" in training.learner.output
+    assert (
+        "A trajectory optimizer solves with policy_samples 10, but the training was begun with "
+        "policy_samples 1: start it with these values, or name another folder"
+    ) in training.program.output
 
 
 def test_without_another_learner_the_program_gives_up_in_time(graph, tmp_path):

@@ -13,6 +13,7 @@ import pytest
 
 from tests.search.test_methods import solver
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import search_settings
@@ -221,6 +222,32 @@ def test_that_of_another_task_or_demonstration_is_refused(folder):
     for task in (make_task("swimmer"), demonstrated):
         with pytest.raises(InvalidInputError, match="belongs to a training with"):
             Checkpoints(folder).latest(dataclasses.replace(RUN, task=task), METHODS["vgps"].update)
+
+
+def test_that_of_another_optimizer_is_refused_with_its_setting(folder):
+    changed = dataclasses.replace(ROTOR.optimizer, policy_samples=1)
+    other = dataclasses.replace(RUN, task=dataclasses.replace(ROTOR, optimizer=changed))
+    sentence = "a training with policy_samples 10, but this one has policy_samples 1; name another"
+    with pytest.raises(InvalidInputError, match=sentence):
+        Checkpoints(folder).latest(other, METHODS["vgps"].update)
+
+
+def test_a_solve_by_other_settings_ends_the_run(folder, tmp_path):
+    """As where one of several optimizers has them, or where it comes back with them."""
+    changed = dataclasses.replace(ROTOR.optimizer, ddp=DdpSettings(line_search_steps=3))
+    other = solver(dataclasses.replace(ROTOR, optimizer=changed))
+    sentence = "solves with ddp.line_search_steps 3, but the training was begun with .* 8: start it"
+    resumed = search("vgps", ROTOR, SETTINGS, 3, other, Checkpoints(folder))
+    assert next(resumed).k == 3
+    with pytest.raises(InvalidInputError, match=sentence):
+        next(resumed)
+
+    def by_turns(requests):
+        mine, *theirs = requests
+        return [*solver(ROTOR)([mine]), *other(theirs)]
+
+    with pytest.raises(InvalidInputError, match=sentence):
+        next(search("vgps", ROTOR, SETTINGS, 3, by_turns))
 
 
 def test_where_only_the_newest_is_of_another_run_the_one_before_is_used(kept, folder, tmp_path):

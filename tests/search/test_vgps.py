@@ -68,7 +68,6 @@ def test_alpha_passes_through_the_points_of_its_schedule():
     ("alphas", "iterations", "sentence"),
     [
         ((1.0, 0.1, 1.0), (0, 50), "alphas has 3 values, but alpha_iterations has 2"),
-        ((), (0,), "alphas is empty, but it must have at least one value"),
         ((1.0, 0.1), (1, 50), r"alpha_iterations is \[1, 50\]"),
         ((1.0, 0.1), (0, 0), r"alpha_iterations is \[0, 0\]"),
     ],

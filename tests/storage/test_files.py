@@ -3,7 +3,7 @@
 
 import pytest
 
-from vgps_ros.storage.files import part_of, replacing
+from vgps_ros.storage.files import part_of, read_json, replacing
 
 
 def test_a_file_is_replaced_at_the_end_only(tmp_path):
@@ -14,6 +14,14 @@ def test_a_file_is_replaced_at_the_end_only(tmp_path):
         assert path.read_text() == "old"
     assert path.read_text() == "new"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("text", ["[" * 10_000 + "]" * 10_000, "{", "\udcff"])
+def test_text_that_cannot_be_read_as_json_is_one_kind_of_error(tmp_path, text):
+    path = tmp_path / "a.json"
+    path.write_text(text, errors="surrogateescape")
+    with pytest.raises(ValueError, match=r"\w"):
+        read_json(path)
 
 
 def test_what_fails_leaves_the_old_file_and_no_part(tmp_path):

@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Recorded demonstrations: what is read back, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -39,6 +41,11 @@ def test_a_task_starts_where_its_demonstration_does(recorded, swimmer):
         (lambda t: t.replace("time", "time,lost", 1).replace("\n0", "\n0,0"), "unknown|readable"),
         (lambda t: t.replace("\n0.0,", "\nnan,"), "is nan at index 0"),
         (lambda t: t.replace("\n0.01,", "\n0.02,"), "has 0.02 s between rows 1 and 2, but the w"),
+        (
+            lambda t: re.sub(r"\n0.0,[^,]*", "\n0.0,1e12", t),
+            "1e\\+12 in row 1, but a motion beyond",
+        ),
+        (lambda t: re.sub(r"[^,\n]*\n0.01,", "-2e9\n0.01,", t), "effort 2e\\+09 in row 1, but a m"),
         (lambda t: "not a table", "has 0 rows|lacks the column"),
         (lambda t: "", "not a readable table"),
     ],

@@ -7,7 +7,6 @@ the manifest too, unless it is signed: `ssh-keygen -Y sign -n vgps-bag -f KEY ma
 """
 
 import hashlib
-import json
 import subprocess
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -17,7 +16,7 @@ from typing import Any, BinaryIO
 
 from vgps_ros.bags.metadata import FILE_NAME as METADATA
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.files import write_json
+from vgps_ros.storage.files import read_json, write_json
 
 FILE_NAME, SIGNATURE = "manifest.json", "manifest.json.sig"
 _NAMESPACE = "vgps-bag"  # which keeps a signature for one purpose from serving another
@@ -180,10 +179,10 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST:
             raise ValueError("it is no file, or too large")
-        content: dict[str, Any] = json.loads(path.read_bytes())
+        content: dict[str, Any] = read_json(path)
         if content["format"] != _FORMAT:
             raise ValueError(f"its format is {content['format']!r}")
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise _unreadable(path, error) from error
     return content
 

@@ -55,6 +55,8 @@ class Setting:
             raise InvalidInputError(
                 f"{self.name} has {len(value)} values, but at most {_LONGEST} are taken."
             )
+        if not value:
+            raise InvalidInputError(f"{self.name} is empty, but it must have at least one value.")
         for entry in value:
             self._check_one(entry, self.default[0])
 

@@ -2,7 +2,6 @@
 """Runs the cells of an experiment in parallel, and goes on where it was stopped."""
 
 import fcntl
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.cell_table import write_table
 from vgps_ros.experiments.cells import Cell, Protocol, remove_unfinished, run_cell
-from vgps_ros.storage.files import write_json
+from vgps_ros.storage.files import read_json, write_json
 
 FAILURES = "failures.json"
 _PROTOCOL = "experiment.json"
@@ -96,7 +95,7 @@ def claimed(output: Path, protocol: Protocol) -> Iterator[None]:
         output.mkdir(parents=True, exist_ok=True)
         write_json(path, asdict(protocol))
     try:
-        found = json.loads(path.read_text())
+        found = read_json(path)
     except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"'{output}' is not the folder of an experiment; name another --output."

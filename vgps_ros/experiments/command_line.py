@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-import yaml
-
 from vgps_ros import NODES
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
+from vgps_ros.storage.plain_yaml import read_yaml
 from vgps_ros.tasks.references import task_names
 
 Record = TypeVar("Record")
@@ -166,10 +165,10 @@ def parameters_of(node: str, path: Path | None) -> dict[str, Any]:
     try:
         blocks = {
             name.rpartition("/")[2]: _flat(block["ros__parameters"])
-            for name, block in yaml.safe_load(text).items()
+            for name, block in read_yaml(text, f"'{path}'").items()
         }
         optimizers = map(str, blocks.get("policy_learner", {}).get("optimizers", ()))
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+    except (InvalidInputError, KeyError, TypeError, AttributeError) as error:
         raise InvalidInputError(
             f"'{path}' is no parameter file: it must have blocks of the form "
             "NODE: {ros__parameters: {NAME: VALUE}}, as config/swimmer.yaml has."

@@ -3,6 +3,7 @@
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 from vgps_msgs.msg import OptimizerIteration, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
@@ -10,6 +11,8 @@ from vgps_msgs.srv import OptimizeTrajectory
 from vgps_ros.core.checks import finite_array, one_of, quoted
 from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import (
     distribution_from_msg,
     distribution_to_msg,
@@ -116,6 +119,10 @@ def result_to_msg(
         success=result.status is not Status.CANCELLED,
         status=result.status.value,
         message=_sentence(result),
+        settings=[
+            Parameter(s.name, value=s.default).to_parameter_msg()
+            for s in settings_of(result.settings)
+        ],
         distribution=distribution_to_msg(result.distribution, task, *place, stamp),
         iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
     )
@@ -161,7 +168,25 @@ def result_from_msg(
         distribution=distribution,
         cost=float(costs[0]),
         modified_cost=float(costs[1]),
+        settings=_settings_from(message),
         status=Status(one_of("status", message.status, [status.value for status in Status])),
         iterations=tuple(from_message(Iteration, i, index=i.iteration) for i in message.iterations),
         simulator_steps=message.simulator_steps,
     )
+
+
+def _settings_from(message: OptimizeTrajectory.Response) -> OptimizerSettings:
+    """Returns the settings that an answer names, all of which it must name.
+
+    Raises:
+        InvalidInputError: a setting is missing, unknown or out of range.
+    """
+    given = {one.name: Parameter.from_parameter_msg(one).value for one in message.settings}
+    settings = OptimizerSettings()
+    missing = [s.name for s in settings_of(settings) if s.name not in given]
+    if missing:
+        raise InvalidInputError(
+            f"The trajectory optimizer does not say by which {missing[0]} it has solved: start one "
+            "of this version."
+        )
+    return with_values(settings, given)

@@ -16,6 +16,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
+from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered
@@ -60,9 +61,9 @@ class Player(Node):
         )
         self._error: VgpsError | None = None
         self._looks = 0
-        self.create_service(Trigger, "~/pause", self._pause)
-        self.create_service(Trigger, "~/resume", self._resume)
-        self.create_service(Trigger, "~/step", self._step)
+        self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
+        self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
+        self.create_service(Trigger, "~/step", self._step, qos_profile=CALLS)
         steady_timer(self, _LOOK_PERIOD, self._look)
         self._end = self.create_guard_condition(self._on_end)
         self.get_logger().info(

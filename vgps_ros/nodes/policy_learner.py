@@ -27,7 +27,7 @@ from vgps_ros.ros_runtime.optimizer_pool import (
 )
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.peers import TRAINING
-from vgps_ros.ros_runtime.qos import LATEST, STREAM
+from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
@@ -92,19 +92,23 @@ class PolicyLearner(Node):
             goal_callback=self._judge,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
+            goal_service_qos_profile=CALLS,
+            result_service_qos_profile=CALLS,
+            cancel_service_qos_profile=CALLS,
         )
         self.get_logger().info(
             f"Ready to train policies for the {self._task.name} by {self._method}."
         )
 
     def _judge(self, goal: TrainPolicy.Goal) -> GoalResponse:
-        """Refuses a goal while a training is at work, or if a value of it is wrong."""
+        """Refuses a goal while another one is accepted, or if a value of it is wrong."""
         try:
             self._settings_of(goal)
         except InvalidInputError as error:
             self.get_logger().warning(f"Refused a goal: {error}")
             return GoalResponse.REJECT
-        return GoalResponse.REJECT if self._busy.locked() else GoalResponse.ACCEPT
+        is_free = self._busy.acquire(blocking=False)
+        return GoalResponse.ACCEPT if is_free else GoalResponse.REJECT
 
     def _settings_of(self, goal: TrainPolicy.Goal) -> SearchSettings:
         """Returns the node's settings with what the goal says in place of them."""
@@ -117,26 +121,26 @@ class PolicyLearner(Node):
 
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
         result = TrainPolicy.Result()
-        with self._busy:
-            self._health.clear("training")
-            self._health.set_value(TRAINING, "initial DDP")
-            try:
-                self._run(goal, result)
-            except CancelledError as error:
-                result.message = str(error)
-                if goal.is_cancel_requested:
-                    goal.canceled()
-            except Exception as error:
-                if not self.context.ok():
-                    raise  # nobody can be told any more
-                result.message = self._health.sentence_of(error)
-                self._health.report("training", error=f"The training failed: {result.message}")
-                goal.abort()
-            else:
-                result.success = True
-                goal.succeed()
-            finally:
-                self._health.set_value(TRAINING, "")
+        self._health.clear("training")
+        self._health.set_value(TRAINING, "initial DDP")
+        try:
+            self._run(goal, result)
+        except CancelledError as error:
+            result.message = str(error)
+            if goal.is_cancel_requested:
+                goal.canceled()
+        except Exception as error:
+            if not self.context.ok():
+                raise  # nobody can be told any more
+            result.message = self._health.sentence_of(error)
+            self._health.report("training", error=f"The training failed: {result.message}")
+            goal.abort()
+        else:
+            result.success = True
+            goal.succeed()
+        finally:
+            self._health.set_value(TRAINING, "")
+            self._busy.release()
         return result
 
     def _run(self, goal: ServerGoalHandle, result: TrainPolicy.Result) -> None:

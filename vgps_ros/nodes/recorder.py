@@ -28,6 +28,7 @@ from vgps_ros.ros_runtime.bag_qos import recording, to_bag
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameter_collector import ParameterCollector
 from vgps_ros.ros_runtime.parameters import declare_settings
+from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -98,8 +99,8 @@ class Recorder(Node):
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
         self._collector = ParameterCollector(self)
-        self.create_service(Trigger, "~/pause", self._pause)
-        self.create_service(Trigger, "~/resume", self._resume)
+        self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
+        self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
         steady_timer(self, _DISCOVERY_PERIOD, self._discover)
         steady_timer(self, _FLUSH_PERIOD, self._save)
         self.get_logger().info(f"Recording to {self._writer.path}.")

@@ -25,7 +25,7 @@ from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_o
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.qos import CALLS, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
@@ -97,10 +97,14 @@ class Simulation(Node):
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
-        self.create_service(ResetSimulation, "~/reset_simulation", self._reset)
-        self.create_service(SetSimulationState, "~/set_simulation_state", self._set_state)
-        self.create_service(GetSimulationState, "~/get_simulation_state", self._get_state)
-        self.create_service(StepSimulation, "~/step_simulation", self._do_steps)
+        self.create_service(ResetSimulation, "~/reset_simulation", self._reset, qos_profile=CALLS)
+        self.create_service(
+            SetSimulationState, "~/set_simulation_state", self._set_state, qos_profile=CALLS
+        )
+        self.create_service(
+            GetSimulationState, "~/get_simulation_state", self._get_state, qos_profile=CALLS
+        )
+        self.create_service(StepSimulation, "~/step_simulation", self._do_steps, qos_profile=CALLS)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
         time_step = self._task.dynamics.time_step

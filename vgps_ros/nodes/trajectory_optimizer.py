@@ -12,7 +12,7 @@ from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp.solve import Iteration, Status
-from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.messages.optimization import (
     ENDING,
     TROUBLE,
@@ -22,7 +22,7 @@ from vgps_ros.messages.optimization import (
 )
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.qos import CALLS, LATCHED, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.runner import run
@@ -48,12 +48,13 @@ class TrajectoryOptimizerNode(Node):
         self._ending = threading.Event()
         # A solve must not keep the node from being cancelled or diagnosed.
         self._worker = ThreadPoolExecutor(1, "solve")
+        self._places = threading.Semaphore(CALLS.depth)  # for requests that wait or are solved
         self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", STREAM)
         self._distributions = self.create_publisher(
             TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
         )
-        self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue)
-        self.create_service(CancelOptimization, "~/cancel", self._cancel)
+        self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue, qos_profile=CALLS)
+        self.create_service(CancelOptimization, "~/cancel", self._cancel, qos_profile=CALLS)
         publish_robot_description(self, task)
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
 
@@ -62,7 +63,12 @@ class TrajectoryOptimizerNode(Node):
         self._ending.set()
         self._worker.shutdown()
 
-    def _enqueue(self, request: OptimizeTrajectory.Request, _: object) -> Future:
+    def _enqueue(
+        self, request: OptimizeTrajectory.Request, _: object
+    ) -> Future | OptimizeTrajectory.Response:
+        if not self._places.acquire(blocking=False):
+            sentence = f"{CALLS.depth} requests wait already; ask again when they are answered."
+            return self._refused(VgpsError(sentence))
         answer = Future()
         self._worker.submit(lambda: answer.set_result(self._optimize(request)))
         return answer
@@ -78,6 +84,7 @@ class TrajectoryOptimizerNode(Node):
                 return self._refused(error)
         finally:
             self._solving.clear()
+            self._places.release()
         if self._ending.is_set():
             return OptimizeTrajectory.Response(
                 status=ENDING,

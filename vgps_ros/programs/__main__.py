@@ -8,14 +8,16 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
-from vgps_ros.programs.node import start
+from vgps_ros.programs.node import heed, start
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
 
+_LATER = 0.05  # after which a signal is looked at again [s]
 COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("[!_]*.py"))
 
 
@@ -26,12 +28,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         words.insert(0, "node")
     if words and words[0] != "node":
         words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros find_gait`
-    if arguments is None:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # TERM ends it as INT does
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1], words[2:])
+        if arguments is None:
+            signal.signal(signal.SIGALRM, _interrupt)
+            heed(_interrupt)
         _run(words)
+    except KeyboardInterrupt:
+        sys.exit("vgps: interrupted.")
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in ("", "vgps_ros"):
@@ -43,6 +48,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else "needs more than is installed: run `pip install '.[standalone]'`"
         )
         sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
+
+
+def _interrupt(_number: int, frame: FrameType | None) -> None:
+    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
+
+    Extension modules that begin lose the exception, or turn it into an ImportError.
+    """
+    while frame:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            signal.setitimer(signal.ITIMER_REAL, _LATER)
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _run(words: Sequence[str]) -> None:

@@ -9,7 +9,6 @@ any time before or after them.
 import argparse
 from pathlib import Path
 
-from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
@@ -21,9 +20,8 @@ def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     wait = "longest wait for the simulation, a policy or a step [s]"
     parser.add_settings(TASK, Setting("timeout", 20.0, wait, minimum=0.1, maximum=86_400.0))
-    parser.add_argument(
-        "--steps", type=int, help="control steps to run; default: the horizon of the task"
-    )
+    steps = Setting("steps", 1, "control steps to run", minimum=1, maximum=1_000_000_000)
+    parser.add_settings(steps, unset="the horizon of the task")
     parser.add_output("--json", "also write the figures here", metavar="FILE")
     parser.add_argument(
         "--result", type=Path, metavar="FILE", help="result.json whose costs to show beside"
@@ -61,9 +59,7 @@ def _execute(arguments: argparse.Namespace) -> None:
 
     console = Console()
     task = make_task(arguments.task)
-    steps = task.horizon if arguments.steps is None else arguments.steps
-    if steps < 1:
-        raise VgpsError(f"--steps is {steps}, but it must be at least 1.")
+    steps = getattr(arguments, "steps", task.horizon)
     training = read_result(arguments.result) if arguments.result else None
     node = PolicyRun(task, arguments.simulation, arguments.timeout, arguments.namespace)
     try:

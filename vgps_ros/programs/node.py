@@ -11,10 +11,13 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any, NoReturn
 
 from vgps_ros import NODES
+
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +33,17 @@ def run(arguments: argparse.Namespace) -> NoReturn:
     start(arguments.name, arguments.arguments)
 
 
+def heed(handler: Callable[[int, FrameType | None], Any]) -> None:
+    """Lets INT and TERM call a handler, also those that have waited since this process was started.
+
+    The executables start it with both blocked, since Python itself would meet one with a traceback;
+    and a shell starts what it puts into the background with INT ignored.
+    """
+    for number in _ENDING:
+        signal.signal(number, handler)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+
+
 def start(name: str, arguments: Sequence[str]) -> NoReturn:
     """Runs a node, and ends the process.
 
@@ -38,8 +52,7 @@ def start(name: str, arguments: Sequence[str]) -> NoReturn:
     closed the process ends at once: Python's own way of taking its modules apart was seen to hang
     there, with the libraries that a node has loaded.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
+    heed(lambda *_: os._exit(0))
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
     module = importlib.import_module(f"vgps_ros.nodes.{name}")
     code = 1

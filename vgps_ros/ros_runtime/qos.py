@@ -13,6 +13,10 @@ NEWEST = QoSProfile(depth=1)
 # The same for the sensors of a real robot, to which REP 2003 has nodes listen with best effort.
 NEWEST_OF_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+# The requests and responses of services and actions. As many calls may wait at once; of more the
+# middleware drops the oldest, without a word to who waits for their answer.
+CALLS = QoSProfile(depth=100)
+
 # Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
 # follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
 SIGNS_OF_LIFE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -20,7 +20,7 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import settings_of
+from vgps_ros.search.identity import differences, values_of
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimization import check_distribution
@@ -30,7 +30,7 @@ from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
 
-FORMAT = 4  # of the files; a change of the records that they hold is a new one
+FORMAT = 5  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 
 
@@ -51,7 +51,7 @@ class Run:
             "problem": _digest_of_problem(self.task),
             "method": self.method,
             "seed": self.seed,
-            **json.loads(json.dumps({s.name: s.default for s in settings_of(self.settings)})),
+            **values_of(self.settings, self.task.optimizer),
         }
 
     def name(self) -> str:
@@ -145,12 +145,8 @@ def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
 
 
 def _compare(found: dict[str, Any], wanted: dict[str, Any], path: Path) -> None:
-    differing = [name for name, value in wanted.items() if found.get(name) != value]
-    if differing:
-        theirs, ours = (
-            ", ".join(f"{name} {values.get(name)}" for name in differing)
-            for values in (found, wanted)
-        )
+    theirs, ours = differences(found, wanted)
+    if theirs:
         raise ForeignCheckpointError(
             f"'{path}' belongs to a training with {theirs}, but this one has {ours}; name another "
             f"folder, or remove '{path.parent}' to begin anew."
@@ -178,8 +174,8 @@ def _check(state: SearchState, run: Run) -> None:
 
 
 def _digest_of_problem(task: Task) -> str:
-    """Tells the robot, its demonstration and how it is solved from others."""
-    settings = (task.horizon, task.lookahead, task.observation.names, task.optimizer)
+    """Tells the robot, its demonstration and its horizon from others."""
+    settings = (task.horizon, task.lookahead, task.observation.names)
     digest = hashlib.sha256(f"{task.mjcf}{settings}".encode())
     arrays = [task.initial_state, task.initial_std, task.std_limit, task.varied_state_std]
     if task.demonstration:

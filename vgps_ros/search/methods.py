@@ -72,15 +72,15 @@ def search(
             on from: it yields the last iteration that was kept once more, then the next ones.
 
     Raises:
-        InvalidInputError: the method is unknown, a setting is out of range, or the checkpoints are
-            those of another run.
+        InvalidInputError: the method is unknown, a setting is out of range, the checkpoints are
+            those of another run, or an optimizer has other settings than the run was begun with.
         DivergenceError: the first rollout of line 1 diverges.
         OSError: a checkpoint cannot be written.
     """
     chosen = METHODS[one_of("method", method, METHODS)]
     run = Run(method, task, settings, seed)
     found = checkpoints.latest(run, chosen.update) if checkpoints else None
-    known = found.initial_solutions if found else None
+    known = found.initial_solutions if found else ()
     work = Workspace(task, settings, seed, optimize_all, known)
 
     def evaluated(update: Update, k: int) -> Evaluation:

@@ -124,9 +124,7 @@ class SearchSettings:
     def __post_init__(self) -> None:
         """Checks alpha's schedule, for which ranges of single values are not enough."""
         count, reached = len(self.alphas), self.alpha_iterations
-        if not count:
-            raise InvalidInputError("alphas is empty, but it must have at least one value.")
-        if reached in ((), (0,)):
+        if reached == (0,):
             return
         if count != len(reached):
             raise InvalidInputError(

@@ -16,7 +16,7 @@ from vgps_ros.core.ddp.solve import Iteration, Solution, Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import sample_deviations, state_covariances
-from vgps_ros.core.optimizer_settings import DdpSettings
+from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
@@ -64,6 +64,7 @@ class OptimizationResult:
         cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
         modified_cost: the cost that was minimised, Σ c̄ or Σ α c over the planned horizon.
         status: the reason why the solve ended.
+        settings: the settings by which it was solved.
         iterations: the solver's log.
         simulator_steps: simulator steps that it took, finite differences included.
         simulator_warnings: MuJoCo's warnings meanwhile, in words; empty if there were none.
@@ -73,6 +74,7 @@ class OptimizationResult:
     cost: float
     modified_cost: float
     status: Status
+    settings: OptimizerSettings
     iterations: tuple[Iteration, ...]
     simulator_steps: int
     simulator_warnings: str = ""
@@ -124,6 +126,7 @@ def optimize(
         cost=task.trajectory_cost(solution.trajectory.first(task.horizon)),
         modified_cost=solution.cost,
         status=solution.status,
+        settings=task.optimizer,
         iterations=solution.iterations,
         simulator_steps=start.simulator_steps + solution.simulator_steps,
         simulator_warnings=in_words(task.dynamics.warnings() - warned_before),

@@ -22,6 +22,7 @@ from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import check_settings
+from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
 from vgps_ros.tasks import Task
@@ -106,7 +107,7 @@ class Workspace:
         simulator_steps: simulator steps of learning so far; evaluations do not count.
 
     Raises:
-        InvalidInputError: a setting is out of range.
+        InvalidInputError: a setting is out of range, or two optimizers have different ones.
         DivergenceError: the first rollout diverges.
     """
 
@@ -116,7 +117,7 @@ class Workspace:
         settings: SearchSettings,
         seed: int,
         optimize_all: OptimizeAll,
-        initial_solutions: tuple[OptimizationResult, ...] | None = None,
+        initial_solutions: tuple[OptimizationResult, ...] = (),
     ):
         check_settings(settings)
         if seed < 0:
@@ -130,7 +131,9 @@ class Workspace:
         self.simulator_steps = 0
         self._optimize_all = optimize_all
         self._warnings: list[str] = []
-        self.initial_solutions = initial_solutions or self._solve_cost_alone()
+        self.initial_solutions = initial_solutions
+        if not initial_solutions:
+            self.initial_solutions = self._solve_cost_alone()
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
         requests = [self._request(i, k=0) for i in range(len(self.starts))]
@@ -263,6 +266,7 @@ class Workspace:
     def _optimize(self, requests: Sequence[OptimizationRequest]) -> tuple[OptimizationResult, ...]:
         began = time.perf_counter()
         results = tuple(self._optimize_all(requests))
+        check_one_optimizer((*self.initial_solutions, *results))
         self.optimization_seconds += time.perf_counter() - began
         self.simulator_steps += sum(result.simulator_steps for result in results)
         return results

@@ -55,6 +55,19 @@ def write_json(path: Path, content: Any) -> None:
         file.write(text.encode())
 
 
+def read_json(path: Path) -> Any:
+    """Reads a JSON file.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no JSON, or is nested too deeply.
+    """
+    try:
+        return json.loads(path.read_bytes())
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
 def write_archive(path: Path, arrays: Mapping[str, NDArray]) -> None:
     """Writes arrays by name as an archive (.npz), in one piece."""
     with replacing(path) as file:

@@ -12,8 +12,8 @@ _MOST = 10**6  # values, where each alias counts as what it stands for
 _DEEPEST = 100  # nesting
 
 
-def read_yaml(text: str, what: str) -> Any:
-    """Returns the content of a YAML text.
+def read_yaml(text: str | bytes, what: str) -> Any:
+    """Returns the content of a YAML text, or of the bytes of one.
 
     Args:
         text: the text.

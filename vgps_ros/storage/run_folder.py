@@ -5,7 +5,6 @@ Loading a file can run no code. A policy is JSON text that a person can read: th
 of the record's fields, and numbers have the shortest digits that read back to the same bits.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +17,7 @@ from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
-from vgps_ros.storage.files import read_archive, write_archive, write_json
+from vgps_ros.storage.files import read_archive, read_json, write_archive, write_json
 from vgps_ros.storage.record_tree import from_entries
 
 
@@ -60,7 +59,7 @@ def read_result(path: Path) -> dict[str, Any]:
         InvalidInputError: the file is missing, or is not that of a training.
     """
     try:
-        content: dict[str, Any] = json.loads(path.read_text())
+        content: dict[str, Any] = read_json(path)
         _ = content["task"], content["initial_ddp_cost"], content["iterations"][-1]["k"]
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise InvalidInputError(f"'{path}' is not a result.json of a training: {error}.") from error
@@ -80,8 +79,8 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
         InvalidInputError: the file is missing, is not a policy, or its values do not fit.
     """
     try:
-        content = json.loads(path.read_text())
-    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        content = read_json(path)
+    except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"{path} is not a readable policy file ({error}); name the policy.json of a run."
         ) from error

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import finite_array
+from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.model import actuated_joint_names, state_names
@@ -75,6 +76,13 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
             f"{wrong[0] + 2}, but the {task.name}'s time step is {task.dynamics.time_step:g} s: "
             "resample it."
         )
+    for name, values in zip(wanted[1:], np.abs(table.T[1:]), strict=True):
+        bound = CONTROL_BOUND if name.endswith("/effort") else DIVERGENCE_BOUND
+        if values.max() > bound:
+            raise InvalidInputError(
+                f"{path} has {name} {values.max():g} in row {values.argmax() + 1}, but a motion "
+                f"beyond {bound:g} has diverged: check its units."
+            )
     n_x = task.dims["n_x"]
     return Trajectory(table[:, 1 : 1 + n_x], table[:-1, 1 + n_x :])
 

@@ -1,0 +1,161 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Interrupts programs at random times after their first instruction: one INT must end each.
+
+    python -m tests.faults.interrupts --count 60 --seed 7
+
+Each is struck in a terminal, by Ctrl-C, and in the background of a script, where a shell starts it
+with INT ignored. It must end with its code, in time, print no traceback and leave nothing behind.
+"""
+
+import argparse
+import os
+import pty
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from rich.console import Console
+from rich.table import Table
+
+from vgps_ros.ros_runtime.shared_memory import owned_segments
+
+ROOT = Path(__file__).parents[2]
+EXECUTABLES = ROOT / "install" / "vgps_ros" / "lib" / "vgps_ros"
+_STARTERS = {
+    "terminal": ("env", "--default-signal=INT", "setsid", "--ctty"),
+    "background": ("env", "--ignore-signal=INT"),
+}
+MODES = tuple(_STARTERS)
+FIRST, LAST = 0.02, 4.0  # of the times after the start at which INT comes [s]
+SOON = 5.0  # in which a program must have ended [s]
+PATIENCE = 20.0  # after which it is killed, and counts as one that does not end [s]
+_MARK = "VGPS_INTERRUPTED"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A program: its words, in which FOLDER stands for an empty folder, and its code after INT."""
+
+    words: tuple[str, ...]
+    code: int
+
+
+KINDS = {
+    "demo": Kind((str(ROOT / "scripts" / "run_demo.bash"),), 130),
+    "node": Kind((str(EXECUTABLES / "simulation"), "--ros-args", "-p", "task:=rotor"), 0),
+    "train": Kind(
+        (
+            str(EXECUTABLES / "train"),
+            *("--task", "rotor", "--iterations", "9999", "--output", "FOLDER/run"),
+        ),
+        1,
+    ),
+    "recorder": Kind((str(EXECUTABLES / "recorder"), "--ros-args", "-p", "output:=FOLDER/bag"), 0),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a program ended: what was wrong, in words, and how long it took [s]."""
+
+    wrong: str
+    seconds: float
+
+
+def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> Outcome:
+    """Starts a program, interrupts it after a time [s], and tells how it ended."""
+    mark = f"{os.getpid()}.{time.monotonic_ns()}"
+    command = [word.replace("FOLDER", str(folder)) for word in KINDS[kind].words]
+    variables = {_MARK: mark, "TASK": "rotor", "OUTPUT": str(folder / "demo")}
+    output, master = folder / "output", -1
+    with output.open("w") as file:
+        streams = {"stdin": subprocess.DEVNULL, "stdout": file, "stderr": subprocess.STDOUT}
+        if mode == "terminal":
+            master, terminal = pty.openpty()
+            streams["stdin"] = terminal
+        program = subprocess.Popen(
+            [*_STARTERS[mode], *command],
+            env={**os.environ, **variables, "ROS_DOMAIN_ID": str(domain_id)},
+            **streams,
+        )
+    while Path(f"/proc/{program.pid}/cmdline").read_bytes().startswith((b"env\0", b"setsid\0")):
+        time.sleep(0.001)
+    time.sleep(delay)
+    segments = {s for pid in _marked(mark) for s in owned_segments(pid)}
+    struck = time.monotonic()
+    if mode == "terminal":
+        os.write(master, b"\x03")
+    else:
+        program.send_signal(signal.SIGINT)
+    try:
+        code: int | str = program.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        code = "it does not end"
+    seconds = time.monotonic() - struck
+    if mode == "terminal":
+        os.close(master)
+        os.close(terminal)
+    if isinstance(code, int) and code < 0:
+        code = 128 - code  # as a shell shows a death by a signal
+    wrong = [] if code == KINDS[kind].code else [f"code {code}"]
+    words = output.read_text(errors="replace")
+    wrong += [f"it says {words}"] if "Traceback" in words else []
+    for pid in _marked(mark):
+        wrong.append(f"left {Path(f'/proc/{pid}/cmdline').read_bytes()!r:.60}")
+        os.kill(pid, signal.SIGKILL)
+    program.wait()
+    wrong += [f"left {segment}" for segment in segments if segment.exists()]
+    return Outcome(", ".join(wrong), seconds)
+
+
+def _marked(mark: str) -> list[int]:
+    """Returns the processes that were started with this mark, but for those that have ended."""
+    found: list[int] = []
+    entry = f"{_MARK}={mark}\0".encode()
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended, or is somebody else's
+            if entry in (folder / "environ").read_bytes() + b"\0":
+                found.append(int(folder.name))
+    return found
+
+
+def main() -> int:
+    """Runs the campaign; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.faults.interrupts", description=__doc__)
+    parser.add_argument("--count", type=int, default=60, help="of each program and mode")
+    parser.add_argument("--seed", type=int, default=random.randrange(10**6), help="of all times")
+    parser.add_argument("--only", choices=KINDS, help="one program")
+    arguments = parser.parse_args()
+    print(f"interrupts: seed {arguments.seed}", flush=True)
+    rng, bad, late = Random(arguments.seed), Counter[str](), Counter[str]()
+    table = Table("program", "where", "struck", "ended well", f"within {SOON:g} s", "slowest [s]")
+    for kind in [arguments.only] if arguments.only else KINDS:
+        for mode in MODES:
+            name, slowest = f"{kind} {mode}", 0.0
+            for _ in range(arguments.count):
+                delay = rng.uniform(FIRST, rng.choice((0.5, LAST)))
+                with tempfile.TemporaryDirectory(prefix="vgps_ros_") as folder:
+                    outcome = strike(kind, mode, delay, Path(folder), rng.randrange(101, 233))
+                slowest = max(slowest, outcome.seconds)
+                late[name] += outcome.seconds > SOON
+                if outcome.wrong:
+                    bad[name] += 1
+                    print(f"{name} after {delay:.3f} s: {outcome.wrong}", flush=True)
+            struck, well = arguments.count, arguments.count - bad[name]
+            cells = (struck, well, struck - late[name], f"{slowest:.1f}")
+            table.add_row(kind, mode, *map(str, cells))
+            print(f"{name}: {well} of {struck} ended well, slowest {slowest:.1f} s", flush=True)
+    Console().print(table)
+    return 1 if bad.total() or late.total() else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
