@@ -68,6 +68,22 @@ def test_the_first_file_of_any_robot_makes_a_task_whose_cost_ddp_lowers(robot, f
     assert last < first
 
 
+def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(folder):
+    text = HOPPER.replace("<worldbody>", '<option timestep="0.003"/><worldbody>')
+    (folder / "robot.xml").write_text(text)
+    main(["new", "mine", "--model", "robot.xml"])
+    task = make_task(str(folder / "mine"))
+    dt = task.dynamics.time_step
+    assert dt == pytest.approx(0.009)
+    assert task.horizon * dt == pytest.approx(2.0, abs=dt)
+    leaning = task.initial_state.copy()
+    leaning[2] = 1.2
+    assert task.fallen(leaning)
+    assert not task.fallen(task.initial_state)
+    scored = (folder / "mine" / "task.yaml").read_text()
+    assert "{sensor: up, index: [x], target: [0], weight: 5.0}" in scored
+
+
 def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):
     bare = HOPPER.replace('<geom name="floor" type="plane" size="0 0 1"/>', "")
     bare = bare[: bare.index("  <actuator>")] + "</mujoco>"

@@ -50,6 +50,16 @@ def test_predicted_accelerations_differentiate_as_full_steps_do(changes, rng):
     assert np.quantile(errors, 0.8) < 1e-5
 
 
+def test_a_search_for_the_acceleration_that_stops_early_disturbs_no_difference(rng):
+    model = model_with("", 'tolerance="1e-12"', 'iterations="1"')
+    states, controls = random_states(model, rng, 13), rng.uniform(-1, 1, (12, model.nu))
+    points = Trajectory(states, controls)
+    dynamics = Dynamics(model, substeps=5, threads=1)
+    found, expected = (dynamics.linearize(points, centred=c)[0].f_x for c in (False, True))
+    errors = np.abs(found - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))
+    assert errors.max() < 1e-4
+
+
 @pytest.mark.parametrize(
     "changes",
     [

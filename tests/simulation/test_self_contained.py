@@ -52,6 +52,23 @@ def test_positions_along_a_level_floor_are_cyclic_and_no_others(old, new, expect
     assert cyclic_positions(model) == expected
 
 
+@pytest.mark.parametrize(
+    ("tendon", "expected"),
+    [
+        ('<fixed><joint joint="hip" coef="1"/><joint joint="knee" coef="-.5"/></fixed>', [0, 1]),
+        ('<spatial><site site="imu"/><site site="foot"/></spatial>', [0, 1]),
+        ('<spatial><site site="imu"/><site site="post"/></spatial>', []),
+        ('<fixed><joint joint="x" coef="1"/><joint joint="hip" coef="1"/></fixed>', []),
+    ],
+)
+def test_a_tendon_that_is_tied_to_the_world_leaves_no_position_cyclic(tendon, expected):
+    text = EVERYTHING[: EVERYTHING.index("  <tendon>")] + f"<tendon>{tendon}</tendon></mujoco>"
+    text = text.replace("<worldbody>", '<worldbody><site name="post" pos="1 0 1"/>')
+    if 'joint="x"' in tendon:
+        text = text.replace('<freejoint name="base"/>', '<joint name="x" type="slide"/>')
+    assert cyclic_positions(mujoco.MjModel.from_xml_string(text)) == expected
+
+
 def test_where_a_robot_stands_on_the_floor_does_not_change_how_it_moves(rng):
     text = EVERYTHING[: EVERYTHING.index("  <tendon>")] + "</mujoco>"
     model = mujoco.MjModel.from_xml_string(text)

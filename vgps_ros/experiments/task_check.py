@@ -158,5 +158,8 @@ def _after(task: Task, motion: Trajectory, costs: list[float]) -> list[str]:
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."
         )
     if task.fallen(motion.states[: task.horizon]).any():
-        troubles.append("The optimised motion falls: score what keeps the robot up.")
+        troubles.append(
+            "The optimised motion falls: score what keeps the robot up, or find a first motion "
+            "that does not fall by `begin: {law: sampling}`."
+        )
     return troubles

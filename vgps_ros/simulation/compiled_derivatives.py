@@ -13,6 +13,10 @@ with the inverse Hessian (∂r/∂a)⁻¹ of the point itself. So a difference n
         moved = z ⊕ eps e_j
         a = a_0 − H⁻¹ (r(moved, a_0) − r_0)
         column[j] = (integrate(moved, a) ⊖ after) / eps
+
+Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a
+are then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away
+from kinks, this is seen, and the neighbours of such a point are stepped in full.
 """
 
 from typing import NamedTuple
@@ -45,6 +49,7 @@ _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 # Difference of accelerations for ∂r/∂a [m/s², rad/s²]. In between its kinks, r is linear in a.
 _ACCELERATION_EPS = 1e-3
+_ASYMMETRY = 1e-6  # of ∂r/∂a, at most, where r has no kink; rounding leaves 1e-10
 
 
 class Balance(NamedTuple):
@@ -57,6 +62,7 @@ class Balance(NamedTuple):
         moved: another acceleration.
         moved_residual: another residual.
         is_pushed: whether constraints act, shape (1,).
+        is_smooth: whether r has no kink at a_0, so that neighbours may be predicted, shape (1,).
     """
 
     acceleration: Array
@@ -65,6 +71,7 @@ class Balance(NamedTuple):
     moved: Array
     moved_residual: Array
     is_pushed: NDArray[np.bool_]
+    is_smooth: NDArray[np.bool_]
 
 
 @compiled
@@ -82,7 +89,7 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
     after, plus, minus = np.empty(n_x), np.empty(n_x), np.empty(n_x)
     direction, column = np.zeros(n_v), np.empty(n_dx)
     vectors = np.empty(n_v), np.empty(n_v), np.empty((n_v, n_v)), np.empty(n_v), np.empty(n_v)
-    balance = Balance(*vectors, np.empty(1, np.bool_))
+    balance = Balance(*vectors, np.zeros(1, np.bool_), np.zeros(1, np.bool_))
     a, b = np.eye(n_dx), np.empty((n_dx, n_u))  # the columns of cyclic positions stay as they are
     steps = 0
     for t in range(len(states)):
@@ -148,7 +155,7 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     if not sim.structure.may_skip:
         _step(sim, z, warm, _NOTHING, after)
         return
-    if not sim.structure.may_predict:
+    if not balance.is_smooth[0]:
         _step(sim, z, warm, skip, after)
         return
     put_state(sim, z)
@@ -168,11 +175,11 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     for i in range(len(residual)):
         for j in range(len(residual)):
             sim.qacc[i] -= balance.inverse_hessian[i, j] * (residual[j] - balance.residual[j])
-    # The constraints' force is what is missing to M a.
+    # The constraints' force is what is missing to M a, but for r_0: the search left that there too.
     mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
-        sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i]
+        sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
     keeps_system = 1 if skip >= _OF_POSITIONS else 0
     if sim.structure.is_implicit:
         mj_implicit_skip(sim.model, sim.data, keeps_system)
@@ -184,7 +191,7 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
 @compiled
 def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the balance of forces at the point from which the simulation has stepped."""
-    acceleration, residual, hessian, moved, scratch, is_pushed = balance
+    acceleration, residual, hessian, moved, scratch, is_pushed, is_smooth = balance
     _copy(sim.qacc, acceleration)
     _copy(sim.qacc, moved)
     is_pushed[0] = not sim.structure.is_one_sided
@@ -197,7 +204,21 @@ def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no c
         for i in range(len(acceleration)):
             hessian[i, j] = (scratch[i] - residual[i]) / _ACCELERATION_EPS
         moved[j] = acceleration[j]
-    _invert(hessian)
+    is_smooth[0] = _is_symmetric(hessian)
+    if is_smooth[0]:
+        _invert(hessian)
+
+
+@compiled
+def _is_symmetric(a):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns whether a matrix is symmetric, measured by its diagonal, which must be positive."""
+    for i in range(len(a)):
+        if not a[i, i] > 0.0:
+            return False
+        for j in range(i):
+            if not abs(a[i, j] - a[j, i]) <= _ASYMMETRY * np.sqrt(a[i, i] * a[j, j]):
+                return False
+    return True
 
 
 @compiled

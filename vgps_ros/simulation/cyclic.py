@@ -8,7 +8,7 @@ along it are known, and no finite difference is taken.
 import mujoco
 import numpy as np
 
-_JOINT, _TRANSMISSION = mujoco.mjtJoint, mujoco.mjtTrn
+_JOINT, _TRANSMISSION, _WRAP = mujoco.mjtJoint, mujoco.mjtTrn, mujoco.mjtWrap
 
 
 def cyclic_positions(model: mujoco.MjModel) -> list[int]:
@@ -17,11 +17,11 @@ def cyclic_positions(model: mujoco.MjModel) -> list[int]:
     They are translations of the one body that moves in the world, along a direction in which all
     that stands in the world, if anything does, is planes.
     """
-    if model.ntree != 1 or model.neq or model.ntendon or model.nmocap or model.nplugin:
+    if model.ntree != 1 or model.neq or model.nmocap or model.nplugin:
         return []
     found = []
     first = int(np.flatnonzero(model.body_dofnum)[0])
-    if model.body_weldid[model.body_parentid[first]] != 0:
+    if model.body_weldid[model.body_parentid[first]] != 0 or _is_tied(model, first):
         return []
     for joint in range(
         model.body_jntadr[first], model.body_jntadr[first] + model.body_jntnum[first]
@@ -45,6 +45,19 @@ def _in_world(model: mujoco.MjModel, body: int, axis: np.ndarray) -> np.ndarray:
     return np.asarray(data.xmat[body].reshape(3, 3) @ axis)
 
 
+def _is_tied(model: mujoco.MjModel, root: int) -> bool:
+    """Returns whether a tendon runs over a joint of the root, or over something in the world."""
+    for kind, target in zip(model.wrap_type, model.wrap_objid, strict=True):
+        if kind == _WRAP.mjWRAP_JOINT and model.jnt_bodyid[target] == root:
+            return True
+        if kind == _WRAP.mjWRAP_SITE and model.body_weldid[model.site_bodyid[target]] == 0:
+            return True
+        is_geom = kind in (_WRAP.mjWRAP_SPHERE, _WRAP.mjWRAP_CYLINDER)
+        if is_geom and model.body_weldid[model.geom_bodyid[target]] == 0:
+            return True
+    return False
+
+
 def _is_held(model: mujoco.MjModel, joint: int) -> bool:
     """Returns whether a spring, a limit or an actuator pulls a joint to a position."""
     if model.jnt_limited[joint] or model.jnt_stiffness[joint].any():
@@ -54,6 +67,8 @@ def _is_held(model: mujoco.MjModel, joint: int) -> bool:
         pulls = model.actuator_biasprm[i, 1] or model.actuator_gaintype[i]
         if kind == _TRANSMISSION.mjTRN_SITE and target[1] < 0:
             continue  # a force in the frame of a site
+        if kind == _TRANSMISSION.mjTRN_TENDON:
+            continue  # it is not tied to the world
         if kind not in (_TRANSMISSION.mjTRN_JOINT, _TRANSMISSION.mjTRN_JOINTINPARENT):
             return True
         if target[0] == joint and pulls:

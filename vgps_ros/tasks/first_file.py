@@ -23,6 +23,9 @@ class _Robot:
         goes: whether it can travel, as along a floor.
         is_free: whether it has a free joint, named `joint`.
         height: of the root at the start [m]; 0 if it cannot rise or fall.
+        up: the vertical in the root's frame at the start, shape (3,).
+        leans: the numbers of `up` that change when the robot leans, such as x and y.
+        prefix: of the names of new sensors, so that the model has none of them.
     """
 
     model: mujoco.MjModel
@@ -31,6 +34,9 @@ class _Robot:
     is_free: bool
     joint: str
     height: float
+    up: np.ndarray
+    leans: list[int]
+    prefix: str
 
 
 def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
@@ -43,7 +49,7 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
     """
     robot = _robot(model)
     limits = control_range(model)[1]
-    period = max(1, round(_PERIOD / model.opt.timestep)) * model.opt.timestep
+    period = _whole(_PERIOD, model.opt.timestep)
     lines = [
         f"# yaml-language-server: $schema={schema}",
         f"# Joints: {_listed([model.joint(i).name for i in range(model.njnt)])}.",
@@ -54,17 +60,25 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         f"model: {reference}",
         *_changes(model),
         f"control_period: {period:g}      # [s], multiple of the time step, {model.opt.timestep:g}",
-        "horizon: 2.0               # [s], trained on and scored",
+        f"horizon: {_whole(2.0, period):<5g}             # [s], trained on and scored",
     ]
     if robot.goes:
-        lines.append("lookahead: 0.5             # [s], optimised beyond it, so that it ends well")
+        lookahead = _whole(0.5, period)
+        lines.append(
+            f"lookahead: {lookahead:<5g}           # [s], optimised beyond it, to end well"
+        )
     lines += _start(model, robot)
     lines += _sensors(robot)
     lines += _cost(robot, limits)
     lines += _observed(robot)
     if robot.height:
         lowest = _WEAKEST * robot.height
-        lines.append(f"fallen: [{{sensor: height, index: z, below: {lowest:.2g}}}]   # [m]")
+        lines += [
+            "fallen:",
+            f"  - {{sensor: {robot.prefix}height, index: z, below: {lowest:.2g}}}         # [m]",
+        ]
+    if robot.leans and robot.up[2] > 0.9:
+        lines.append(f"  - {{sensor: {robot.prefix}up, index: z, below: 0.5}}    # leans by 60°")
     lines += _begin(model, robot, limits)
     lines += [
         "search:                     # a smaller network learns faster, and may miss a contact",
@@ -72,6 +86,11 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         "   fit.iterations: 200}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _whole(duration: float, period: float) -> float:
+    """Returns the multiple of a period that is nearest to a duration [s]."""
+    return max(1, round(duration / period)) * period
 
 
 def _robot(model: mujoco.MjModel) -> _Robot:
@@ -82,8 +101,10 @@ def _robot(model: mujoco.MjModel) -> _Robot:
     body = int(np.flatnonzero(model.body_dofnum)[0])
     first = int(model.body_jntadr[body])
     is_free = model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
-    goes = bool(cyclic_positions(model))
+    goes = bool(is_free or cyclic_positions(model))
     falls = goes and abs(model.opt.gravity[2]) > 0
+    up = data.xmat[body].reshape(3, 3)[2]
+    turning = np.abs(np.cross(_axes(model, body), up)).max(axis=0, initial=0.0)
     return _Robot(
         model=model,
         root=model.body(body).name or str(body),
@@ -91,7 +112,26 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         is_free=bool(is_free),
         joint=model.joint(first).name,
         height=float(data.xpos[body][2]) if falls else 0.0,
+        up=up,
+        prefix=_prefix(model),
+        leans=[int(i) for i in np.flatnonzero(turning > 1e-6)] if falls else [],
     )
+
+
+def _prefix(model: mujoco.MjModel) -> str:
+    taken, prefix = {model.sensor(i).name for i in range(model.nsensor)}, ""
+    while taken & {prefix + name for name in ("velocity", "height", "up")}:
+        prefix += "root_"
+    return prefix
+
+
+def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Returns the axes about which a body turns, in its own frame, shape (N, 3)."""
+    joints = model.body_jntadr[body] + np.arange(model.body_jntnum[body])
+    kinds = model.jnt_type[joints]
+    if np.isin(kinds, (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)).any():
+        return np.eye(3)
+    return model.jnt_axis[joints[kinds == mujoco.mjtJoint.mjJNT_HINGE]]
 
 
 def _changes(model: mujoco.MjModel) -> list[str]:
@@ -137,30 +177,32 @@ def _start(model: mujoco.MjModel, robot: _Robot) -> list[str]:
 def _sensors(robot: _Robot) -> list[str]:
     if not robot.goes:
         return []
+    new, root = f"  {robot.prefix}", robot.root
     lines = [
         "sensors:                    # added to the model's own",
-        f"  velocity: {{type: subtreelinvel, body: {robot.root}}}    # of the centre of mass [m/s]",
+        new + f"velocity: {{type: subtreelinvel, body: {root}}}    # of the centre of mass [m/s]",
     ]
     if robot.height:
-        lines.append(f"  height: {{type: framepos, xbody: {robot.root}}}          # [m]")
-    if robot.is_free:
-        lines.append(
-            "  # The vertical in the robot's own frame:\n"
-            f"  up: {{type: framezaxis, xbody: world, relative_to: {{xbody: {robot.root}}}}}"
-        )
+        lines.append(new + f"height: {{type: framepos, xbody: {root}}}          # [m]")
+    if robot.leans:
+        lines += [
+            "  # The vertical in the robot's own frame:",
+            new + f"up: {{type: framezaxis, xbody: world, relative_to: {{xbody: {root}}}}}",
+        ]
     return lines
 
 
 def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
     lines = ["cost:                       # what is wanted, and what it may cost"]
     if robot.goes:
-        lines.append("  - {sensor: velocity, index: x, target: 1.0}        # [m/s] forwards")
+        of = f"  - {{sensor: {robot.prefix}"
+        lines.append(of + "velocity, index: x, target: 1.0}        # [m/s] forwards")
         if robot.height:
-            lines.append(
-                f"  - {{sensor: height, index: z, target: {robot.height:.3g}, weight: 10.0}}"
-            )
-        if robot.is_free:
-            lines.append("  - {sensor: up, index: z, target: 1.0, weight: 5.0}")
+            lines.append(of + f"height, index: z, target: {robot.height:.3g}, weight: 10.0}}")
+        if robot.leans:
+            index = ", ".join("xyz"[i] for i in robot.leans)
+            target = ", ".join(f"{robot.up[i] + 0.0:.3g}" for i in robot.leans)
+            lines.append(of + f"up, index: [{index}], target: [{target}], weight: 5.0}}")
     else:
         lines += [
             f"  - {{sensor: {name}/position, target: 0.0}}" for name in joint_names(robot.model)
@@ -182,7 +224,7 @@ def _observed(robot: _Robot) -> list[str]:
     entries = [positions, "joint_velocities"]
     if robot.is_free:
         rates = [f"{robot.joint}/{rate}" for rate in ("z", "vx", "vy", "vz", "wx", "wy", "wz")]
-        entries += ["up", *rates]
+        entries += [*([robot.prefix + "up"] if robot.leans else []), *rates]
     return ["observe:                    # what the policy reads", f"  [{', '.join(entries)}]"]
 
 
