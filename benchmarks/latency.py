@@ -11,16 +11,16 @@ starts anew. With a latency of -1 the policy drives alone.
 import argparse
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.pushed import add_arguments, push
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
 from vgps_ros.storage.run_folder import load_policy
-from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks import make_task
 
 
 class LatePlans:
@@ -54,24 +54,12 @@ class LatePlans:
         return self._planner.control(self._plan, state, step)
 
 
-def push(task: Task, state: Any, size: float, rng: np.random.Generator) -> Any:
-    """Returns the state after a push into a random direction."""
-    change = np.zeros(task.dims["n_dx"])
-    angle, first = rng.uniform(0, 2 * np.pi), task.velocities.start
-    change[first : first + 2] = size * np.array([np.cos(angle), np.sin(angle)])
-    return task.dynamics.space.add(state, change)
-
-
 def main() -> None:
     """Runs one closed loop, and prints its figures as a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--latency", type=int, default=0, help="of each plan, in control steps")
-    parser.add_argument("--policy", type=Path)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--push", type=float, default=0.0, help="change of velocity [m/s]")
-    parser.add_argument("--every", type=float, default=2.0, help="between two pushes [s]")
-    parser.add_argument("--horizon", type=float, default=0.5)
+    add_arguments(parser)
     given = parser.parse_args()
     task, rng = make_task(given.task), np.random.default_rng(0)
     policy = load_policy(given.policy)[0] if given.policy else None

@@ -10,12 +10,9 @@ import numpy as np
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.records import CostExpansion, LinearDynamics, Trajectory
 from vgps_ros.search import trajectory_optimization
+from vgps_ros.search.optimization_request import OptimizationRequest, first_request
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import (
-    OptimizationRequest,
-    OptimizationResult,
-    first_request,
-)
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task, make_task

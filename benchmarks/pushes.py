@@ -9,7 +9,6 @@ import argparse
 import json
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import Plan
 
 from benchmarks.processes import Bench, bench
+from benchmarks.pushed import add_arguments, push
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import StateMessages
@@ -110,10 +110,8 @@ class PushedRobot:
             self._robot.reset(self._task.initial_state, time=True)
 
     def _push(self, size: float) -> None:
-        change = np.zeros(self._task.dims["n_dx"])
-        angle, first = self._rng.uniform(0, 2 * np.pi), self._task.velocities.start
-        change[first : first + 2] = size * np.array([np.cos(angle), np.sin(angle)])
-        self._robot.reset(self._task.dynamics.space.add(self._robot.state, change), time=False)
+        pushed = push(self._task, self._robot.state, size, self._rng)
+        self._robot.reset(pushed, time=False)
         self.pushes += 1
 
 
@@ -122,11 +120,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("controller", choices=("mpc", "policy_executor"))
-    parser.add_argument("--policy", type=Path)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--push", type=float, default=0.0, help="change of velocity [m/s]")
-    parser.add_argument("--every", type=float, default=2.0, help="between two pushes [s]")
-    parser.add_argument("--horizon", type=float, default=0.5)
+    add_arguments(parser)
     given = parser.parse_args()
     parameters: dict[str, Any] = {"task": given.task}
     if given.policy:

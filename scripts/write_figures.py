@@ -28,8 +28,9 @@ from page_blocks import ROOT, Figures, pages, with_figures
 from PIL import Image, ImageSequence
 
 from vgps_ros.programs.evaluate import evaluate
+from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.walker.simbicon import GAIT, walk

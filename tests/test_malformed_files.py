@@ -19,7 +19,7 @@ from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration
+from vgps_ros.tasks.motion_file import load_demonstration, write_motion
 from vgps_ros.views.run_record import RunRecord, read_results
 
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
@@ -36,7 +36,8 @@ def write_policy(folder):
 
 def write_demonstration(folder):
     states, controls = np.zeros((ROTOR.planned_horizon + 1, 2)), np.ones((ROTOR.planned_horizon, 1))
-    save_demonstration(ROTOR, Trajectory(states, controls), folder / "file")
+    time = ROTOR.dynamics.time_step * np.arange(len(states))
+    write_motion(folder / "file", ROTOR.dynamics.model, time, Trajectory(states, controls))
 
 
 def write_model(folder):

@@ -19,7 +19,7 @@ from vgps_ros.messages.conversions import (
     trajectory_from_msg,
 )
 from vgps_ros.search.mpc import MpcSettings, Planner
-from vgps_ros.search.receding import RecedingHorizon
+from vgps_ros.search.plan_follower import PlanFollower
 from vgps_ros.tasks import make_task
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
@@ -43,7 +43,7 @@ def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
 
     graph.spin_until(are_there, what="all states")
     settings = MpcSettings(horizon=0.4, ddp=task.optimizer.ddp)
-    horizon, x = RecedingHorizon(Planner(make_task("swimmer"), settings), 3, seed=1), None
+    horizon, x = PlanFollower(Planner(make_task("swimmer"), settings), 3, seed=1), None
     x = task.initial_state
     for step in range(steps):
         np.testing.assert_array_equal(state_from_msg(states[step], task.joint_names), x)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.trajectory_optimization import optimize
 
 
 @pytest.fixture

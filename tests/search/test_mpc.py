@@ -10,7 +10,7 @@ import pytest
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.search.mpc import MpcSettings, Planner
-from vgps_ros.search.receding import RecedingHorizon
+from vgps_ros.search.plan_follower import PlanFollower
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_the_swimmer_swims_by_plans_alone_and_a_run_repeats_bit_for_bit(swimmer)
     settings = MpcSettings(horizon=1.0, ddp=swimmer.optimizer.ddp)
     runs = []
     for _ in range(2):
-        horizon = RecedingHorizon(Planner(swimmer, settings), every=2)
+        horizon = PlanFollower(Planner(swimmer, settings), every=2)
         runs.append(drive(swimmer, horizon, 100))
         horizon.stop()
     (states, controls), again = runs
@@ -130,7 +130,7 @@ def slow(planner, first):
 
 
 def test_a_late_plan_leaves_the_old_one_in_use_until_that_is_too_old(slow, swimmer):
-    horizon, state = RecedingHorizon(slow, every=0), swimmer.initial_state
+    horizon, state = PlanFollower(slow, every=0), swimmer.initial_state
     ages = [horizon.control(state, step)[1] for step in range(6)]
     assert ages == [0, 1, 2, 3, 4, 5]
     with pytest.raises(InvalidInputError, match="6 steps old, but a plan may drive for 5 steps"):
@@ -143,7 +143,7 @@ def test_a_late_plan_leaves_the_old_one_in_use_until_that_is_too_old(slow, swimm
 
 
 def test_where_no_plan_is_found_the_reason_is_told_and_a_new_time_starts_anew(slow, swimmer):
-    horizon, state = RecedingHorizon(slow, every=1), swimmer.initial_state
+    horizon, state = PlanFollower(slow, every=1), swimmer.initial_state
     slow.may_end.set()
     slow.failure = DivergenceError("it diverges.")
     ages = [horizon.control(state, step)[1] for step in range(3, 9)]
@@ -161,7 +161,7 @@ def test_where_no_plan_is_found_the_reason_is_told_and_a_new_time_starts_anew(sl
 
 def test_a_plan_of_the_time_before_a_reset_is_not_taken(slow, swimmer):
     """Even where the new time begins at the step at which the newest plan does."""
-    horizon, state = RecedingHorizon(slow, every=0), swimmer.initial_state
+    horizon, state = PlanFollower(slow, every=0), swimmer.initial_state
     for step in (0, 1, 2):
         horizon.control(state, step)
     slow.may_end.set()

@@ -2,11 +2,8 @@
 """A short solve, by which tests see that a task can be optimised."""
 
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.search.trajectory_optimization import (
-    OptimizationRequest,
-    OptimizationResult,
-    optimize,
-)
+from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.trajectory_optimization import OptimizationResult, optimize
 from vgps_ros.tasks import Task
 
 

@@ -8,19 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tests.tasks.hopper_file import HOPPER, TASK
+from tests.tasks.hopper_file import TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.simulation.model import deviation_names
 from vgps_ros.tasks import Task, make_task, recorded_task
-
-
-@pytest.fixture
-def folder(tmp_path):
-    (tmp_path / "hopper.xml").write_text(HOPPER)
-    (tmp_path / "reference.csv").write_text("time,com/z\n0,1\n2,3\n")
-    (tmp_path / "task.yaml").write_text(TASK)
-    return tmp_path
 
 
 @pytest.fixture

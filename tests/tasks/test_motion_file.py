@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_file import load_demonstration, save_demonstration, with_demonstration
+from vgps_ros.tasks.motion_file import load_demonstration, with_demonstration, write_motion
 
 WALKER = make_task("walker")
 
@@ -17,7 +17,9 @@ WALKER = make_task("walker")
 @pytest.fixture
 def recorded(tmp_path):
     path = tmp_path / "walk.csv"
-    save_demonstration(WALKER, WALKER.demonstration, path)
+    shown, dynamics = WALKER.demonstration, WALKER.dynamics
+    time = dynamics.time_step * np.arange(shown.horizon + 1)
+    write_motion(path, dynamics.model, time, shown)
     return path
 
 

@@ -11,7 +11,8 @@ from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.messages.optimization import request_from_msg, request_to_msg
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, optimize
+from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 
 

@@ -40,16 +40,6 @@ search: {hidden_units: [10]}
 
 
 @pytest.fixture
-def folder(tmp_path):
-    hopper = tmp_path / "hopper"
-    hopper.mkdir()
-    (hopper / "hopper.xml").write_text(HOPPER)
-    (hopper / "reference.csv").write_text("time,com/z\n0,1\n1,1.2\n")
-    (hopper / "task.yaml").write_text(TASK)
-    return hopper
-
-
-@pytest.fixture
 def sentence(folder):
     """Returns a function that changes the task file, and returns the error that it then gives."""
 

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads the last motion in a bag: the states since time last went back, and their controls."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +12,12 @@ import numpy as np
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.states import recorded_states
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array
+from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.simulation.joint_forces import controls_are_forces
 from vgps_ros.simulation.model import actuated_joint_names
-from vgps_ros.tasks.motion_file import columns
+from vgps_ros.tasks.motion_file import write_motion
 
 
 @dataclass(frozen=True)
@@ -96,12 +95,8 @@ def write_table(episode: Episode, path: Path) -> None:
             else "Some of the recorded states have no joint_command that answers them, but a "
             "demonstration needs all controls: record the robot in lock-step."
         )
-    # In the table, the controls of a row act until the next row.
-    following = np.vstack([episode.controls[1:], np.zeros_like(episode.controls[:1])])
+    motion = Trajectory(episode.states, episode.controls[1:])
     try:
-        with path.open("x", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns(episode.model))
-            writer.writerows(np.column_stack([episode.time, episode.states, following]).tolist())
+        write_motion(path, episode.model, episode.time, motion)
     except FileExistsError as error:
         raise InvalidInputError(f"'{path}' exists already; name another file.") from error

@@ -10,7 +10,9 @@ import numpy as np
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.search.trajectory_optimization import first_motion, first_request, optimize
+from vgps_ros.search.first_motion import first_motion
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import Task
 
 _POINTS = 40  # steps whose derivatives are compared with centred differences

@@ -11,12 +11,9 @@ from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
 from vgps_ros.search.metrics import result_content
+from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimization import (
-    OptimizationRequest,
-    OptimizationResult,
-    optimize,
-)
+from vgps_ros.search.trajectory_optimization import OptimizationResult, optimize
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.storage.software import environment

@@ -22,11 +22,8 @@ from vgps_ros.messages.conversions import (
     policy_to_msg,
     to_message,
 )
-from vgps_ros.search.trajectory_optimization import (
-    OptimizationRequest,
-    OptimizationResult,
-    check_distribution,
-)
+from vgps_ros.search.optimization_request import OptimizationRequest, check_distribution
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 
 ENDING = "ending"  # status of an answer by a node that ends before the solve does

@@ -19,8 +19,8 @@ from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_robot_description
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
+from vgps_ros.search.plan_follower import PlanFollower
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.receding import RecedingHorizon
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
 
@@ -49,7 +49,7 @@ class Mpc(Controller):
         settings = declare_settings(self, MpcSettings(ddp=task.optimizer.ddp))
         every, seed = declare(self, PLAN_EVERY), declare(self, SEED)
         prepare(task)
-        self._horizon = RecedingHorizon(Planner(task, settings), every, seed, self._take_plan)
+        self._horizon = PlanFollower(Planner(task, settings), every, seed, self._take_plan)
 
     def law(self, state: Array, stamp: int) -> Array:
         """Returns the newest plan's torques.

@@ -19,7 +19,8 @@ from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_m
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.steady_timer import steady_timer
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
+from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 
 OPTIMIZERS = Setting(

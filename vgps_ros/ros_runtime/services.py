@@ -99,6 +99,7 @@ def _sender(node: Node, name: str, send: Function) -> Function:
     """Returns what sends a response in place of rclpy's function."""
 
     def send_response(response: Any, header: Any, delays: tuple[float, ...] = _DELAYS) -> None:
+        """Sends a response once it is there, and again after each delay [s] until it arrives."""
         if isinstance(response, Future):
             response.add_done_callback(lambda done: send_response(done.result(), header))
             return

@@ -22,8 +22,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.search.identity import differences, values_of
 from vgps_ros.search.iteration import SearchState
+from vgps_ros.search.optimization_request import check_distribution
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimization import check_distribution
 from vgps_ros.search.workspace import Update, initial_states
 from vgps_ros.storage.files import part_of, read_archive, write_archive
 from vgps_ros.storage.policy_digest import policy_digest

@@ -24,7 +24,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.settings import setting
-from vgps_ros.search.trajectory_optimization import first_motion, first_request
+from vgps_ros.search.first_motion import first_motion
+from vgps_ros.search.optimization_request import first_request
 from vgps_ros.tasks import Task
 
 

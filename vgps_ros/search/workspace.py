@@ -23,8 +23,9 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import check_settings
 from vgps_ros.search.identity import check_one_optimizer
+from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.trajectory_optimization import OptimizationRequest, OptimizationResult
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 
 OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationResult]]

@@ -152,6 +152,7 @@ class Dynamics:
                 part: slice,
                 batch: Sequence[tuple[Trajectory, Array | None]] = batch,
             ) -> list[Trajectory]:
+                """Follows a part of the batch."""
                 found = []
                 for nominal, gap in batch[part]:
                     x, u = (np.full_like(a, np.nan) for a in (nominal.states, nominal.controls))

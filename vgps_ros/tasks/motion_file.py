@@ -19,7 +19,7 @@ import numpy as np
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Trajectory
+from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.model import actuated_joint_names, state_names
 from vgps_ros.tasks.table import read_rows
 from vgps_ros.tasks.task import Task
@@ -51,7 +51,7 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
         InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
     """
     names, rows = read_rows(path)
-    wanted = columns(task.dynamics.model)
+    wanted = _columns(task.dynamics.model)
     strange = [*sorted(set(wanted) - set(names)), *sorted(set(names) - set(wanted))]
     if strange:
         verb = "lacks the column" if strange[0] in wanted else "has the unknown column"
@@ -87,18 +87,26 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
     return Trajectory(table[:, 1 : 1 + n_x], table[:-1, 1 + n_x :])
 
 
-def save_demonstration(task: Task, demonstration: Trajectory, path: Path) -> None:
-    """Writes a demonstration that `load_demonstration` reads back bit for bit."""
-    time = task.dynamics.time_step * np.arange(demonstration.horizon + 1)
-    efforts = np.pad(demonstration.controls, ((0, 1), (0, 0)))
-    table = np.column_stack([time, demonstration.states, efforts])
-    with path.open("w", newline="") as file:
+def write_motion(path: Path, model: mujoco.MjModel, time: Array, motion: Trajectory) -> None:
+    """Writes a motion that `load_demonstration` reads back bit for bit.
+
+    Args:
+        path: a file that does not exist.
+        model: the robot.
+        time: time of each state, shape (T+1,) [s].
+        motion: x, u.
+
+    Raises:
+        FileExistsError: the file exists.
+    """
+    efforts = np.pad(motion.controls, ((0, 1), (0, 0)))
+    with path.open("x", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(columns(task.dynamics.model))
-        writer.writerows(table.tolist())
+        writer.writerow(_columns(model))
+        writer.writerows(np.column_stack([time, motion.states, efforts]).tolist())
 
 
-def columns(model: mujoco.MjModel) -> list[str]:
+def _columns(model: mujoco.MjModel) -> list[str]:
     """Returns the names of a file's columns: time, the state's order, the controls' order."""
     controls = [f"{name}/effort" for name in actuated_joint_names(model)]
     return ["time", *state_names(model), *controls]

@@ -15,7 +15,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.notice import progress_lines
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.sampling.planner import Sampler
-from vgps_ros.core.sampling.receding_horizon import receding_motion
+from vgps_ros.core.sampling.receding_motion import receding_motion
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_schema import Sampling
 from vgps_ros.tasks.yaml_document import Document
@@ -25,20 +25,23 @@ _FALLEN = 1e6  # cost of a step in which the robot lies: a plan that falls later
 
 @dataclass(frozen=True)
 class _Plans:
-    """The task as a problem of plans; see `PlanProblem`."""
+    """The task as a `PlanProblem`, which describes the methods."""
 
     task: Task
     ddp_iterations: int
 
     def simulate(self, start: Array, plans: Array) -> Array:
+        """Runs plans on the task's dynamics."""
         return self.task.dynamics.replay(start, plans)
 
     def score(self, states: Array, plans: Array, first: int) -> Array:
+        """Scores plans by the task's cost, and each step in which the robot lies by `_FALLEN`."""
         costs = self.task.cost(states[:, :-1], plans, first).sum(axis=1)
         costs += _FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
         return np.where(np.isfinite(states).all(axis=(1, 2)), costs, np.inf)
 
     def refine(self, motion: Trajectory, first: int) -> Array:
+        """Refines a motion by DDP; one that it makes diverge is left as it is."""
         if self.ddp_iterations == 0:
             return motion.controls
         cost = self.task.cost.starting_at(first, motion.horizon)

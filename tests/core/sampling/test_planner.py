@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.sampling.planner import METHODS, Sampler, interpolation
-from vgps_ros.core.sampling.receding_horizon import receding_motion
+from vgps_ros.core.sampling.receding_motion import receding_motion
 
 BOUND = np.full(2, 3.0)
 

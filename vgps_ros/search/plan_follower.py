@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The newest plan of model predictive control, made beside the answers or waited for."""
+"""Follows the newest plan of model predictive control, made beside the answers or waited for."""
 
 import time
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.search.mpc import Plan, Planner
 
 
-class RecedingHorizon:
+class PlanFollower:
     """Answers states with feedback along the newest plan, and makes the next one.
 
     A thread makes the plans. Its compiled loops and MuJoCo run without Python's lock, so an answer
