@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
 
+from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.experiments import cell_runner, cells
 from vgps_ros.experiments.cell_table import read_table
 from vgps_ros.experiments.cells import Cell, Panel, Protocol, all_cells, run_cell
@@ -136,6 +137,24 @@ def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(tmp_path, monkeypatc
     failures = json.loads((tmp_path / "out" / "failures.json").read_text())
     assert failures == [{"cell": "rotor-2 gps seed 0", "error": "DivergenceError: it flew away."}]
     assert set(read_table(tmp_path / "out")["method"].to_pylist()) == {"cost_weighted"}
+
+
+@pytest.mark.parametrize(
+    ("panel", "ddp_iterations", "gains"), [("swimmer-5", 3, 0.0), ("walker-10", 1, 0.1)]
+)
+def test_a_cell_keeps_to_the_papers_settings(tmp_path, monkeypatch, panel, ddp_iterations, gains):
+    """Those of the table in docs/comparison.md, whatever the task itself begins with now."""
+    trained = []
+    monkeypatch.setattr(cells, "train", lambda *arguments: trained.append(arguments[1:3]))
+    run_cell(Cell(Panel.named(panel), "vgps", 0), Protocol.of(50, 1), tmp_path)
+    ((task, settings),) = trained
+    assert [settings.alpha(k) for k in (0, 50, 99)] == pytest.approx([1.0, 0.1, 0.1])
+    assert settings.ddp_iterations == ddp_iterations
+    fit = settings.fit
+    assert (fit.optimizer, fit.iterations, fit.samples_per_step) == ("lbfgs", 100, 10)
+    assert fit.resample_every == 25
+    assert task.optimizer.ddp.distribution_regularization == gains
+    assert task.optimizer.marginals == MarginalSettings(std_limit_annealing=0.5)
 
 
 def test_an_error_within_a_cell_is_returned_and_leaves_no_results(tmp_path, monkeypatch):

@@ -39,13 +39,26 @@ def run(task, settings, seed=0):
     return list(search("vgps", task, settings, seed, solve)), requests
 
 
-def test_alpha_falls_exponentially_and_then_stays():
-    settings = SearchSettings()
+def test_alpha_rises_exponentially_over_the_run_and_then_stays():
+    settings = SearchSettings(iterations=40)
+    assert_allclose([settings.alpha(k) for k in range(41)], 10.0 ** (np.arange(41) / 40))
+    assert {settings.alpha(k) for k in (40, 41, 200)} == {settings.alpha(40)}
+
+
+@pytest.mark.parametrize("iterations", [20, 50, 300])
+def test_alpha_of_the_papers_schedule_is_a_tenth_by_the_fiftieth_iteration(iterations):
+    settings = SearchSettings(schedule="paper", alphas=(3.0,), iterations=iterations)
     assert settings.alpha(0) == 1.0
     assert_allclose(settings.alpha(25), np.sqrt(0.1))
     assert_allclose([settings.alpha(k) for k in (50, 51, 200)], 0.1)
     ratios = [settings.alpha(k + 1) / settings.alpha(k) for k in range(50)]
     assert_allclose(ratios, 0.1 ** (1 / 50))
+
+
+def test_the_papers_alpha_has_the_bits_of_the_same_values_listed():
+    listed = SearchSettings(alphas=(1.0, 0.1), alpha_iterations=(0, 50))
+    paper = SearchSettings(schedule="paper")
+    assert [paper.alpha(k) for k in range(60)] == [listed.alpha(k) for k in range(60)]
 
 
 def test_alpha_reaches_its_last_value_at_the_end_of_a_run_of_any_length():
@@ -180,6 +193,7 @@ def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):
     [
         (replace(QUICK, iterations=0), 0, "iterations is 0"),
         (replace(QUICK, alphas=(-1.0, 0.1)), 0, "alphas is -1"),
+        (replace(QUICK, schedule="falling"), 0, "schedule .*falling.*listed, paper"),
         (QUICK, -1, "seed is -1, but it must be at least 0"),
     ],
 )

@@ -15,12 +15,12 @@ import torch
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.experiments.paper import paper_settings, paper_task
 from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS
-from vgps_ros.search.settings import search_settings
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.tasks import BUILT_IN, make_task
+from vgps_ros.tasks import BUILT_IN
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # the panels of Figure 1
 _RUNS = "runs"
@@ -71,9 +71,9 @@ class Protocol:
     @classmethod
     def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
         """Returns the protocol with the settings of this version of the software."""
-        tasks = [make_task(name) for name in BUILT_IN]
+        tasks = [paper_task(name) for name in BUILT_IN]
         limits = [(t.initial_std.tolist(), t.std_limit.tolist()) for t in tasks]
-        settings = [(asdict(search_settings(t)), asdict(t.optimizer)) for t in tasks]
+        settings = [(asdict(paper_settings(t)), asdict(t.optimizer)) for t in tasks]
         digest = hashlib.sha256(json.dumps([limits, settings]).encode()).hexdigest()
         return cls(iterations, evaluation_rollouts, digest[:12])
 
@@ -141,10 +141,10 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
         folder.parent.mkdir(parents=True, exist_ok=True)
         # The name is unique: a worker of an experiment that was killed may still train this cell.
         unfinished = Path(tempfile.mkdtemp(prefix=folder.name + _UNFINISHED, dir=folder.parent))
-        task = make_task(cell.panel.task)
+        task = paper_task(cell.panel.task)
         task.dynamics.simulations.threads = 1
         settings = replace(
-            search_settings(task),
+            paper_settings(task),
             iterations=protocol.iterations,
             evaluation_rollouts=protocol.evaluation_rollouts,
             hidden_units=(cell.panel.hidden_units,),

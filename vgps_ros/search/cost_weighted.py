@@ -6,7 +6,7 @@
 "This algorithm is identical to ours, except that instead of using DDP to optimize q(ζ), the
 variational distribution is formed by taking samples from the current policy and reweighting them
 by the exponential of their cost. [...] The policy is still initialized with supervised training to
-resemble the initial DDP solution." α falls as in Algorithm 1. A rollout that diverged has no
+resemble the initial DDP solution." α goes as in Algorithm 1. A rollout that diverged has no
 weight; if all diverged the policy stays as it was.
 """
 

@@ -26,6 +26,9 @@ METHOD = Setting(
     ),
 )
 
+# The paper's schedule of α: its values, and the iterations in which they are reached.
+PAPER = ((1.0, 0.1), (0, 50))
+
 
 @dataclass(frozen=True)
 class GpsSettings:
@@ -72,9 +75,15 @@ class SearchSettings:
     )
     hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
     output_bias: bool = setting(True, "whether the output layer has bias terms")
+    schedule: str = setting(
+        "listed",
+        "how alpha, the cost's scale, goes; listed: through alphas; paper: from 1 to 0.1 by the "
+        "50th iteration",
+        choices=("listed", "paper"),
+    )
     alphas: tuple[float, ...] = setting(
-        (1.0, 0.1),
-        "values of alpha, the cost's scale; exponential between them, then constant",
+        (1.0, 10.0),
+        "values of alpha where it is listed; exponential between them, then constant",
         minimum=1e-9,
         maximum=1e9,
     )
@@ -137,17 +146,31 @@ class SearchSettings:
             )
 
     def alpha(self, k: int) -> float:
-        """Returns α_k = exp((K−k)/K log α_0 + k/K log α_K), for each piece of the schedule."""
-        pieces = len(self.alphas) - 1
+        """Returns α_k: exponential between the values of the schedule, then constant.
+
+        By default α rises. A q-step adds α times the cost's curvature H to the precision of the
+        policy's noise, and the M-step adds the square of its fit's residual r to the variance:
+
+            1/Σ_q = 1/σ² + α H,    σ² ← Σ_q + r².
+
+        So at a constant α the noise falls, ever more slowly, to σ² → r/√(α H), and α σ² H is the
+        weight of the cost against the policy. Where α falls, as in the paper (section 6), that
+        weight falls much faster than the noise, q yields to what the network likes, and costs rise
+        again. Where α rises, the noise goes on falling, and q stays near the optimum of the cost.
+        """
+        alphas, reached = self.alphas, self.alpha_iterations
+        if self.schedule == "paper":
+            alphas, reached = PAPER
+        pieces = len(alphas) - 1
         if not pieces:
-            return self.alphas[0]
-        reached: tuple[float, ...] = self.alpha_iterations
-        if len(reached) <= 1:
-            reached = tuple(self.iterations * i / pieces for i in range(pieces + 1))
-        i = min(bisect(reached, k), pieces)
-        begin, end = reached[i - 1 : i + 1]
+            return alphas[0]
+        points: tuple[float, ...] = reached
+        if len(points) <= 1:
+            points = tuple(self.iterations * i / pieces for i in range(pieces + 1))
+        i = min(bisect(points, k), pieces)
+        begin, end = points[i - 1 : i + 1]
         done = min((k - begin) / (end - begin), 1.0)
-        log_alphas = np.log(self.alphas[i - 1 : i + 1])
+        log_alphas = np.log(alphas[i - 1 : i + 1])
         return float(np.exp((1 - done) * log_alphas[0] + done * log_alphas[1]))
 
 
