@@ -21,6 +21,12 @@ def walker():
     return make_task("walker")
 
 
+@pytest.fixture(autouse=True)
+def own_temporary_folder(tmp_path, monkeypatch):
+    """Stable-Baselines3 leaves its logs where temporary files go."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("speed", "upright", "lacking"), [(1.0, 1.0, 0.0), (0.25, 1.0, 5.0), (1.0, 0.3, 7.0)]
 )
@@ -42,8 +48,7 @@ def test_a_rollout_that_diverges_is_no_success(swimmer):
 
 
 @pytest.mark.parametrize("algorithm", [PPO, SAC])
-def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm, tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def test_a_peer_ends_at_its_goal_or_at_its_limit(swimmer, algorithm, tmp_path):
     cost = swimmer.trajectory_cost
     at_once = Goal("cost", 50, cost, 1e9)
     there = stable_baselines.learn(algorithm, swimmer, at_once, 5, limit=600.0)

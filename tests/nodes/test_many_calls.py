@@ -9,7 +9,7 @@ from vgps_msgs.srv import GetSimulationState, OptimizeTrajectory
 from tests.nodes.conftest import PATIENCE
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.search.trajectory_optimization import first_request
+from vgps_ros.search.optimization_request import first_request
 from vgps_ros.tasks import make_task
 
 AT_ONCE = 50

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import dask
 import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
@@ -112,9 +113,12 @@ def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
 
 
 def test_a_cluster_of_two_workers_gives_the_same_table(undisturbed, tmp_path):
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as cluster:
+    with (
+        dask.config.set(temporary_directory=str(tmp_path)),
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        ) as cluster,
+    ):
         address = cluster.scheduler_address
         main([*SMALL, "--output", str(tmp_path / "c"), "--backend", "dask", "--address", address])
     assert without_seconds(tmp_path / "c").equals(without_seconds(undisturbed))

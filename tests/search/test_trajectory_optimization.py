@@ -46,8 +46,11 @@ def test_distribution_carries_its_marginals(short_swimmer, first_request):
 
 
 def test_limit_of_the_marginals_shrinks_with_alpha(short_swimmer, first_request):
-    q = optimize(short_swimmer, dataclasses.replace(first_request, cost_scale=0.25)).distribution
-    limit = 0.25**0.5 * short_swimmer.std_limit
+    annealed = dataclasses.replace(short_swimmer.optimizer.marginals, std_limit_annealing=0.5)
+    optimizer = dataclasses.replace(short_swimmer.optimizer, marginals=annealed)
+    task = dataclasses.replace(short_swimmer, optimizer=optimizer)
+    q = optimize(task, dataclasses.replace(first_request, cost_scale=0.25)).distribution
+    limit = 0.25**0.5 * task.std_limit
     stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
     assert np.all(stds <= limit * (1 + 1e-12))
     assert_allclose(stds.max(axis=0)[8:], limit[8:])  # the joints' velocities reach it
