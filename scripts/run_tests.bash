@@ -26,6 +26,7 @@ scratch=$root/log/tests
 rm -rf "$scratch"
 mkdir -p "$scratch"/{home,ros,tmp}
 : >"$scratch/again"
+find /dev/shm -mindepth 1 | sort >"$scratch/before"
 
 # The segments that the tests make have random names, so they are noted while their processes live.
 while sleep 0.5; do mapped_memory; done >"$scratch/shared_memory" &
@@ -87,8 +88,9 @@ if [[ -n $left ]]; then
 fi
 
 # Of a Fast DDS segment the lock file stays, too. LTTng, which the tracepoints of ROS use, keeps two
-# segments for all processes of a user.
-sort -u "$scratch/shared_memory" | sed '/lttng-ust-wait-/d; p; s/$/_el/' | while read -r file; do
+# segments for all processes of a user. What other programs left before is not the tests' own.
+sort -u "$scratch/shared_memory" | sed '/lttng-ust-wait-/d; p; s/$/_el/' | sort -u |
+  comm -23 - "$scratch/before" | while read -r file; do
   if [[ -e $file ]] && ! is_mapped "${file%_el}"; then printf '%s\n' "$file"; fi
 done >"$scratch/left"
 # Where libraries put what they should have removed. Folders of pytest itself stay for three runs.
