@@ -26,6 +26,7 @@ def result():
         {
             "k": k,
             "alpha": 1.0 / k,
+            "bound": -400.0,
             "ddp_cost": 160.0 + k,
             "deterministic_cost": 170.0 + k,
             "stochastic_cost_mean": cost,
@@ -57,10 +58,19 @@ def test_learning_curve_has_solid_stochastic_dashed_deterministic_and_the_ddp_li
     assert np.isnan(stochastic[0])  # it diverged
     assert list(stochastic[1:]) == [300.0, 180.0]
     assert list(lines["deterministic policy"].get_ydata()) == [171.0, 172.0, 173.0]
+    assert list(lines["bound −L(q, θ) ÷ α"].get_ydata()) == [400.0, 800.0, 1200.0]
     assert set(lines["initial DDP solution"].get_ydata()) == {158.0}
     assert list(alphas.lines[0].get_ydata()) == [1.0, 0.5, 1 / 3]
     assert costs.get_ylabel()
     assert alphas.get_xlabel()
+
+
+def test_learning_curve_of_an_older_result_has_no_bound(result):
+    for entry in result["iterations"]:
+        del entry["bound"]
+    labels = [line.get_label() for line in learning_curve(result).axes[0].lines]
+    assert "stochastic policy" in labels
+    assert not any("bound" in label for label in labels)
 
 
 def test_learning_curve_is_written_as_a_picture(result, tmp_path):

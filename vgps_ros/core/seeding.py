@@ -27,6 +27,7 @@ class Stream(IntEnum):
     POLICY_ROLLOUTS = 8
     GUIDING_ROLLOUTS = 9
     DATASET = 10
+    BOUND = 11
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
         return
     from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
-    from vgps_ros.search.iteration import RemainingTime
+    from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.tasks import make_task
     from vgps_ros.views.plots import learning_curve, save
     from vgps_ros.views.training_progress import TrainingProgress
@@ -75,13 +75,19 @@ def run(arguments: argparse.Namespace) -> None:
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.initial_ddp_iterations) as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say)
+
+        def show(iteration: SearchIteration) -> None:
+            progress.iteration(iteration, settings.iterations, remaining.after(iteration))
+            for warning in iteration.warnings:
+                progress.say(warning)
+
         content = train(
             arguments.method,
             task,
             settings,
             arguments.seed,
             output,
-            on_iteration=lambda i: progress.iteration(i, settings.iterations, remaining.after(i)),
+            on_iteration=show,
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,
         )

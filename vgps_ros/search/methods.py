@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
+from vgps_ros.search.bound import losses
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.dagger import Imitation, dagger
@@ -34,14 +35,16 @@ class Method:
         iterate: does iteration k: maps the workspace, what iteration k − 1 ended with (None at
             k = 1) and k to what this one ends with.
         update: the type of that.
+        raises_bound: whether both of its steps maximise L(q, θ), so that a loss is trouble.
     """
 
     iterate: Callable[[Workspace, Any, int], Update]
     update: type[Update]
+    raises_bound: bool = False
 
 
 METHODS = {
-    "vgps": Method(vgps, Candidates),
+    "vgps": Method(vgps, Candidates, raises_bound=True),
     "gps": Method(gps, GuidedUpdate),
     "adaptive_gps": Method(adaptive_gps, GuidedUpdate),
     "dagger": Method(dagger, Imitation),
@@ -105,4 +108,5 @@ def search(
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
         if checkpoints:
             checkpoints.save(run, state)
-        yield SearchIteration.of(state, evaluation, work.take_warnings())
+        lost = losses(history[-1]) if chosen.raises_bound else []
+        yield SearchIteration.of(state, evaluation, (*work.take_warnings(), *lost))

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
-from vgps_ros.core.gaussians import entropy, kl_divergence
-from vgps_ros.core.marginals import with_clamped_variances
+from vgps_ros.core.gaussians import entropy
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.search.bound import bound_metrics
 from vgps_ros.storage.policy_digest import policy_digest
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
@@ -61,9 +61,19 @@ class IterationMetrics:
     ]
     noise_std: Annotated[tuple[float, ...], Metric("shape (n_u,): the policy's noise [N·m]")]
     policy_kl: Annotated[
-        float, Metric("mean KL(q || pi_theta) along the q before line 6 [nat]", "policy_kl")
+        float,
+        Metric("mean E_q[KL(q || pi_theta)] of a step, of the q before line 6 [nat]", "policy_kl"),
     ]
     policy_entropy: Annotated[float, Metric("entropy of pi_theta(u|x) [nat]")]
+    bound: Annotated[
+        float, Metric("L(q, theta), the bound on log p(O|theta) at this alpha [nat]", "bound")
+    ]
+    m_step_gain: Annotated[
+        float, Metric("what the M-step added to L(q, theta); none should be lost [nat]")
+    ]
+    q_step_gain: Annotated[
+        float, Metric("what the q-step added to it at this alpha; none should be lost [nat]")
+    ]
     q_step_seconds: Annotated[float, Metric("wall time of the trajectory optimisation [s]")]
     m_step_seconds: Annotated[float, Metric("wall time of the rest of the update [s]")]
     simulator_steps: Annotated[
@@ -95,19 +105,6 @@ def measure(
 ) -> IterationMetrics:
     """Computes the metrics of the iteration that has led from a state to an update."""
     policy, k = update.policy, before.k + 1
-    noise = np.diag(policy.noise_std**2)
-    # Those that line 6 has not adapted yet; the first candidate's where vgps has chosen another.
-    solved = work.scored(before.last.solutions if before.last else before.initial_solutions)
-    divergences = [
-        # In a clamped control q is a point, and only its distance from the policy's mean counts.
-        kl_divergence(
-            q.mean.controls,
-            with_clamped_variances(q.control_covariances, policy.noise_std**2),
-            policy.mean(work.task.observation(q.mean.states[:-1])),
-            noise,
-        )
-        for q in solved
-    ]
     return IterationMetrics(
         k=k,
         alpha=work.settings.alpha(k),
@@ -115,8 +112,8 @@ def measure(
         ddp_cost=float(np.mean([s.cost for s in update.solutions])),
         **evaluation_metrics(evaluation),
         noise_std=tuple(policy.noise_std.tolist()),
-        policy_kl=float(np.mean(divergences)),
-        policy_entropy=float(entropy(noise)),
+        policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
+        **bound_metrics(work, before, update),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,

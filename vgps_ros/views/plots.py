@@ -25,7 +25,7 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     k = [entry["k"] for entry in entries]
 
     def series(name: str) -> Array:
-        return np.array([np.nan if e[name] is None else e[name] for e in entries], dtype=float)
+        return np.array([e.get(name) for e in entries], dtype=float)  # None becomes NaN
 
     figure = Figure(figsize=(7, 4.6), layout="constrained")
     costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
@@ -47,6 +47,10 @@ def learning_curve(result: dict[str, Any]) -> Figure:
             marker=marker if is_short else "",
             markersize=5,
         )
+    bound = -series("bound") / series("alpha")  # E_q[c] + KL ÷ α; an older result has none
+    if np.isfinite(bound).any():
+        costs.plot(k, bound, label="bound −L(q, θ) ÷ α", color="tab:green", linewidth=1.0,
+                   marker="v" if is_short else "", markersize=5)  # fmt: skip
     costs.axhline(result["initial_ddp_cost"], color=_DDP, linewidth=1, label="initial DDP solution")
     costs.set_yscale("log")  # early iterations cost many times what later ones do
     low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))

@@ -1,0 +1,112 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The variational bound, on the rotor, whose dynamics are linear and whose cost is quadratic."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vgps_ros.core.bound import balanced_deviations, expected_cost, expected_divergence
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.search.methods import search
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.trajectory_optimization import optimize, optimize_all
+from vgps_ros.tasks import make_task
+
+FIXED = SearchSettings(iterations=10, alphas=(1.0,), evaluation_rollouts=1)
+
+
+@pytest.fixture
+def rotor():
+    return make_task("rotor")
+
+
+@pytest.fixture
+def linear_policy(rotor):
+    shape = Architecture(rotor.observation.names, (), 1)
+    return GaussianPolicy(shape, [-1.0, -0.8, 0.3], [0.7])
+
+
+def bound(task, q, policy, alpha, rng):
+    divergence = expected_divergence(q, policy, task.observation, rng)
+    return -alpha * expected_cost(q, task.cost) - divergence
+
+
+def log_likelihood(task, policy, alpha):
+    """Returns log E[exp(−α Σ c)] over the policy's noise from x_1, as one Gaussian integral."""
+    steps, sigma = task.horizon, policy.noise_std[0]
+    noise = np.concatenate([np.zeros((1, steps)), np.eye(steps)])[..., None]
+    starts = np.tile(task.initial_state, (steps + 1, 1))
+    states, controls = task.dynamics.execute(policy, task.observation, starts, noise)
+    rows = np.concatenate([states[:, :-1], controls], axis=2) * np.sqrt([1.0, 0.1, 1.0])
+    rows = rows.reshape(steps + 1, -1)  # its squares sum to the cost
+    mean, change = rows[0], rows[1:] - rows[0]
+    hessian = np.eye(steps) / sigma**2 + 2 * alpha * change @ change.T
+    slope = 2 * alpha * change @ mean
+    exponent = 0.5 * slope @ np.linalg.solve(hessian, slope) - alpha * mean @ mean
+    return exponent - 0.5 * np.linalg.slogdet(sigma**2 * hessian)[1]
+
+
+@pytest.mark.parametrize("alpha", [1.0, 5.0])
+def test_the_bound_is_the_log_likelihood_for_the_best_q_and_below_it_for_others(
+    rotor, linear_policy, rng, alpha
+):
+    """Section 3: log p(O|θ) − L(q, θ) is a divergence, which the q-step brings to zero."""
+    marginals = replace(rotor.optimizer.marginals, initial_std_factor=0.0)
+    task = replace(rotor, optimizer=replace(rotor.optimizer, marginals=marginals))
+    first = replace(first_request(task, 0, 20), guess=np.zeros((50, 1)))
+    others = optimize(task, first).distribution
+    request = replace(first, cost_scale=alpha, guess=None, previous=others, policy=linear_policy)
+    best = optimize(task, request).distribution
+    expected = log_likelihood(task, linear_policy, alpha)
+    assert_allclose(bound(task, best, linear_policy, alpha, rng), expected, rtol=1e-6)
+    assert bound(task, others, linear_policy, alpha, rng) < expected - 1.0
+
+
+def test_the_expected_cost_is_the_mean_over_draws(rotor, rng):
+    q = optimize(rotor, replace(first_request(rotor, 0, 20), guess=np.zeros((50, 1)))).distribution
+    draws = np.linalg.cholesky(q.state_covariances[:-1] + 1e-12 * np.eye(2))
+    deviations = np.einsum("txy,sty->stx", draws, rng.standard_normal((20_000, 50, 2)))
+    controls = q.mean.controls + np.einsum("tux,stx->stu", q.gains, deviations)
+    controls += np.sqrt(q.control_covariances[:, 0]) * rng.standard_normal(controls.shape)
+    costs = rotor.cost(q.mean.states[:-1] + deviations, controls).sum(axis=1)
+    error = costs.std() / np.sqrt(len(costs))
+    assert expected_cost(q, rotor.cost) == pytest.approx(costs.mean(), abs=5 * error)
+
+
+def test_balanced_deviations_have_exactly_the_marginals_moments(random_distribution, rng):
+    q = random_distribution()
+    deviations = balanced_deviations(q, rng)
+    assert deviations.shape == (8, 6, 4)
+    assert_allclose(deviations.mean(axis=0), 0.0, atol=1e-15)
+    found = np.einsum("stx,sty->txy", deviations, deviations) / 8
+    assert_allclose(found, q.state_covariances[:-1], rtol=1e-10, atol=1e-12)
+
+
+def test_at_a_fixed_alpha_no_step_lowers_the_bound(rotor):
+    iterations = list(search("vgps", rotor, FIXED, 0, partial(optimize_all, rotor)))
+    assert min(i.m_step_gain for i in iterations) > 0.0
+    assert min(i.q_step_gain for i in iterations) > 0.0
+    bounds = np.array([i.bound for i in iterations])
+    gains = [i.m_step_gain + i.q_step_gain for i in iterations[1:]]
+    assert_allclose(np.diff(bounds), gains, rtol=1e-9)
+    assert not any("bound" in warning for i in iterations for warning in i.warnings)
+
+
+def test_an_iteration_that_lowers_the_bound_says_so(rotor):
+    """From the fourth on, q is the one of the second: the policy has moved on since."""
+    kept = []
+
+    def solve(requests):
+        k = requests[0].iteration
+        kept.append(optimize_all(rotor, requests))
+        return kept[2] if k > 3 else kept[-1]
+
+    iterations = list(search("vgps", rotor, FIXED, 0, solve))
+    said = [i.k for i in iterations if any("lowered the bound" in w for w in i.warnings)]
+    assert said == [4]
+    assert "The q-step of iteration 4 lowered the bound L(q, theta) by" in iterations[3].warnings[0]
+    assert_allclose([i.q_step_gain for i in iterations[4:]], 0.0, atol=1e-9)

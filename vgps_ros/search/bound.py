@@ -1,0 +1,79 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What each step of an iteration brings for the bound L(q, θ), which `core.bound` derives.
+
+With q and θ as iteration k − 1 left them, at the α_k of iteration k,
+
+    m_step_gain = L(q_{k−1}, θ_k) − L(q_{k−1}, θ_{k−1}),
+    q_step_gain = L(q_k, θ_k) − L(q_{k−1}, θ_k)            [nat].
+
+Neither is negative where both steps are exact, and neither mixes values of different α. The horizon
+is the scored one, so where steps are planned beyond it, a q-step may give some of it up for them.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vgps_ros.core.bound import expected_cost, expected_divergence
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
+
+if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
+    from vgps_ros.search.iteration import SearchState
+    from vgps_ros.search.metrics import IterationMetrics
+    from vgps_ros.search.trajectory_optimization import OptimizationResult
+    from vgps_ros.search.workspace import Update, Workspace
+
+    Solutions = Sequence[OptimizationResult]
+
+# A step that loses less than this share of the bound is within the error of averages over samples.
+_TOLERANCE = 1e-3
+_REMEDIES = {
+    "M-step": "raise fit.samples_per_step or fit.iterations",
+    "q-step": "raise policy_samples or ddp_iterations",
+}
+
+
+def bound_metrics(work: "Workspace", before: "SearchState", update: "Update") -> dict[str, float]:
+    """Computes the metrics by name; all are means over the initial states."""
+    task, alpha, theta = work.task, work.settings.alpha(before.k + 1), update.policy
+
+    def cost(solutions: "Solutions") -> float:
+        """Returns α E_q[Σ c]."""
+        return alpha * _mean([expected_cost(q, task.cost) for q in work.scored(solutions)])
+
+    def divergence(solutions: "Solutions", policy: GaussianPolicy) -> float:
+        """Returns Σ_t E_q[KL(q ‖ π_θ)], at the same points for all q and θ of the run."""
+        rngs = (generator(work.seed, Stream.BOUND, i) for i in range(len(solutions)))
+        pairs = zip(work.scored(solutions), rngs, strict=True)
+        return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
+
+    # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
+    pairs = [(work.random_policies(1)[0], before.initial_solutions)]
+    if before.last:
+        pairs = [(pair.policy, pair.solutions) for pair in before.last.pairs]
+    fitted, i = min((divergence(q, theta), i) for i, (_, q) in enumerate(pairs))
+    policy, solutions = pairs[i]
+    bound = -cost(update.solutions) - divergence(update.solutions, theta)
+    return {
+        "bound": bound,
+        "m_step_gain": divergence(solutions, policy) - fitted,
+        "q_step_gain": bound + cost(solutions) + fitted,
+        "policy_kl": fitted / task.horizon,
+    }
+
+
+def losses(metrics: "IterationMetrics") -> list[str]:
+    """Returns a sentence for each step of an iteration that has lowered the bound."""
+    gains = {"M-step": metrics.m_step_gain, "q-step": metrics.q_step_gain}
+    return [
+        f"The {step} of iteration {metrics.k} lowered the bound L(q, theta) by {-gain:.3g} nat to "
+        f"{metrics.bound:.5g}, which it should raise: {_REMEDIES[step]} if that goes on."
+        for step, gain in gains.items()
+        if gain < -_TOLERANCE * abs(metrics.bound)
+    ]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
