@@ -38,17 +38,18 @@ def test_iterations_and_seeds_draw_anew(short_swimmer, policy):
     ("costs", "mean", "median", "survival"),
     [
         ([1.0, 2.0, 6.0], 3.0, 2.0, 1.0),
-        ([1.0, 2.0, np.inf], 1.5, 2.0, 2 / 3),
-        ([1.0, 3.0, np.inf, np.inf], 2.0, np.inf, 0.5),
+        ([1.0, 2.0, np.inf], 20_001.0, 2.0, 2 / 3),
+        ([1.0, 3.0, np.inf, np.inf], 30_001.0, np.inf, 0.5),
+        ([1.0, 3.0, 5.0, 1e9], 15_002.25, 5.0, 1.0),
     ],
 )
-def test_diverged_rollouts_count_in_median_and_survival_but_not_in_mean(
+def test_no_rollout_counts_more_in_the_mean_than_one_that_diverged(
     costs, mean, median, survival
 ):
     found = Evaluation(
         np.array([1.0, 3.0]), np.array(costs), np.array([True, False]), np.isfinite(costs)
     )
-    assert evaluation_metrics(found) == {
+    assert evaluation_metrics(found, initial_ddp_cost=6.0) == {
         "deterministic_cost": 2.0,
         "deterministic_survival": 0.5,
         "stochastic_cost_mean": pytest.approx(mean),
