@@ -25,4 +25,6 @@ def test_purposes_keep_their_numbers():
         "POLICY_ROLLOUTS": 8,
         "GUIDING_ROLLOUTS": 9,
         "DATASET": 10,
+        "BOUND": 11,
+        "COVERAGE": 12,
     }

@@ -43,9 +43,7 @@ def test_iterations_and_seeds_draw_anew(short_swimmer, policy):
         ([1.0, 3.0, 5.0, 1e9], 15_002.25, 5.0, 1.0),
     ],
 )
-def test_no_rollout_counts_more_in_the_mean_than_one_that_diverged(
-    costs, mean, median, survival
-):
+def test_no_rollout_counts_more_in_the_mean_than_one_that_diverged(costs, mean, median, survival):
     found = Evaluation(
         np.array([1.0, 3.0]), np.array(costs), np.array([True, False]), np.isfinite(costs)
     )

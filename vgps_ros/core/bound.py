@@ -56,9 +56,10 @@ def expected_divergence(
     states = observation.space.add(q.mean.states[:-1], deviations)
     noise = policy.noise_std**2
     covariances = with_clamped_variances(q.control_covariances, noise)
-    means = control_means(q, deviations), policy.mean(observation(states))
-    divergences = kl_divergence(means[0], covariances, means[1], np.diag(noise))
-    return float(divergences.mean(axis=0).sum())
+    same = np.zeros_like(q.mean.controls)
+    spread = kl_divergence(same, covariances, same, np.diag(noise))
+    r = control_means(q, deviations) - policy.mean(observation(states))
+    return float(spread.sum() + 0.5 * np.sum(r**2 / noise) / len(r))
 
 
 def balanced_deviations(q: TrajectoryDistribution, rng: np.random.Generator) -> Array:
@@ -69,6 +70,7 @@ def balanced_deviations(q: TrajectoryDistribution, rng: np.random.Generator) -> 
     (2009), and the turn keeps the points where Gaussian samples lie.
     """
     roots = q.state_roots
-    turns = np.linalg.qr(rng.standard_normal(roots.shape)).Q
-    columns = np.sqrt(roots.shape[-1]) * np.moveaxis(roots @ turns, 2, 0)
+    n = roots.shape[-1]
+    turn = np.linalg.qr(rng.standard_normal((n, n))).Q
+    columns = np.sqrt(n) * np.moveaxis(roots @ turn, 2, 0)
     return np.concatenate([columns, -columns])

@@ -5,8 +5,9 @@ In deviations from the trajectory, δx = x ⊖ x̄ and δu = u − ū:
 
     δu = K δx + noise of covariance Quu⁻¹,    δx' = f_x δx + f_u δu + ε,  ε ~ N(0, Σ_f).
 
-q is centred on a trajectory that was executed, where k = 0; the means of δx and δu are then zero
-and the covariances are all that is left to compute.
+q is centred on the trajectory that was executed last, whose k is zero once DDP has converged; the
+means of δx and δu are then zero, and the covariances are all that is left to compute. Before that,
+k would shift the means by a full step that no line search has tried (docs/method.md).
 """
 
 from dataclasses import dataclass

@@ -28,6 +28,7 @@ class Stream(IntEnum):
     GUIDING_ROLLOUTS = 9
     DATASET = 10
     BOUND = 11
+    COVERAGE = 12
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

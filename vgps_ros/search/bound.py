@@ -11,21 +11,21 @@ is the scored one, so where steps are planned beyond it, a q-step may give some 
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from vgps_ros.core.bound import expected_cost, expected_divergence
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.iteration import SearchState
     from vgps_ros.search.metrics import IterationMetrics
-    from vgps_ros.search.trajectory_optimization import OptimizationResult
-    from vgps_ros.search.workspace import Update, Workspace
+    from vgps_ros.search.workspace import Workspace
 
-    Solutions = Sequence[OptimizationResult]
+Distributions: TypeAlias = Sequence[TrajectoryDistribution]
 
 # A step that loses less than this share of the bound is within the error of averages over samples.
 _TOLERANCE = 1e-3
@@ -35,36 +35,45 @@ _REMEDIES = {
 }
 
 
-def bound_metrics(work: "Workspace", before: "SearchState", update: "Update") -> dict[str, float]:
-    """Computes the metrics by name; all are means over the initial states."""
-    task, alpha, theta = work.task, work.settings.alpha(before.k + 1), update.policy
+def bound_metrics(
+    work: "Workspace", before: "SearchState", theta: GaussianPolicy, after: Distributions
+) -> dict[str, float]:
+    """Computes the metrics by name; all are means over the initial states.
 
-    def cost(solutions: "Solutions") -> float:
+    Args:
+        work: the run.
+        before: the state at the end of iteration k − 1.
+        theta: π_θ of iteration k.
+        after: q_k over the scored horizon.
+    """
+    task, alpha = work.task, work.settings.alpha(before.k + 1)
+
+    def cost(qs: Distributions) -> float:
         """Returns α E_q[Σ c]."""
-        return alpha * _mean([expected_cost(q, task.cost) for q in work.scored(solutions)])
+        return alpha * _mean([expected_cost(q, task.cost) for q in qs])
 
-    def divergence(solutions: "Solutions", policy: GaussianPolicy) -> float:
+    def divergence(qs: Distributions, policy: GaussianPolicy) -> float:
         """Returns Σ_t E_q[KL(q ‖ π_θ)], at the same points for all q and θ of the run."""
-        rngs = (generator(work.seed, Stream.BOUND, i) for i in range(len(solutions)))
-        pairs = zip(work.scored(solutions), rngs, strict=True)
+        rngs = (generator(work.seed, Stream.BOUND, i) for i in range(len(qs)))
+        pairs = zip(qs, rngs, strict=True)
         return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
 
     # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
-    pairs = [(work.random_policies(1)[0], before.initial_solutions)]
+    pairs = [(work.random_policies(1)[0], work.scored(before.initial_solutions))]
     if before.last:
-        pairs = [(pair.policy, pair.solutions) for pair in before.last.pairs]
-    fitted, i = min((divergence(q, theta), i) for i, (_, q) in enumerate(pairs))
-    policy, solutions = pairs[i]
-    bound = -cost(update.solutions) - divergence(update.solutions, theta)
+        pairs = [(pair.policy, work.scored(pair.solutions)) for pair in before.last.pairs]
+    fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
+    policy, qs = pairs[i]
+    bound = -cost(after) - divergence(after, theta)
     return {
         "bound": bound,
-        "m_step_gain": divergence(solutions, policy) - fitted,
-        "q_step_gain": bound + cost(solutions) + fitted,
+        "m_step_gain": divergence(qs, policy) - fitted,
+        "q_step_gain": bound + cost(qs) + fitted,
         "policy_kl": fitted / task.horizon,
     }
 
 
-def losses(metrics: "IterationMetrics") -> list[str]:
+def lost_bound(metrics: "IterationMetrics") -> list[str]:
     """Returns a sentence for each step of an iteration that has lowered the bound."""
     gains = {"M-step": metrics.m_step_gain, "q-step": metrics.q_step_gain}
     return [

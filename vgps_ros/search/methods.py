@@ -12,9 +12,10 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.search.bound import losses
+from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
+from vgps_ros.search.coverage import lost_coverage
 from vgps_ros.search.dagger import Imitation, dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
@@ -35,7 +36,8 @@ class Method:
         iterate: does iteration k: maps the workspace, what iteration k − 1 ended with (None at
             k = 1) and k to what this one ends with.
         update: the type of that.
-        raises_bound: whether both of its steps maximise L(q, θ), so that a loss is trouble.
+        raises_bound: whether both of its steps maximise L(q, θ) over the marginals of q, so that a
+            lower bound is trouble, and so are marginals that do not hold.
     """
 
     iterate: Callable[[Workspace, Any, int], Update]
@@ -108,5 +110,7 @@ def search(
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
         if checkpoints:
             checkpoints.save(run, state)
-        lost = losses(history[-1]) if chosen.raises_bound else []
-        yield SearchIteration.of(state, evaluation, (*work.take_warnings(), *lost))
+        figures, alarms = history[-1], work.take_warnings()
+        if chosen.raises_bound:
+            alarms = (*alarms, *lost_bound(figures), *lost_coverage(figures))
+        yield SearchIteration.of(state, evaluation, alarms)

@@ -15,7 +15,9 @@ import numpy as np
 
 from vgps_ros.core.gaussians import entropy
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.bound import bound_metrics
+from vgps_ros.search.coverage import coverage
 from vgps_ros.storage.policy_digest import policy_digest
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
@@ -24,9 +26,9 @@ if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.workspace import Update, Workspace
 
 
-# E[c] counts no rollout at more than this many times the initial DDP cost, or this if that is more:
-# a mean over rollouts of which one diverged would be infinite, and without it too low. A walker that
-# lies on the ground costs 4,000 times what walking costs (docs/figure1.csv), and is still told apart.
+# E[c] counts no rollout at more than this many times max(initial DDP cost, 1): a mean over rollouts
+# of which one diverged would be infinite, and without it too low. A walker that lies on the ground
+# costs 4,000 times what walking costs (docs/figure1.csv), and is still told apart.
 LARGEST_COST = 1e4
 
 
@@ -75,6 +77,10 @@ class IterationMetrics:
         float,
         Metric("mean E_q[KL(q || pi_theta)] of a step, of the q before line 6 [nat]", "policy_kl"),
     ]
+    coverage: Annotated[
+        float,
+        Metric("share of rollouts of q within two sd of its marginals; 0.95 if linear", "coverage"),
+    ]
     policy_entropy: Annotated[float, Metric("entropy of pi_theta(u|x) [nat]")]
     bound: Annotated[
         float, Metric("L(q, theta), the bound on log p(O|theta) at this alpha [nat]", "bound")
@@ -116,6 +122,9 @@ def measure(
 ) -> IterationMetrics:
     """Computes the metrics of the iteration that has led from a state to an update."""
     policy, k = update.policy, before.k + 1
+    place = work.seed, Stream.COVERAGE, k
+    after = work.scored(update.solutions)
+    draws = [(q, generator(*place, i)) for i, q in enumerate(after)]
     initial_ddp_cost = float(np.mean([s.cost for s in before.initial_solutions]))
     return IterationMetrics(
         k=k,
@@ -125,7 +134,8 @@ def measure(
         **evaluation_metrics(evaluation, initial_ddp_cost),
         noise_std=tuple(policy.noise_std.tolist()),
         policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
-        **bound_metrics(work, before, update),
+        coverage=float(np.mean([coverage(work.task, q, rng) for q, rng in draws])),
+        **bound_metrics(work, before, policy, after),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,

@@ -58,6 +58,7 @@ def blueprint(
             rrb.TimeSeriesView(contents=["learning/alpha"], name="alpha by iteration"),
             rrb.TimeSeriesView(contents=["learning/policy_kl"], name="KL(q, policy) [nat]"),
             rrb.TimeSeriesView(contents=["learning/bound"], name="bound L(q, theta) [nat]"),
+            rrb.TimeSeriesView(contents=["learning/coverage"], name="rollouts within q ± 2 sd"),
             rrb.TimeSeriesView(origin="policy/noise_std", name="policy noise [N·m]"),
             rrb.TimeSeriesView(origin="solves", name="modified cost of the DDP solves"),
             rrb.TimeSeriesView(origin="plan", name="plans: cost, solve time [s]"),
