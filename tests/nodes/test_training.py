@@ -39,6 +39,7 @@ SHORT = SearchSettings(
 def parameters(settings: SearchSettings) -> dict[str, object]:
     return {
         "initial_ddp_iterations": settings.initial_ddp_iterations,
+        "ddp_iterations": settings.ddp_iterations,
         "evaluation_rollouts": settings.evaluation_rollouts,
         "num_initial_states": settings.num_initial_states,
     }
