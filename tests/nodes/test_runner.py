@@ -93,3 +93,30 @@ def test_a_signal_ends_a_node_that_takes_long_to_begin(graph, numbers):
         node.send_signal(number)
     output, _ = node.communicate(timeout=60)
     assert (node.returncode, output) == (0, "")
+
+
+_UNWOKEN = """
+import signal, threading, time
+from rclpy.node import Node
+from vgps_ros.ros_runtime.runner import run
+
+class Slow(Node):
+    def __init__(self):
+        super().__init__("slow")
+        threading.Thread(target=self.strike).start()
+        time.sleep(300.0)
+
+    def strike(self):  # this thread takes the signal, so that the main one's call goes on waiting
+        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+raise SystemExit(run(Slow))
+"""
+
+
+def test_a_signal_ends_a_node_whose_waiting_call_it_did_not_interrupt(graph):
+    variables = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id)}
+    node = [sys.executable, "-c", _UNWOKEN]
+    ended = subprocess.run(
+        node, env=variables, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")

@@ -91,6 +91,9 @@ class Ending:
         if self.executor:
             self.executor.create_task(lambda: None)  # wakes it
         time.sleep(_MOMENT)
+        while self._may_interrupt:  # it came just before a call that waits, which sleeps on
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            time.sleep(_MOMENT)
         if self.executor:
             rclpy.try_shutdown()
 
