@@ -72,3 +72,25 @@ def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(
     done = subprocess.run(script, check=True, cwd=tmp_path, capture_output=True, text=True)
     assert [path.name for path in tmp_path.iterdir()] == files
     assert ("WARNING" in done.stdout + done.stderr) == bool(files)
+
+
+_INTERRUPTED = """
+import os, signal, sys
+from vgps_ros.simulation.warnings import silence_mujoco
+
+def strike(frame, event, argument):
+    if frame.f_code is not silence_mujoco.__code__:
+        os.kill(os.getpid(), signal.SIGINT)
+
+sys.settrace(strike)
+try:
+    silence_mujoco()
+except KeyboardInterrupt:
+    sys.exit(3)
+"""
+
+
+def test_an_interrupt_while_mujoco_is_silenced_stays_one():
+    """MuJoCo's bindings turn it into an error of their own where they look at a Python function."""
+    done = subprocess.run([sys.executable, "-c", _INTERRUPTED], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (3, "")
