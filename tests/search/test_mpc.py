@@ -70,10 +70,10 @@ def test_the_policys_weight_draws_a_plan_to_its_controls(swimmer, first):
     policy = GaussianPolicy(shape, parameters, np.ones(2))
     controls = {}
     for weight in (0.0, 1e6):
-        settings = MpcSettings(
-            horizon=0.4, iterations=10, ddp=swimmer.optimizer.ddp, policy_weight=weight
-        )
-        plan = Planner(swimmer, settings).next_plan(first, swimmer.initial_state, 0, policy)
+        settings = MpcSettings(horizon=0.4, ddp=swimmer.optimizer.ddp, policy_weight=weight)
+        planner, plan = Planner(swimmer, settings), first
+        for _ in range(10):
+            plan = planner.next_plan(plan, swimmer.initial_state, 0, policy)
         controls[weight] = plan.trajectory.controls
     np.testing.assert_allclose(controls[1e6], np.tile([3.0, -2.0], (20, 1)), atol=1e-2)
     assert np.abs(controls[0.0] - [3.0, -2.0]).max() > 1.0

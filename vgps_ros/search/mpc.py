@@ -1,12 +1,13 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Model predictive control: plans over a receding horizon, and feedback along the newest plan.
 
-A plan is a short DDP solution from a state of the robot. Between two plans the robot follows
+A plan is a short motion from a state of the robot, improved by an iteration of DDP. Between two
+plans the robot follows
 
     u = ū_t + K_t (x ⊖ x̄_t),
 
-so that a plan which comes late is made up for by its gains. The next plan starts from the cheaper
-of two motions on the true dynamics from the new state: the old plan, followed with its gains and
+so that a plan which comes late is made up for by its gains. The next plan improves the cheaper of
+two motions on the true dynamics from the new state: the old plan, followed with its gains and
 continued by the tail; and the tail alone, which brings back a robot that the plan has lost. The
 tail is the learned policy's motion, or no torques where there is no policy.
 """
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
+from vgps_ros.core.ddp.real_time_iteration import improve
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
@@ -34,12 +36,10 @@ class MpcSettings:
     """Settings of the plans."""
 
     horizon: float = setting(0.5, "length of a plan [s]", minimum=1e-3, maximum=1e3)
-    iterations: int = setting(
-        1, "largest number of DDP iterations of a plan", minimum=1, maximum=1000
-    )
     first_iterations: int = setting(
         50,
-        "the same of the first plan, which is made at start, from the task's initial state",
+        "largest number of DDP iterations of the first plan, which is made at start, from the "
+        "task's initial state; the later ones have one each",
         minimum=1,
         maximum=10_000,
     )
@@ -118,7 +118,9 @@ class Planner:
         motion = first_motion(self._task, request)
         gaps = None if motion.gaps is None else motion.gaps[: self.steps]
         begun = motion.trajectory.first(self.steps)
-        return self._plan(0, begun, self._cost(0, None), settings.first_iterations, gaps=gaps)
+        cost, iterations = self._cost(0, None), settings.first_iterations
+        found = solve(self._task.dynamics, cost, begun, settings.ddp, iterations, gaps=gaps)
+        return Plan(0, found.trajectory, found.policy.gains, found.cost, found.status)
 
     def next_plan(
         self,
@@ -135,12 +137,12 @@ class Planner:
             state: x, shape (n_x,).
             step: control step of the state, not before the plan's start.
             policy: π_θ, which continues the plan.
-            is_cancelled: asked between the parts of an iteration; true ends the solve.
+            is_cancelled: asked between the parts of the iteration; true ends it.
 
         Raises:
             InvalidInputError: the state is from before the plan.
-            DivergenceError: both motions that the solve may start from diverge, or it ends where
-                Quu is indefinite.
+            DivergenceError: both motions that may be improved diverge, or Quu is indefinite around
+                the cheaper one.
         """
         if step < plan.start:
             raise InvalidInputError(
@@ -152,7 +154,9 @@ class Planner:
         costs = [float(np.sum(cost.values(motion))) for motion in motions]
         # A motion that diverges costs NaN.
         best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
-        return self._plan(step, motions[best], cost, self._settings.iterations, is_cancelled)
+        dynamics, ddp = self._task.dynamics, self._settings.ddp
+        found = improve(dynamics, cost, motions[best], ddp, is_cancelled)
+        return Plan(step, found.trajectory, found.gains, found.cost, found.status)
 
     def control(self, plan: Plan, state: Array, step: int) -> Array:
         """Returns u = ū + K (x ⊖ x̄), within the robot's limits, shape (n_u,), [N·m].
@@ -163,19 +167,6 @@ class Planner:
         deviation = dynamics.space.subtract(state, plan.trajectory.states[t])
         control = plan.trajectory.controls[t] + plan.gains[t] @ deviation
         return np.clip(control, *dynamics.control_limits)
-
-    def _plan(
-        self,
-        start: int,
-        motion: Trajectory,
-        cost: TrajectoryCost,
-        iterations: int,
-        is_cancelled: Callable[[], bool] = lambda: False,
-        gaps: Array | None = None,
-    ) -> Plan:
-        dynamics, ddp = self._task.dynamics, self._settings.ddp
-        found = solve(dynamics, cost, motion, ddp, iterations, gaps=gaps, is_cancelled=is_cancelled)
-        return Plan(start, found.trajectory, found.policy.gains, found.cost, found.status)
 
     def _continued(
         self, plan: Plan, state: Array, step: int, policy: GaussianPolicy | None

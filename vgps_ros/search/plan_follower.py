@@ -85,7 +85,7 @@ class PlanFollower:
             raise InvalidInputError(
                 f"the newest plan is {age} steps old, but a plan may drive for "
                 f"{self._planner.age_limit} steps only; "
-                + (self.trouble or "choose a shorter horizon or fewer iterations.")
+                + (self.trouble or "choose a shorter horizon.")
             )
         return self._planner.control(self._plan, state, step), age
 

@@ -71,7 +71,7 @@ class Solution:
     simulator_steps: int
 
 
-class _Search:
+class StepSearch:
     """Finds a better trajectory for each iteration.
 
     The regularisation μ changes by a factor that itself changes, after Tassa, Erez and Todorov
@@ -157,7 +157,7 @@ def solve(
             "The initial trajectory diverges; start from smaller controls or another state."
         )
     problem = Problem(dynamics, cost)
-    search = _Search(problem, settings, is_cancelled)
+    search = StepSearch(problem, settings, is_cancelled)
     iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
     log: list[Iteration] = []
@@ -190,7 +190,7 @@ def solve(
     return Solution(
         trajectory=iterate.trajectory,
         cost=iterate.cost,
-        policy=_centre_of_q(problem, iterate, settings.distribution_regularization),
+        policy=centre_of_q(problem, iterate, settings.distribution_regularization),
         linear_dynamics=iterate.linear,
         status=status,
         iterations=tuple(log),
@@ -209,7 +209,7 @@ def _refuse_gaps(gaps: Array | None, iterations: int, status: Status) -> None:
         )
 
 
-def _centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
+def centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
     """Returns the local policy around a solve's result, whose covariances make q(ζ).
 
     Raises:
