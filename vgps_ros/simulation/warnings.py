@@ -39,7 +39,7 @@ def silence_mujoco() -> None:
     """Keeps MuJoCo from writing its warnings to a file or to the terminal, in all of this process.
 
     Programs and nodes call it, since the process is theirs; a library must not. The function that
-    gets the warnings is C's strlen, which does nothing to a text: MuJoCo's bindings look at a Python
-    function by running a line of Python, and lose an interrupt that strikes it.
+    gets the warnings is C's strlen, which does nothing to a text: MuJoCo's bindings look at a
+    Python function by running a line of Python, and lose an interrupt that strikes it.
     """
     mujoco.set_mju_user_warning(ctypes.CDLL(None).strlen)
