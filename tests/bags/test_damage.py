@@ -28,7 +28,8 @@ def bag(tmp_path) -> Path:
 
 def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
     [file] = storage_files(bag)
-    place = scan(file).places[20]
+    places = scan(file).places
+    place = places[20]
     with BagReader(bag) as reader:
         before = list(reader.messages())
     data = bytearray(file.read_bytes())
@@ -37,12 +38,25 @@ def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
     with BagReader(bag) as reader:
         assert len(before) - len(list(reader.messages())) == place.counts.total()
         [sentence] = reader.damages
-    assert sentence.startswith("bag_0.mcap: chunk 21 of 31 is damaged, with messages of /")
+    which = f"chunk 21 of {len(places)}"
+    assert sentence.startswith(f"bag_0.mcap: {which} is damaged, with messages of /")
     assert f"from {place.start * 1e-9:.3f} to {place.last * 1e-9:.3f} s" in sentence
     reindex(bag)
     with BagReader(bag) as reader:
         assert len(before) - len(list(reader.messages())) == place.counts.total()
         assert reader.damages == []
+
+
+@pytest.mark.parametrize("before", range(1, 9))
+def test_bytes_that_look_like_a_chunk_hide_none_that_begins_within_them(bag, before):
+    [file] = storage_files(bag)
+    places = scan(file).places
+    data, begin = bytearray(file.read_bytes()), places[20].begin
+    middle = (places[19].begin + places[19].end) // 2
+    data[middle] ^= 1  # so that the next chunk has to be searched for
+    data[begin - before : begin] = b"\x06" + bytes(before - 1)
+    file.write_bytes(data)
+    assert places[20].begin in [place.begin for place in scan(file).places]
 
 
 def test_a_bag_whose_file_is_missing_is_not_whole(bag):

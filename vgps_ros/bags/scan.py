@@ -29,7 +29,7 @@ from vgps_ros.bags.mcap_bytes import (
 )
 
 _RUN = 2**20  # messages outside chunks are taken together up to this size [bytes]
-_CANDIDATE = re.compile(rb"[\x06\x09].{5}\x00\x00\x00", re.DOTALL)  # a chunk or an attachment
+_CANDIDATE = re.compile(rb"[\x06\x09](?=.{5}\x00\x00\x00)", re.DOTALL)  # a chunk or an attachment
 
 
 def scan(path: Path) -> Content:

@@ -32,8 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1], words[2:])
         if arguments is None:
-            signal.signal(signal.SIGALRM, _interrupt)
-            heed(_interrupt)
+            _heed_interrupts()
         _run(words)
     except KeyboardInterrupt:
         sys.exit("vgps: interrupted.")
@@ -50,6 +49,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
 
 
+def _heed_interrupts() -> None:
+    signal.signal(signal.SIGALRM, _interrupt)
+    sys.unraisablehook = _once_more
+    heed(_interrupt)
+
+
 def _interrupt(_number: int, frame: FrameType | None) -> None:
     """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
 
@@ -61,6 +66,14 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
             return
         frame = frame.f_back
     raise KeyboardInterrupt
+
+
+def _once_more(lost: "sys.UnraisableHookArgs") -> None:
+    """Interrupts again where a finaliser, or what C called back, has lost the exception."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        signal.setitimer(signal.ITIMER_REAL, _LATER)
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _run(words: Sequence[str]) -> None:

@@ -1,0 +1,36 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+
+import pytest
+
+_BEGINNING = """
+import ctypes, os, signal, sys, time
+from vgps_ros.programs.__main__ import _heed_interrupts
+
+class Finalised:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+_heed_interrupts()
+try:
+    {}
+    time.sleep(20)
+except KeyboardInterrupt:
+    sys.exit(3)
+"""
+
+
+@pytest.mark.parametrize(
+    "struck",
+    [
+        "os.kill(os.getpid(), signal.SIGINT)",
+        "ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()",
+        "Finalised()",
+    ],
+)
+def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struck):
+    """As in what C calls back, such as numba's loading of compiled loops, and in finalisers."""
+    script = [sys.executable, "-c", _BEGINNING.format(struck)]
+    done = subprocess.run(script, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (3, "")
