@@ -55,7 +55,7 @@ def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy
     assert "No policy came" in ends_with("--timeout", "3")
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
-    assert "is policy_executor running" in ends_with("--timeout", "3")
+    assert "Is policy_executor running" in ends_with("--timeout", "3")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

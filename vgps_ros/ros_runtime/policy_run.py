@@ -24,6 +24,7 @@ from vgps_ros.tasks import Task
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2
+_NO_EXECUTOR = "Is policy_executor running, active and with the same task?"
 
 
 class PolicyRun(Node):
@@ -71,10 +72,14 @@ class PolicyRun(Node):
         paused = SimulationState(state=SimulationState.STATE_PAUSED)
         self._call(self._set_state, SetSimulationState.Request(state=paused))
         self._states.clear()
-        self._call(self._reset, ResetSimulation.Request())
-        # Once the reset's state is here, nothing from before it is on its way any more.
-        self._wait_for_messages(0)
         self._controls.clear()
+        self._call(self._reset, ResetSimulation.Request())
+        # The executor answers the reset's state, though nothing moves yet, and the first step may
+        # take that answer. Once it is here, nothing from before the reset is on its way any more.
+        self._wait(
+            lambda: 0 in self._states and 0 in self._controls, f"No torque came. {_NO_EXECUTOR}"
+        )
+        self._controls = {0: self._controls[0]}
         for done in range(0, steps, _STEPS_AT_ONCE):
             chunk = min(_STEPS_AT_ONCE, steps - done)
             self._call(self._step, StepSimulation.Request(steps=chunk))
@@ -113,11 +118,7 @@ class PolicyRun(Node):
 
     def _call(self, client: Client, request: Any) -> None:
         future = client.call_async(request)
-        self._wait(
-            future.done,
-            f"{client.srv_name} did not answer; is policy_executor running, active and with the "
-            "same task?",
-        )
+        self._wait(future.done, f"{client.srv_name} did not answer. {_NO_EXECUTOR}")
         result = future.result().result
         if result.result != Result.RESULT_OK:
             raise VgpsError(f"{client.srv_name} failed: {result.error_message}")
