@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from vgps_ros.core.gaussians import entropy, kl_divergence, log_density
+from vgps_ros.core.gaussians import covariance_roots, entropy, kl_divergence, log_density
 
 
 def test_entropy_is_scipys(random_covariances):
@@ -43,3 +43,15 @@ def test_log_density_is_scipys(rng, random_covariances):
         for c, d in zip(covariances, deviations, strict=True)
     ]
     assert_allclose(log_density(deviations, covariances), expected, rtol=1e-10)
+
+
+def test_roots_of_covariances_exist_where_they_are_singular_or_rounded():
+    rng = np.random.default_rng(0)
+    full = rng.standard_normal((3, 4, 4))
+    covariances = full @ np.swapaxes(full, 1, 2)
+    covariances[1, 2] = covariances[1, :, 2] = 0.0
+    vectors = np.linalg.qr(full[2]).Q
+    covariances[2] = vectors @ np.diag([-1e-7, 1.0, 2.0, 3.0]) @ vectors.T
+    roots = covariance_roots(covariances)
+    np.testing.assert_allclose(roots @ np.swapaxes(roots, 1, 2), covariances, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(roots[1, 2], 0.0, atol=1e-12)

@@ -317,7 +317,7 @@ def test_in_real_time_an_old_command_is_refused_also_after_a_reset(graph, swimme
         graph.spin_until(moves)
         graph.call(ResetSimulation, "simulation/reset_simulation")
         robot.states.clear()
-        graph.spin_until(lambda: robot.states and robot.states[0].header.stamp.sec == 0)
+        graph.spin_until(lambda: robot.states and robot.states[-1].header.stamp.sec == 0)
         assert not moves()
 
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from vgps_ros.core.records import Array
+from vgps_ros.core.arrays import Array
 
 
 def log_density(deviations: Array, covariances: Array) -> Array:
@@ -20,6 +20,16 @@ def squared_distance(deviations: Array, covariances: Array) -> Array:
     """Returns the squared Mahalanobis distance δᵀ Σ⁻¹ δ, shape (...,)."""
     precisions = np.linalg.inv(covariances)
     return np.einsum("...i,...ij,...j->...", deviations, precisions, deviations)
+
+
+def covariance_roots(covariances: Array) -> Array:
+    """Returns R with R Rᵀ = Σ, shape (..., n, n), of covariances of the same shape.
+
+    Unlike Cholesky's roots they exist where Σ is singular, as it is where a coordinate has no
+    noise, or where rounding has made its smallest eigenvalue negative.
+    """
+    eigenvalues, eigenvectors = np.linalg.eigh(covariances)
+    return np.asarray(eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[..., None, :])
 
 
 def entropy(covariances: Array) -> Array:

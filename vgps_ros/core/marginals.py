@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.gaussians import log_density
+from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
 from vgps_ros.core.settings import setting
 
@@ -131,10 +131,7 @@ def sample_rollout_noise(
     distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
 ) -> Array:
     """Draws π_G's control noise, N(0, Quu⁻¹); returns shape (count, T, n_u), [N·m]."""
-    covariances = distribution.control_covariances
-    # A clamped control has no noise, and no other control's depends on it.
-    roots = np.linalg.cholesky(with_clamped_variances(covariances, 1.0))
-    roots *= np.diagonal(covariances, axis1=1, axis2=2)[:, :, None] > 0.0
+    roots = covariance_roots(distribution.control_covariances)
     noise = rng.standard_normal((count, *roots.shape[:2]))
     return np.einsum("tuv,stv->stu", roots, noise)
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
-import numpy as np
-
 from vgps_ros.core.arrays import Array, Shape, first_steps
+from vgps_ros.core.gaussians import covariance_roots
 
 
 @dataclass(frozen=True)
@@ -79,9 +78,7 @@ class TrajectoryDistribution:
     @cached_property
     def state_roots(self) -> Array:
         """R_t with R_t R_tᵀ = Σ_t at t = 1 … T, shape (T, n_dx, n_dx)."""
-        eigenvalues, eigenvectors = np.linalg.eigh(self.state_covariances[: self.mean.horizon])
-        # Σ may be singular (a noise-free coordinate), where Cholesky would fail.
-        return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
+        return covariance_roots(self.state_covariances[: self.mean.horizon])
 
     def first(self, steps: int) -> "TrajectoryDistribution":
         """Returns the distribution over the first steps."""
