@@ -24,6 +24,8 @@ COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command that the arguments name, and ends with a sentence where it fails."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    # Else MuJoCo's import asks a second process for GLFW's version, which outlives an early INT.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     if words and words[0] in NODES:  # as in `ros2 run vgps_ros simulation`
         words.insert(0, "node")
     if words and words[0] != "node":

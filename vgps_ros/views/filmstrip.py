@@ -42,9 +42,9 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
     Raises:
         RenderingError: MuJoCo cannot draw without a screen here.
     """
-    chosen = os.environ.get("MUJOCO_GL")
+    chosen = os.environ.get("MUJOCO_GL", "").replace("disable", "")
     try:
-        if not chosen:  # MuJoCo's own default would need a screen
+        if not chosen:  # MuJoCo's own default would need a screen, and the programs disable it
             gl_context.GLContext = import_module("mujoco.egl").GLContext
         model = _with_surroundings(mjcf)
         renderer = mujoco.Renderer(model, height, width)
