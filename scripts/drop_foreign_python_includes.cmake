@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # The ROS wheels export the Python include folder of the machine they were built on
-# (/opt/python/...), and CMake refuses a folder that does not exist. Set-up names this file
-# as CMAKE_PROJECT_INCLUDE in the wheel installation, so vgps_msgs itself stays standard.
+# (/opt/python/...), and CMake refuses a folder that does not exist. Set-up names this file as
+# CMAKE_PROJECT_INCLUDE in the wheel installation, so the interface packages themselves stay standard.
 function(drop_foreign_python_includes)
   get_directory_property(targets IMPORTED_TARGETS)
   foreach(target IN LISTS targets)

@@ -64,7 +64,7 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
 build_key=$({
   printf '%s\n' "$venv_key" config/* launch/* scripts/executables/*
-  find msg_schemas package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
+  find msg_schemas requirements/interfaces package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
     sort -z | xargs -0 sha256sum
 } | sha256sum)
 
@@ -121,6 +121,20 @@ if ! venv_stands; then
 fi
 
 # --- The build ------------------------------------------------------------------------------
+# Prints the folders of ROS's interface packages that the installation lacks, as the wheels do. What
+# an earlier build put into this checkout does not count as the installation's.
+lacking_interfaces() {
+  local folder prefix prefixes
+  IFS=: read -ra prefixes <<<"$AMENT_PREFIX_PATH"
+  for folder in requirements/interfaces/*; do
+    for prefix in "${prefixes[@]}"; do
+      if [[ $prefix != "$root"/install/* &&
+        -f $prefix/share/ament_index/resource_index/packages/${folder##*/} ]]; then continue 2; fi
+    done
+    printf '%s\n' "$folder"
+  done
+}
+
 build() {
   local cmake_args=(-GNinja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python")
   export PATH=$venv/bin:$PATH
@@ -128,17 +142,19 @@ build() {
     export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
     cmake_args+=("-DCMAKE_PROJECT_INCLUDE=$root/scripts/drop_foreign_python_includes.cmake")
   fi
+  local packages=(. msg_schemas)
+  mapfile -t -O 2 packages < <(lacking_interfaces)
   # The environment's Python runs colcon, so that the executables that colcon writes use it too, even
   # if colcon itself belongs to the system.
   "$venv/bin/python" -c 'import sys; from colcon_core.command import main; sys.argv[0] = "colcon"; sys.exit(main())' \
-    --log-base log/colcon build --base-paths . msg_schemas --symlink-install \
+    --log-base log/colcon build --base-paths "${packages[@]}" --symlink-install \
     --event-handlers console_cohesion+ --cmake-args "${cmake_args[@]}" 9>&-
 }
 
 if ! build_stands; then
   check_compilers
   rm -f install/.complete
-  step "colcon build of vgps_msgs and vgps_ros" build build
+  step "colcon build of vgps_ros and its messages" build build
   step "compiling the numerical loops" compile "$venv/bin/python" -c '
 from vgps_ros.search.preparation import prepare
 from vgps_ros.tasks import make_task

@@ -29,7 +29,10 @@ def underlay(workspace: Path) -> str:
     arguments = [f"-DPython3_EXECUTABLE={sys.executable}", f"-DCMAKE_PROJECT_INCLUDE={include}"]
     meta = {"names": {"vgps_msgs": {"cmake-args": arguments}}}
     (workspace / "colcon.meta").write_text(json.dumps(meta))
-    return f"export AMENT_PREFIX_PATH={VENV} CMAKE_PREFIX_PATH={VENV}"
+    # Set-up built the interface packages that the wheels lack and rosdep would install.
+    names = [folder.name for folder in (ROOT / "requirements" / "interfaces").iterdir()]
+    built = [f"source {ROOT}/install/{name}/share/{name}/package.bash" for name in names]
+    return "\n".join([f"export AMENT_PREFIX_PATH={VENV} CMAKE_PREFIX_PATH={VENV}", *built])
 
 
 @pytest.mark.slow
