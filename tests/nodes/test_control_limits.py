@@ -32,7 +32,7 @@ def test_executor_simulation_check_and_process_clip_to_the_same_bit(graph, tmp_p
     for topic in ("joint_states", "joint_command", "policy"):
         count = graph.node.count_subscribers
         graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
-    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 1)
+    graph.spin_until(lambda: graph.node.count_subscribers("mjcf_description") == 1)
     program = graph.start("execute_policy", "--task", task.name, "--steps", "50")
     graph.spin_until(lambda: not program.running)
     assert program.wait() == 0, program.output

@@ -75,7 +75,7 @@ def test_it_is_driven_in_lock_step_recorded_checked_and_drawn(
     for topic in (*states.topics, "joint_command", "policy"):
         count = graph.node.count_subscribers
         graph.spin_until(lambda t=topic, n=count: n(t) == 3, what=f"listeners of {topic}")
-    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 2)
+    graph.spin_until(lambda: graph.node.count_subscribers("mjcf_description") == 2)
     words = ["--task", robot.name, "--steps", str(STEPS), "--json", str(figures)]
     program = graph.start("execute_policy", *words)
     graph.spin_until(lambda: not program.running)

@@ -61,6 +61,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.optimization import request_from_msg
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 
 MESSAGES = int(os.environ.get("MALFORMED_MESSAGES", "10500"))
@@ -114,6 +115,7 @@ DIAGNOSIS = DiagnosticArray(
     ]
 )
 PLAN = Plan(task="rotor", time_step=0.02, cost=1.0, trajectory=DISTRIBUTION.mean)
+DESCRIPTION = String(data=urdf(ROTOR.dynamics.model, "rotor"))
 EVENT = ParameterEvent(
     node="/simulation",
     changed_parameters=[
@@ -313,7 +315,8 @@ TOPICS = {
     "trajectory_distribution": (TrajectoryDistribution, DISTRIBUTION, LATCHED, ("visualizer",)),
     "plan": (Plan, PLAN, STREAM, ("visualizer",)),
     "learning_progress": (LearningProgress, PROGRESS, STREAM, ("visualizer",)),
-    "robot_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
+    "mjcf_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
+    "robot_description": (String, DESCRIPTION, LATCHED, ("visualizer",)),
     "/diagnostics": (DiagnosticArray, DIAGNOSIS, STREAM, ()),
     "/parameter_events": (ParameterEvent, EVENT, STREAM, ("recorder",)),
 }

@@ -83,7 +83,7 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
     assert len(tables) == 2  # each has its own policy, and so its own motion
     code, text = bag_says("check", str(tmp_path / "bag"), "--namespace", "/robot3")
     assert code == 1
-    assert "has no messages on robot_description for /robot3" in text
+    assert "has no messages on mjcf_description for /robot3" in text
 
 
 def test_a_second_simulation_needs_a_clock_of_its_own(graph):

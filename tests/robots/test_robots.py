@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.simulation.urdf_kinematics import largest_difference
 from tests.tasks.solving import remaining_share, solved
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
@@ -53,6 +54,10 @@ def test_a_robot_loads_and_ddp_lowers_its_cost(name, task):
     assert not task.fallen(task.initial_state)
     search_settings(task)
     assert remaining_share(solved(task, iterations)) < share
+
+
+def test_the_urdf_of_a_robot_has_mujocos_kinematics(task, rng):
+    assert largest_difference(task.dynamics.model, rng) < 1e-12
 
 
 def test_meshes_stand_in_the_model_itself():

@@ -20,6 +20,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.search.mpc import Plan
+from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 from vgps_ros.views.graph_scene import GraphScene
 
@@ -78,7 +79,7 @@ def column(chunks, component: str):
 
 
 def test_every_kind_of_geometry_is_drawn_and_moves(recorded):
-    recorded.scene.show("/robot_description", String(data=BOX))
+    recorded.scene.show("/mjcf_description", String(data=BOX))
     for i in range(3):
         state = np.array([0.1 * i, 0.0])
         recorded.scene.show("/joint_states", state_to_msg(state, ["height"], stamp_of(i)))
@@ -96,7 +97,7 @@ def test_contact_forces_carry_the_weight_of_what_rests_on_the_floor(recorded):
     data = mujoco.MjData(model)
     for _ in range(3000):
         mujoco.mj_step(model, data)
-    recorded.scene.show("robot_description", String(data=BOX))
+    recorded.scene.show("mjcf_description", String(data=BOX))
     state = np.concatenate([data.qpos, data.qvel])
     resting = state_to_msg(state, ["height"], Time(sec=1), np.zeros(1))
     recorded.scene.show("joint_states", resting)
@@ -121,17 +122,27 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
     recorded.scene.show("/joint_states", state)
     recorded.scene.show("/joint_command", command_to_msg(np.ones(2), ["wrong", "names"], Time()))
     assert recorded.reports == []
-    recorded.scene.show("/robot_description", String(data=swimmer.mjcf))
+    recorded.scene.show("/mjcf_description", String(data=swimmer.mjcf))
     assert [topic for topic, text in recorded.reports if text] == ["joint_command"]
     chunks = recorded.close()
     assert sum(c.num_rows for c in chunks["/joint_states/position"] if not c.is_static) == 1
     assert "/world/contact_forces" not in chunks  # the swimmer touches nothing
 
 
+def test_an_old_bags_description_shows_the_robot_and_a_urdf_does_not(recorded):
+    swimmer = make_task("swimmer")
+    recorded.scene.show("robot_description", String(data=urdf(swimmer.dynamics.model, "swimmer")))
+    recorded.scene.show("robot_description", String(data="no XML"))
+    assert recorded.reports == []
+    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
+    assert recorded.reports == [("mjcf_description", None)]
+    recorded.close()
+
+
 def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(recorded):
     model = everything()
     states = StateMessages(model)
-    recorded.scene.show("robot_description", String(data=EVERYTHING))
+    recorded.scene.show("mjcf_description", String(data=EVERYTHING))
     drawn = random_states(model, np.random.default_rng(0), 3)
     for i, state in enumerate(drawn):
         efforts = np.arange(2.0)
@@ -161,7 +172,7 @@ def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(re
 
 
 def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_distribution):
-    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
+    recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
     for wrong in ({"n_x": 9}, {"n_u": 3}):
         q = random_distribution(**{"n_x": 10, **wrong})
         message = distribution_to_msg(q, swimmer, 0, 0, Time())
@@ -171,7 +182,7 @@ def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_d
 
 
 def test_a_plan_is_drawn_where_it_leads_and_one_of_another_robot_is_left_out(recorded, swimmer):
-    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
+    recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
     motion = swimmer.dynamics.rollout(swimmer.initial_state, lambda *_: np.ones(2), 5)
     plan = Plan(0, motion, np.zeros((5, 2, 10)), 2.5, Status.CONVERGED)
     recorded.scene.show("/plan", plan_to_msg(plan, swimmer, 0.01, Time(sec=1)))
@@ -197,9 +208,9 @@ def test_a_plan_is_drawn_where_it_leads_and_one_of_another_robot_is_left_out(rec
     ],
 )
 def test_a_robot_that_cannot_be_drawn_is_reported(recorded, mjcf, sentence):
-    recorded.scene.show("robot_description", String(data=mjcf))
+    recorded.scene.show("mjcf_description", String(data=mjcf))
     [(topic, text)] = recorded.reports
-    assert topic == "robot_description"
+    assert topic == "mjcf_description"
     assert sentence in text
     recorded.close()
 

@@ -16,9 +16,10 @@ from vgps_ros.bags.reindex import missing_of, storage_files
 from vgps_ros.bags.storage import StorageScan
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
 
 # What a graph has once for each robot.
-_OF_A_ROBOT = {"joint_states", "joint_command", "policy", "robot_description"}
+_OF_A_ROBOT = {"joint_states", "joint_command", "policy", MJCF, URDF}
 
 
 @dataclass(frozen=True)
@@ -136,12 +137,28 @@ class BagReader:
             InvalidInputError: there is no such topic, or it has no messages.
         """
         if name not in (topics := self.filled_topics):
-            raise InvalidInputError(
-                f"'{self.path}' has no messages on {name}"
-                f"{f' for {self.namespace}' if self.namespace else ''}; `vgps bag info "
-                f"{self.path}` lists the topics that it has."
-            )
+            raise self._lack_of(name)
         return topics[name]
+
+    def _lack_of(self, name: str) -> InvalidInputError:
+        return InvalidInputError(
+            f"'{self.path}' has no messages on {name}"
+            f"{f' for {self.namespace}' if self.namespace else ''}; `vgps bag info "
+            f"{self.path}` lists the topics that it has."
+        )
+
+    def mjcf(self) -> str:
+        """Returns the robot's MJCF, also of a bag of an old version.
+
+        Raises:
+            InvalidInputError: the bag lacks it.
+        """
+        for name in (MJCF, URDF):
+            if name in self.filled_topics:
+                text: str = next(self.decoded(self.filled_topics[name]))[1].data
+                if is_mjcf(name, text):
+                    return text
+        raise self._lack_of(MJCF)
 
     def attachments(self) -> dict[str, str]:
         """Returns the texts that the recorder attached to the bag, by their names."""

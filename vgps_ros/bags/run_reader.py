@@ -39,13 +39,12 @@ def read_run(path: Path, namespace: str | None = None) -> RunRecord:
 
 def _read_bag(path: Path, namespace: str | None) -> RunRecord:
     with BagReader(path, namespace) as bag:
-        bag.needed_topic("robot_description")
+        mjcf = bag.mjcf()
         topics = bag.filled_topics
 
         def decoded(name: str) -> list[Any]:
             return [message for _, message in bag.decoded(topics[name])] if name in topics else []
 
-        mjcf = decoded("robot_description")[0].data
         distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
         episode = last_episode(bag, compile_model(mjcf)) if "joint_states" in topics else None
         time_step = episode.time_step if episode else 0.0

@@ -29,7 +29,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
 
-_NEEDED = ("robot_description", "policy", "joint_states", "joint_command")
+_NEEDED = ("policy", "joint_states", "joint_command")
 # Between the torques of two BLAS kernels, relative to the largest torque. Versions whose executors
 # did not count their commands computed torques by BLAS.
 TOLERANCE = 1e-9
@@ -83,7 +83,7 @@ def check_torques(bag: BagReader) -> TorqueCheck:
         InvalidInputError: the bag lacks a topic that is needed, or holds no torque.
     """
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
-    model = compile_model(next(bag.decoded(topics["robot_description"]))[1].data)
+    model = compile_model(bag.mjcf())
     executor, actuated = RecordedExecutor(bag, model), actuated_joint_names(model)
     policies, marginals = _policies(bag, topics["policy"], executor), _marginals(bag, executor)
     states, log = AnsweredStates(bag, model), ExecutorLog(bag)

@@ -13,6 +13,7 @@ import numpy as np
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.frames import frame_names, rotated
 
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: a driver may compute in single precision
 
@@ -40,7 +41,7 @@ class BodyJoint:
         _put(twist.angular, "xyz", angular)
         if self.is_free:
             _put(position, "xyz", at)
-            _put(twist.linear, "xyz", _rotated(linear, rotation * [1.0, -1.0, -1.0, -1.0]))
+            _put(twist.linear, "xyz", rotated(linear, rotation * [1.0, -1.0, -1.0, -1.0]))
 
     def read(self, x: Array, topic: str, position: Any, orientation: Any, twist: Any) -> None:
         """Writes what the parts of a message say to x.
@@ -59,7 +60,7 @@ class BodyJoint:
         if self.is_free:
             at[:] = _get(f"{topic}: position of {self.name}", position, "xyz")
             along = _get(f"{topic}: linear velocity of {self.name}", twist.linear, "xyz")
-            linear[:] = _rotated(along, rotation)
+            linear[:] = rotated(along, rotation)
 
     def parts(self, x: Array) -> tuple[Array, Array, Array, Array]:
         """Returns views of position, quaternion, linear and angular velocity in x."""
@@ -69,22 +70,16 @@ class BodyJoint:
 
 def body_joints(model: mujoco.MjModel) -> list[BodyJoint]:
     """Returns the free and ball joints; a free one is named as its body, as frames are."""
-    found = []
+    found, frames = [], frame_names(model)
     for i in range(model.njnt):
         kind = mujoco.mjtJoint(model.jnt_type[i])
         is_free = kind == mujoco.mjtJoint.mjJNT_FREE
         if is_free or kind == mujoco.mjtJoint.mjJNT_BALL:
-            body, joint = model.body(model.jnt_bodyid[i]).name, model.joint(i).name
-            name = (body or joint) if is_free else (joint or body)
+            frame, joint = frames[model.jnt_bodyid[i]], model.joint(i).name
+            name = frame if is_free else (joint or frame)
             places = int(model.jnt_qposadr[i]), model.nq + int(model.jnt_dofadr[i])
-            found.append(BodyJoint(name or f"body_{model.jnt_bodyid[i]}", is_free, *places))
+            found.append(BodyJoint(name, is_free, *places))
     return found
-
-
-def _rotated(vector: Array, quaternion: Array) -> Array:
-    rotated = np.empty(3)
-    mujoco.mju_rotVecQuat(rotated, vector, quaternion)
-    return rotated
 
 
 def _put(target: Any, names: str, values: Array) -> None:

@@ -16,7 +16,7 @@ from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.plan_report import PlanReport
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
-from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.robot_description import publish_mjcf
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
 from vgps_ros.search.plan_follower import PlanFollower
@@ -41,7 +41,7 @@ class Mpc(Controller):
         super().__init__("mpc", needs_policy=False)
         self._report_plans = PlanReport(self.health)
         self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
-        publish_robot_description(self, self.task)
+        publish_mjcf(self, self.task)
 
     def prepare_law(self) -> None:
         """Declares the parameters of the plans, and makes the first one before any peer waits."""

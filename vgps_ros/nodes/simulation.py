@@ -27,7 +27,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import CALLS, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
-from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.robot_description import publish_mjcf, publish_urdf
 from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
@@ -112,7 +112,8 @@ class Simulation(Node):
             steady_timer(self, time_step / factor, self._step_in_real_time)
         pace = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
         self.get_logger().info(f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {pace}.")
-        publish_robot_description(self, self._task)
+        publish_mjcf(self, self._task)
+        publish_urdf(self, self._task)
         self._publish()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:

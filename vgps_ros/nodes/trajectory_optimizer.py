@@ -24,7 +24,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATCHED, STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
-from vgps_ros.ros_runtime.robot_description import publish_robot_description
+from vgps_ros.ros_runtime.robot_description import publish_mjcf
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.trajectory_optimization import optimize
@@ -55,7 +55,7 @@ class TrajectoryOptimizerNode(Node):
         )
         self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue, qos_profile=CALLS)
         self.create_service(CancelOptimization, "~/cancel", self._cancel, qos_profile=CALLS)
-        publish_robot_description(self, task)
+        publish_mjcf(self, task)
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
 
     def stop(self) -> None:

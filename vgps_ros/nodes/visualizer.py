@@ -12,6 +12,7 @@ from typing import Any
 from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.descriptions import MJCF, URDF
 from vgps_ros.messages.types import message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
@@ -24,7 +25,7 @@ from vgps_ros.views.recording import UnfinishedRecordingError
 OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist")
 
 _STATES, _SOLVES = "joint_states", "iterations"
-_LATCHED = {"robot_description", "policy", "trajectory_distribution"}
+_LATCHED = {MJCF, URDF, "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
 _MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
 

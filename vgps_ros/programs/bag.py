@@ -127,8 +127,8 @@ def rerun(arguments: argparse.Namespace) -> None:
     output = arguments.output or arguments.bag.resolve().with_suffix(".rrd")
     with BagReader(arguments.bag, arguments.namespace) as bag:
         _warn(bag.damages)
-        for needed in ("robot_description", "joint_states"):
-            bag.needed_topic(needed)
+        bag.mjcf()
+        bag.needed_topic("joint_states")
         of_robot = {*bag.filled_topics.values(), *bag.of_robot_nodes("iterations")}
         topics = [topic for topic in sorted(of_robot) if is_drawn(topic, bag.topics[topic])]
         left_out: Counter[str] = Counter()
@@ -157,8 +157,7 @@ def table(arguments: argparse.Namespace) -> None:
     output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
     with BagReader(arguments.bag, arguments.namespace) as bag:
         _warn(bag.damages)
-        mjcf = next(bag.decoded(bag.needed_topic("robot_description")))[1].data
-        episode = last_episode(bag, compile_model(mjcf))
+        episode = last_episode(bag, compile_model(bag.mjcf()))
     if episode is None:
         raise InvalidInputError(f"'{arguments.bag}' has no motion: it needs two states at least.")
     write_table(episode, output)

@@ -2,7 +2,7 @@
 """Draws the messages that pass between the nodes into a Rerun recording.
 
 The node `visualizer` does so live and `vgps bag rerun` from a bag; both give the same recording,
-since only this module knows how to draw a message. The topic `robot_description` says which robot
+since only this module knows how to draw a message. The topic `mjcf_description` says which robot
 there is, so the messages before it are kept until it comes.
 """
 
@@ -24,6 +24,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     trajectory_from_msg,
 )
+from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
 from vgps_ros.messages.robot_state import JOINTS, TOPICS
 from vgps_ros.messages.state_collector import StateCollector
 from vgps_ros.search.metrics import METRICS
@@ -33,7 +34,8 @@ from vgps_ros.views.robot_scene import RobotScene
 
 _PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
 DRAWN = {  # topics that are drawn, and their types
-    "robot_description": "std_msgs/msg/String",
+    MJCF: "std_msgs/msg/String",
+    URDF: "std_msgs/msg/String",
     "odom": "nav_msgs/msg/Odometry",
     "multi_dof_joint_states": "sensor_msgs/msg/MultiDOFJointState",
     "activations": "sensor_msgs/msg/JointState",
@@ -78,10 +80,12 @@ class GraphScene:
     def show(self, topic: str, message: Any) -> None:
         """Draws a message of rclpy or of a bag, whose topic is one of `DRAWN`."""
         name = topic.rpartition("/")[2]
-        if self._robot is None and name != "robot_description":
+        if name in (MJCF, URDF):
+            if is_mjcf(name, message.data):
+                self._draw(MJCF, partial(self._show_robot, message))
+        elif self._robot is None:
             self._waiting.append((topic, message))
-            return
-        if name in TOPICS:
+        elif name in TOPICS:
             if name in self.robot.states.topics and (found := self._collector.add(name, message)):
                 self._draw(JOINTS, partial(self._show_state, found))
         elif name == "iterations":
@@ -118,7 +122,7 @@ class GraphScene:
         assert self._robot is not None
         return self._robot
 
-    def _show_robot_description(self, message: Any) -> None:
+    def _show_robot(self, message: Any) -> None:
         if self._robot is not None:
             return  # several nodes publish the same description
         self._robot = robot = RobotScene(self.recording, message.data)
