@@ -35,7 +35,7 @@ from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.walker.simbicon import GAIT, walk
 from vgps_ros.views.filmstrip import filmstrip
-from vgps_ros.views.plots import save, trajectory
+from vgps_ros.views.plots import phase_portrait, save
 from vgps_ros.views.run_record import RunRecord, read_results
 
 FIGURES = ROOT / "docs" / "figures.json"
@@ -117,7 +117,7 @@ def ten_units(output: Path, seeds: int) -> list[Figures]:
     policy, _ = load_policy(folder / "policy.json")
     law = lambda t, x: policy.mean(task.observation(x))  # noqa: E731
     long = task.dynamics.rollout(task.initial_state, law, 6000)
-    save_picture(trajectory, motion(task, long.states), "walker_60s.png", colours=16)
+    save_picture(phase_portrait, motion(task, long.states), "walker_60s.png", colours=16)
     return rows
 
 

@@ -15,6 +15,7 @@ from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.views import filmstrip
 
+DRAWN = ("learning_curve", "trajectory", "phase_portrait", "motion")
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 
 
@@ -72,7 +73,7 @@ def test_what_can_be_drawn_is_written_and_never_overwritten(
     no_rendering, trained, tmp_path, capsys
 ):
     vgps(["plot", str(trained), "--output", str(tmp_path)])
-    names = {f"{n}.{f}" for n in ("learning_curve", "trajectory", "motion") for f in ("png", "svg")}
+    names = {f"{n}.{f}" for n in DRAWN for f in ("png", "svg")}
     assert {file.name for file in tmp_path.iterdir()} == names
     assert "No filmstrip: MuJoCo cannot draw here." in capsys.readouterr().out
     before = (tmp_path / "motion.png").stat().st_mtime_ns

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plots and rendered pictures show the figures that they are given."""
 
+import dataclasses
 import itertools
 import os
 import subprocess
@@ -14,7 +15,8 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
-from vgps_ros.views.plots import learning_curve, motion, save, trajectory
+from vgps_ros.views.learning_curve import learning_curve
+from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 
@@ -56,13 +58,41 @@ def test_learning_curve_has_solid_stochastic_dashed_deterministic_and_the_ddp_li
     assert lines["deterministic policy"].get_linestyle() == "--"
     stochastic = lines["stochastic policy"].get_ydata()
     assert np.isnan(stochastic[0])  # it diverged
-    assert list(stochastic[1:]) == [300.0, 180.0]
-    assert list(lines["deterministic policy"].get_ydata()) == [171.0, 172.0, 173.0]
-    assert list(lines["bound −L(q, θ) ÷ α"].get_ydata()) == [400.0, 800.0, 1200.0]
-    assert set(lines["initial DDP solution"].get_ydata()) == {158.0}
+    ratio = np.array([300.0, 180.0, 171.0, 172.0, 173.0, 400.0, 800.0, 1200.0]) / 158.0
+    assert_allclose(stochastic[1:], ratio[:2])
+    assert_allclose(lines["deterministic policy"].get_ydata(), ratio[2:5])
+    assert_allclose(lines["bound −L(q, θ) ÷ α"].get_ydata(), ratio[5:])
+    assert set(lines["initial DDP solution"].get_ydata()) == {1.0}
     assert list(alphas.lines[0].get_ydata()) == [1.0, 0.5, 1 / 3]
     assert costs.get_ylabel()
     assert alphas.get_xlabel()
+
+
+def test_the_inset_of_a_learning_curve_shows_the_end_of_a_long_run(result):
+    entry = result["iterations"][-1]
+    result["iterations"] = [
+        entry | {"k": k, "stochastic_cost_mean": 160.0 + 3000.0 * 0.5**k} for k in range(1, 31)
+    ]
+    costs = learning_curve(result).axes[0]
+    [inset] = costs.child_axes
+    low, high = inset.get_ylim()
+    shown = [line.get_ydata() for line in inset.lines if "bound" not in line.get_label()]
+    assert low < 1.0 <= max(np.max(values) for values in shown) < high < 1.2
+    assert_allclose(inset.lines[0].get_ydata(), costs.lines[0].get_ydata()[-15:])
+    assert inset.get_yscale() == "linear"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("cost", [0.0, 1e-3, 1e7])
+def test_a_learning_curve_has_few_ticks_whatever_its_costs(result, cost, tmp_path):
+    for entry in result["iterations"]:
+        entry |= {"stochastic_cost_mean": cost, "ddp_cost": cost, "deterministic_cost": cost}
+        del entry["bound"]
+    result["initial_ddp_cost"] = cost and 158.0
+    figure = learning_curve(result)
+    save(figure, tmp_path / "curve.png")
+    low, high = figure.axes[0].get_ylim()
+    assert 1 <= sum(low <= tick <= high for tick in figure.axes[0].get_yticks()) <= 9
 
 
 def test_learning_curve_of_an_older_result_has_no_bound(result):
@@ -141,9 +171,30 @@ def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_ang
         assert_allclose(lines["executed policy"].get_ydata(), run.executed_states[:, i])
 
 
+def test_a_line_stands_where_the_executed_motion_leaves_the_tube(run):
+    figure = trajectory(run)
+    assert not any("leaves" in axes.get_title(loc="left") for axes in figure.axes)
+    assert len(figure.axes[0].lines) == 2
+    late = dataclasses.replace(run, executed_states=run.executed_states.copy())
+    late.executed_states[10:, 3] += 9.0
+    figure = trajectory(late)
+    assert "q ± 2 sd at 0.2 s for another motion" in figure.axes[0].get_title(loc="left")
+    for axes in figure.axes:
+        assert_allclose(axes.lines[-1].get_xdata(), 0.2)
+
+
+def test_a_phase_portrait_draws_velocity_over_angle(run):
+    figure = phase_portrait(run)
+    assert [axes.get_title() for axes in figure.axes] == ["root_yaw", "front_joint", "back_joint"]
+    for axes, i in zip(figure.axes, (2, 3, 4), strict=True):
+        [line] = axes.collections
+        loop = np.array([piece[0] for piece in line.get_segments()])
+        assert_allclose(loop, run.executed_states[:-1, [i, i + 5]])
+
+
 def test_what_is_not_known_is_not_drawn(run):
     nothing = RunRecord(run.mjcf, 0.02)
-    assert trajectory(nothing) is motion(nothing) is filmstrip(nothing) is None
+    assert all(draw(nothing) is None for draw in (trajectory, phase_portrait, motion, filmstrip))
 
 
 needs_egl = pytest.mark.skipif(

@@ -28,13 +28,15 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     from rich.progress import Progress
 
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
-    from vgps_ros.views.plots import learning_curve, motion, save, trajectory
+    from vgps_ros.views.learning_curve import learning_curve
+    from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
 
     run = _read(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
         "trajectory": lambda: trajectory(run),
+        "phase_portrait": lambda: phase_portrait(run),
         "motion": lambda: motion(run),
         "filmstrip": lambda: filmstrip(run),
         moving: lambda: write_moving_picture(run, output / moving),

@@ -68,7 +68,8 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.tasks import make_task
-    from vgps_ros.views.plots import learning_curve, save
+    from vgps_ros.views.learning_curve import learning_curve
+    from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress
 
     task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)

@@ -1,83 +1,29 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Pictures for reading without a viewer."""
+"""Pictures of a motion, for reading without a viewer."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
+from vgps_ros.views.departure import Departure, find_departure
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
 
-_LEARNED, _DDP = "#1f5fbf", "black"
-_POSES = 3  # drawn along a motion; more would overlap
-_MARKED = 10  # iterations of a run that is so short that each is marked
-
-
-def learning_curve(result: dict[str, Any]) -> Figure:
-    """Draws the costs of a result.json by iteration, as Figure 1 of the paper does."""
-    entries = result["iterations"]
-    k = [entry["k"] for entry in entries]
-
-    def series(name: str) -> Array:
-        return np.array([e.get(name) for e in entries], dtype=float)  # None becomes NaN
-
-    figure = Figure(figsize=(7, 4.6), layout="constrained")
-    costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
-    is_short = len(k) <= _MARKED  # then each point is marked: a single one has no line
-    for name, label, colour, line, marker in (
-        ("stochastic_cost_mean", "stochastic policy", _LEARNED, "-", "o"),
-        ("stochastic_cost_median", "its median rollout", _LEARNED, ":", "^"),
-        ("deterministic_cost", "deterministic policy", _LEARNED, "--", "s"),
-        ("ddp_cost", "DDP solution", "tab:orange", "-", "D"),
-    ):
-        width = 1.5 if name in ("stochastic_cost_mean", "deterministic_cost") else 1.0
-        costs.plot(
-            k,
-            series(name),
-            label=label,
-            color=colour,
-            linestyle=line,
-            linewidth=width,
-            marker=marker if is_short else "",
-            markersize=5,
-        )
-    bound = -series("bound") / series("alpha")  # E_q[c] + KL ÷ α; an older result has none
-    if np.isfinite(bound).any():
-        costs.plot(k, bound, label="bound −L(q, θ) ÷ α", color="tab:green", linewidth=1.0,
-                   marker="v" if is_short else "", markersize=5)  # fmt: skip
-    costs.axhline(result["initial_ddp_cost"], color=_DDP, linewidth=1, label="initial DDP solution")
-    costs.set_yscale("log")  # early iterations cost many times what later ones do
-    low = min(result["initial_ddp_cost"], *np.nan_to_num(series("ddp_cost"), nan=np.inf))
-    costs.set_ylim(bottom=0.9 * low)
-    costs.yaxis.set_major_formatter("{x:g}")
-    low, high = costs.get_ylim()
-    costs.yaxis.set_minor_formatter("{x:g}" if high < 10 * low else NullFormatter())
-    costs.tick_params(axis="y", which="minor", labelsize=8)
-    costs.set_ylabel("cost over the horizon")
-    units = " + ".join(map(str, result["hidden_units"]))
-    costs.set_title(
-        f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
-    )
-    figure.legend(frameon=False, ncols=3, loc="outside upper center")
-    alphas.plot(k, series("alpha"), color="grey", marker="o" if is_short else "", markersize=4)
-    alphas.set_ylim(0, 1.05 * max(series("alpha")))
-    alphas.set_ylabel("α")
-    alphas.xaxis.set_major_locator(MaxNLocator(integer=True))
-    alphas.set_xlabel("iteration")
-    if is_short:
-        alphas.set_xlim(k[0] - 0.5, k[-1] + 0.5)
-        alphas.set_xticks(k)
-    return figure
+_LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
+_PHASE = ("position", "velocity")
+_POSES = 9  # drawn along a motion
+_LABELLED = 4  # every which pose has its time above it
 
 
 def trajectory(run: RunRecord) -> Figure | None:
     """Draws each angle: q's mean and two standard deviations, and the executed one within.
+
+    A vertical line stands where the executed motion leaves the tube of an angle.
 
     Returns:
         The figure; None if neither is known, or the robot has no hinge.
@@ -86,17 +32,33 @@ def trajectory(run: RunRecord) -> Figure | None:
     hinges = hinge_names(model)
     if not hinges or (run.mean_states is None and run.executed_states is None):
         return None
-    in_x, in_dx = state_names(model), deviation_names(model)
-    figure = Figure(figsize=(7, 1.2 + 1.3 * len(hinges)), layout="constrained")
+    in_x, in_dx = (
+        [names.index(f"{name}/position") for name in hinges]
+        for names in (state_names(model), deviation_names(model))
+    )
+    figure = Figure(figsize=(7, 1.4 + 1.3 * len(hinges)), layout="constrained")
     rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, name in zip(rows, hinges, strict=True):
-        _draw_angle(axes, run, *(names.index(f"{name}/position") for names in (in_x, in_dx)))
-        axes.set_ylabel(f"{name}\n[rad]")
+    for axes, *place in zip(rows, hinges, in_x, in_dx, strict=True):
+        _draw_angle(axes, run, *place[1:])
+        axes.set_ylabel(f"{place[0]}\n[rad]")
         axes.margins(x=0)
+    if left := _departure(run, in_x, in_dx):
+        for axes in rows:
+            axes.axvline(left.time, color="0.3", linewidth=1, linestyle=(0, (4, 3)))
+        rows[0].set_title(f"The executed policy {left}.", fontsize=9, loc="left")
     rows[-1].set_xlabel("time [s]")
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, ncols=3, loc="outside upper center")
     return figure
+
+
+def _departure(run: RunRecord, in_x: list[int], in_dx: list[int]) -> Departure | None:
+    """Returns where the executed angles leave their tubes, if all of them are known."""
+    if run.mean_states is None or run.state_covariances is None or run.executed_states is None:
+        return None
+    deviations = np.sqrt(run.state_covariances[:, in_dx, in_dx].clip(0.0))
+    angles = run.executed_states[:, in_x], run.mean_states[:, in_x]
+    return find_departure(*angles, deviations, run.time_step)
 
 
 def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
@@ -109,16 +71,50 @@ def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
             time,
             mean - 2.0 * deviation,
             mean + 2.0 * deviation,
-            color="tab:orange",
-            alpha=0.35,
+            color=_Q,
+            alpha=0.4,
             linewidth=0,
             label="q: mean ± 2 sd",
         )
-        axes.plot(time, mean, color="tab:orange", linewidth=1, label="q: mean")
+        axes.plot(time, mean, color=_Q, linewidth=1.2, label="q: mean")
     if run.executed_states is not None:
         executed = run.executed_states[:, i]
         time = run.time_step * np.arange(len(executed))
         axes.plot(time, executed, color=_LEARNED, linewidth=1, label="executed policy")
+
+
+def phase_portrait(run: RunRecord) -> Figure | None:
+    """Draws the velocity of each hinge over its angle, darker with time: a gait is a closed loop.
+
+    Returns:
+        The figure; None if no motion under the policy is known, or the robot has no hinge.
+    """
+    model = compile_model(run.mjcf)
+    hinges, names = hinge_names(model), state_names(model)
+    if run.executed_states is None or not hinges:
+        return None
+    columns = min(4, len(hinges))
+    lines = -(-len(hinges) // columns)
+    figure = Figure(figsize=(2.2 * columns, 2.1 * lines + 0.5), layout="constrained")
+    cells = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes in cells[len(hinges) :]:
+        axes.set_axis_off()
+    shade = np.linspace(0.0, 1.0, len(run.executed_states) - 1)
+    for axes, name in zip(cells, hinges, strict=False):
+        loop = run.executed_states[:, [names.index(f"{name}/{kind}") for kind in _PHASE]]
+        lines_ = LineCollection(np.stack([loop[:-1], loop[1:]], axis=1), cmap="Blues", linewidths=1)
+        lines_.set_array(0.35 + 0.65 * shade)
+        lines_.set_clim(0.0, 1.0)
+        axes.add_collection(lines_)
+        axes.plot(*loop[0], marker="o", color="black", markersize=4)
+        axes.set_title(name, fontsize=9)
+        axes.margins(0.08)
+        axes.tick_params(labelsize=8)
+    seconds = run.time_step * (len(run.executed_states) - 1)
+    figure.suptitle(f"{seconds:.3g} s, from the dot on, darker with time", fontsize=9)
+    figure.supxlabel("angle [rad]", fontsize=9)
+    figure.supylabel("velocity [rad/s]", fontsize=9)
+    return figure
 
 
 def motion(run: RunRecord) -> Figure | None:
@@ -139,16 +135,18 @@ def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
     """Draws the robot in several of its states (N+1, n_x), and the centre of mass's paths."""
     shape = RobotShape(compile_model(run.mjcf))
     plane = list(shape.plane)
-    for t in np.linspace(0, len(states) - 1, _POSES).astype(int):
-        for ends in shape.axes(states[t])[:, :, plane]:
+    for i, t in enumerate(np.linspace(0, len(states) - 1, _POSES).astype(int)):
+        limbs = shape.axes(states[t])[:, :, plane]
+        for ends in limbs:
             axes.plot(
-                ends[:, 0], ends[:, 1], color="0.55", alpha=0.3 + 0.5 * t / len(states),
-                linewidth=5, solid_capstyle="round", zorder=1,
+                ends[:, 0], ends[:, 1], color=str(0.85 - 0.5 * i / (_POSES - 1)),
+                linewidth=4, solid_capstyle="round", zorder=1,
             )  # fmt: skip
-        limbs = shape.axes(states[t])[:, :, plane].reshape(-1, 2)
-        top = limbs[:, 0].mean(), limbs[:, 1].max()
-        time = f"{t * run.time_step:.1f} s"
-        axes.annotate(time, top, (0, 5), textcoords="offset points", ha="center", fontsize=8)
+        if i % _LABELLED == 0:
+            place, above = limbs[..., 0].mean(), ("data", "axes fraction")
+            axes.annotate(
+                f"{t * run.time_step:.1f} s", (place, 0.97), xycoords=above, ha="center", va="top"
+            )
     if run.initial_states is not None:
         path = shape.path(run.initial_states)[:, plane]
         axes.plot(path[:, 0], path[:, 1], color=_DDP, linewidth=1.2, label="initial DDP solution")

@@ -1,0 +1,132 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Draws the costs of a training by iteration, as Figure 1 of the paper does."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+from vgps_ros.core.records import Array
+
+_LEARNED, _Q = "#1f5fbf", "#ff9f1c"  # they differ in grey, too
+_SHORT = 10  # iterations of a run in which each point is marked; a single one has no line
+_TICKS = np.array([1, 1.2, 1.5, 2, 3, 5, 7])  # of a decade on the axis of costs
+_MOST_TICKS = 6
+_CURVES = (
+    # metric of an iteration, its label, colour, kind of line, width, marker
+    ("stochastic_cost_mean", "stochastic policy", _LEARNED, "-", 1.8, "o"),
+    ("stochastic_cost_median", "its median rollout", _LEARNED, ":", 1.0, "^"),
+    ("deterministic_cost", "deterministic policy", _LEARNED, "--", 1.4, "s"),
+    ("ddp_cost", "DDP solution", _Q, "-", 1.4, "D"),
+)
+
+
+def learning_curve(result: dict[str, Any]) -> Figure:
+    """Draws the costs of a result.json as multiples of the initial DDP solution's.
+
+    The inset repeats the last half of a run on a linear axis: the curves lie close together there.
+    """
+    entries = result["iterations"]
+    k = np.array([entry["k"] for entry in entries])
+    curves = _curves(result)
+    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    costs, alphas = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
+    is_short = len(k) <= _SHORT
+    _draw(costs, k, curves, marked=is_short)
+    drawn = np.concatenate([values for _, values, _ in curves])
+    drawn = drawn[np.isfinite(drawn) & (drawn > 0)]
+    high = max(drawn, default=1.0)
+    if high > 0 and len(drawn) == sum(np.isfinite(values).sum() for _, values, _ in curves):
+        costs.set_yscale("log")  # early iterations cost many times what later ones do
+        costs.set_ylim(0.95 * min(1.0, *drawn), 1.1 * max(1.0, high))
+        _set_few_ticks(costs)
+    costs.set_ylabel("cost ÷ initial DDP's")
+    units = " + ".join(map(str, result["hidden_units"]))
+    costs.set_title(
+        f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
+    )
+    if not is_short:
+        _draw_end(costs, k, curves)
+    figure.legend(*costs.get_legend_handles_labels(), frameon=False, ncols=3,
+                  loc="outside upper center")  # fmt: skip
+    alpha = np.array([entry["alpha"] for entry in entries])
+    alphas.plot(k, alpha, color="grey", marker="o" if is_short else "", markersize=4)
+    alphas.set_ylim(0, 1.05 * max(alpha))
+    alphas.set_ylabel("α")
+    alphas.set_xlabel("iteration")
+    alphas.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
+    if is_short:
+        alphas.set_xlim(k[0] - 0.5, k[-1] + 0.5)
+        alphas.set_xticks(k)
+    return figure
+
+
+def _curves(result: dict[str, Any]) -> list[tuple[str, Array, dict[str, Any]]]:
+    """Returns the label, the values as multiples of the initial cost, and the style of each."""
+    initial = result["initial_ddp_cost"] or 1.0  # a cost of 0 has no multiples
+
+    def series(name: str) -> Array:
+        values = [entry.get(name) for entry in result["iterations"]]
+        return np.array(values, dtype=float)  # None becomes NaN
+
+    curves = []
+    for name, label, colour, line, width, marker in _CURVES:
+        style = {"color": colour, "linestyle": line, "linewidth": width, "marker": marker}
+        curves.append((label, series(name) / initial, style))
+    bound = -series("bound") / series("alpha") / initial  # E_q[c] + KL ÷ α
+    if np.isfinite(bound).any():  # an older result has none
+        style = {"color": "tab:green", "linestyle": "-.", "linewidth": 1.0, "marker": "v"}
+        curves.append(("bound −L(q, θ) ÷ α", bound, style))
+    return curves
+
+
+def _draw(
+    axes: Axes, k: Array, curves: list[tuple[str, Array, dict[str, Any]]], *, marked: bool
+) -> None:
+    for label, values, style in curves:
+        axes.plot(
+            k, values, label=label, markersize=5, **(style if marked else style | {"marker": ""})
+        )
+    axes.axhline(1.0, color="black", linewidth=1, label="initial DDP solution")
+
+
+def _draw_end(axes: Axes, k: Array, curves: list[tuple[str, Array, dict[str, Any]]]) -> None:
+    """Repeats the last half of the curves above their end, where that corner is empty."""
+    half = k >= k[len(k) // 2]
+    shown = np.concatenate([values[half] for label, values, _ in curves if "bound" not in label])
+    shown = shown[np.isfinite(shown)]
+    low, high = min(1.0, *shown), max(1.0, *shown)
+    top = axes.get_ylim()[1]
+    if high > top**0.5:  # the end is no lower than the middle of the logarithmic axis
+        return
+    inset = axes.inset_axes((0.45, 0.42, 0.53, 0.54))
+    _draw(
+        inset,
+        k[half],
+        [(label, values[half], style) for label, values, style in curves],
+        marked=False,
+    )
+    margin = 0.08 * (high - low) + 0.005
+    inset.set_ylim(low - margin, high + margin)
+    inset.margins(x=0)
+    inset.xaxis.set_major_locator(MaxNLocator(3, integer=True, steps=[1, 2, 5, 10]))
+    inset.yaxis.set_major_locator(MaxNLocator(4))
+    inset.tick_params(labelsize=8)
+
+
+def _set_few_ticks(axes: Axes) -> None:
+    """Labels a logarithmic axis at few round multiples, the initial solution's 1 among them."""
+    low, high = axes.get_ylim()
+    ticks = np.concatenate([_TICKS * 10.0**decade for decade in range(-1, 8)])
+    ticks = ticks[(ticks >= low) & (ticks <= high)]
+    if len(ticks) > _MOST_TICKS:
+        ticks = ticks[
+            [any(np.isclose(tick / 10.0 ** np.floor(np.log10(tick)), (1, 2, 5))) for tick in ticks]
+        ]
+    if len(ticks) > _MOST_TICKS:
+        ticks = ticks[np.isclose(np.log10(ticks) % 1, 0)]
+    axes.yaxis.set_major_locator(FixedLocator(ticks.tolist()))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
