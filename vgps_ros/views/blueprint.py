@@ -2,15 +2,20 @@
 """The layout in which the Rerun viewer shows a recording of a run."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape
 
-_FROM_SIDE, _FROM_ABOVE = (-0.6, -2.4, 0.7), (0.0, -0.3, 2.5)  # in sizes of the robot
+_FROM_SIDE, _FROM_ABOVE = (-0.4, -1.7, 0.4), (0.0, -0.2, 1.4)  # in sizes of the robot
+_DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
+_ABOVE_FLOOR = 0.002  # height of the lines above the floor, which would hide them [m]
+LEARNING_CURVE = "learning_curve"  # entity of the picture
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
 
@@ -25,14 +30,31 @@ def eye(model: mujoco.MjModel, shape: RobotShape) -> rrb.EyeControls3D:
     )
 
 
+def ground(model: mujoco.MjModel, shape: RobotShape) -> rrb.LineGrid3D:
+    """Returns lines on the ground, past which the robot is seen to move."""
+    depth = -_DEPTH * model.stat.extent if shape.plane == (0, 1) else _ABOVE_FLOOR
+    return rrb.LineGrid3D(
+        visible=True,
+        spacing=max(0.1, round(0.25 * model.stat.extent, 1)),
+        plane=rr.components.Plane3D((0.0, 0.0, 1.0), depth),
+        color=(128, 134, 139),
+        stroke_width=1.0,
+    )
+
+
 def blueprint(
-    hinge_names: Sequence[str], eye: rrb.EyeControls3D, *, has_base: bool = False
+    hinge_names: Sequence[str],
+    eye: rrb.EyeControls3D,
+    ground: rrb.LineGrid3D,
+    *,
+    has_base: bool = False,
 ) -> rrb.Blueprint:
     """Returns the layout for a robot with the named hinges, its turning joints.
 
     Args:
         hinge_names: names of the hinges.
         eye: from where the robot is seen.
+        ground: lines on the ground.
         has_base: whether the robot has a free base, whose position is then shown too.
     """
     whole_run = rrb.VisibleTimeRanges(
@@ -42,37 +64,48 @@ def blueprint(
             end=rrb.TimeRangeBoundary.cursor_relative(),
         )
     )
-    tubes = [
-        rrb.TimeSeriesView(origin=f"trajectory_distribution/{name}", name=f"{name} [rad]")
-        for name in hinge_names
-    ]
     left = rrb.Vertical(
         rrb.Spatial3DView(
             origin="world",
             name="robot; centre of mass: learned (blue), initial DDP (black), plan (green)",
             overrides={"world/centre_of_mass": [whole_run]},
             eye_controls=eye,
+            line_grid=ground,
         ),
-        rrb.TimeSeriesView(contents=[f"learning/{c}" for c in _COSTS], name="cost by iteration"),
         rrb.Tabs(
-            rrb.TimeSeriesView(contents=["learning/alpha"], name="alpha by iteration"),
-            rrb.TimeSeriesView(contents=["learning/policy_kl"], name="KL(q, policy) [nat]"),
-            rrb.TimeSeriesView(contents=["learning/bound"], name="bound L(q, theta) [nat]"),
-            rrb.TimeSeriesView(contents=["learning/coverage"], name="rollouts within q ± 2 sd"),
-            rrb.TimeSeriesView(origin="policy/noise_std", name="policy noise [N·m]"),
-            rrb.TimeSeriesView(origin="solves", name="modified cost of the DDP solves"),
-            rrb.TimeSeriesView(origin="plan", name="plans: cost, solve time [s]"),
+            rrb.Spatial2DView(origin=LEARNING_CURVE, name="learning curve"),
+            _series("cost by iteration", contents=[f"learning/{c}" for c in _COSTS]),
+            _series("alpha", contents=["learning/alpha"]),
+            _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
+            _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
+            _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
+            _series("policy noise [N·m]", origin="policy/noise_std"),
+            _series("modified cost of the DDP solves", origin="solves"),
+            _series("plans: cost, solve time [s]", origin="plan"),
+            name="learning",
         ),
-        row_shares=[4, 2, 1],
+        row_shares=[1, 1],
     )
-    base = [rrb.TimeSeriesView(origin="odom/position", name="base [m]")] if has_base else []
+    tubes = [
+        _series(f"{name} [rad]: executed (blue) within q ± 2 sd (orange)",
+                origin=f"trajectory_distribution/{name}", legend=False)
+        for name in hinge_names
+    ]  # fmt: skip
+    base = [_series("base [m]", origin="odom/position")] if has_base else []
     right = rrb.Vertical(
         rrb.Tabs(*tubes, name="executed within q ± 2 sd") if tubes else rrb.TextDocumentView(),
         *base,
-        rrb.TimeSeriesView(origin="joint_states/position", name="position [m, rad]"),
-        rrb.TimeSeriesView(origin="joint_states/velocity", name="velocity [m/s, rad/s]"),
-        rrb.TimeSeriesView(origin="joint_command/effort", name="torque [N·m]"),
+        _series("position [m, rad]", origin="joint_states/position", legend=False),
+        _series("velocity [m/s, rad/s]", origin="joint_states/velocity", legend=False),
+        _series("torque [N·m]", origin="joint_command/effort", legend=False),
     )
+    panel = rrb.TimePanel(state="collapsed", timeline=TIME, play_state="playing", loop_mode="all")
     return rrb.Blueprint(
-        rrb.Horizontal(left, right), rrb.TimePanel(timeline=TIME), collapse_panels=True
+        rrb.Horizontal(left, right, column_shares=[3, 2]), panel, collapse_panels=True
     )
+
+
+def _series(name: str, *, legend: bool = True, **shown: Any) -> rrb.TimeSeriesView:
+    """Returns a view of numbers over time; a legend stands where curves have begun long ago."""
+    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(name=name, plot_legend=corner, **shown)

@@ -60,7 +60,7 @@ def record_comparison(
 def _record_costs(recording: Recording, entity: str, line: rr.SeriesLines, costs: Array) -> None:
     recording.log_static(entity, line)
     times = rr.TimeColumn(ITERATION, sequence=np.arange(1, len(costs) + 1))
-    recording.send_series(entity, times, costs[:, None])
+    recording.send_series(entity, [times], costs[:, None])
 
 
 def _record_paths(recording: Recording, run: RunRecord) -> str:

@@ -58,7 +58,7 @@ def find_departure(
     lasting = max(1, round(_LASTING / time_step))
     if steps < lasting:
         return None
-    held = np.lib.stride_tricks.sliding_window_view(outside, lasting, axis=0).all(axis=-1)
+    held = np.all(np.lib.stride_tricks.sliding_window_view(outside, lasting, axis=0), axis=-1)
     if not held.any():
         return None
     first = int(held.any(axis=1).argmax())

@@ -6,6 +6,7 @@ since only this module knows how to draw a message. The topic `mjcf_description`
 there is, so the messages before it are kept until it comes.
 """
 
+import io
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -17,6 +18,7 @@ import rerun as rr
 
 from vgps_ros.core.checks import finite_array, positive
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_from_msg,
@@ -25,10 +27,12 @@ from vgps_ros.messages.conversions import (
     trajectory_from_msg,
 )
 from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
+from vgps_ros.messages.progress import result_from_msgs
 from vgps_ros.messages.robot_state import JOINTS, TOPICS
 from vgps_ros.messages.state_collector import StateCollector
 from vgps_ros.search.metrics import METRICS
-from vgps_ros.views.blueprint import blueprint
+from vgps_ros.views.blueprint import LEARNING_CURVE
+from vgps_ros.views.learning_curve import learning_curve
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_scene import RobotScene
 
@@ -76,6 +80,8 @@ class GraphScene:
         self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
         self._collector = StateCollector([])
         self._last_stamp = -1
+        self._history: dict[int, Any] = {}  # progress of a training by iteration, until it is drawn
+        self._policy: GaussianPolicy | None = None
 
     def show(self, topic: str, message: Any) -> None:
         """Draws a message of rclpy or of a bag, whose topic is one of `DRAWN`."""
@@ -114,6 +120,8 @@ class GraphScene:
         """
         if self._robot:
             self._robot.log_tubes()
+        if self._history and not hurried():
+            self._draw_learning_curve()
         self.recording.close(hurried)
 
     @property
@@ -127,8 +135,6 @@ class GraphScene:
             return  # several nodes publish the same description
         self._robot = robot = RobotScene(self.recording, message.data)
         self._collector = StateCollector(robot.states.topics)
-        layout = blueprint(robot.hinge_names, robot.eye, has_base=robot.states.base is not None)
-        self.recording.lay_out(layout)
         while self._waiting:
             self.show(*self._waiting.popleft())
 
@@ -152,10 +158,29 @@ class GraphScene:
         for name, metric in METRICS.items():
             if metric.drawn and np.isfinite(value := getattr(message, name)):
                 self.recording.log(f"learning/{metric.drawn}", rr.Scalars(value))
+        if message.iteration == 1:
+            self._history.clear()
+        self._history[message.iteration] = message
+        if message.iteration == message.iterations:
+            self._draw_learning_curve()
+
+    def _draw_learning_curve(self) -> None:
+        """Draws the training's learning curve as a picture: all of it shows at any time.
+
+        A viewer has one timeline for all of its views, and that of the robot has no iterations.
+        """
+        history = [self._history[k] for k in sorted(self._history)]
+        self._history.clear()
+        picture = io.BytesIO()
+        learning_curve(result_from_msgs(history, self._policy)).savefig(picture, dpi=130)
+        image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
+        self.recording.log_static(LEARNING_CURVE, image)
 
     def _show_policy(self, message: Any) -> None:
-        noise_std = policy_from_msg(message).noise_std
+        policy = policy_from_msg(message)
+        noise_std = policy.noise_std
         finite_array("policy.noise_std", noise_std, (len(self.robot.actuated_joint_names),))
+        self._policy = policy
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
         self.recording.log("policy/noise_std", rr.Scalars(noise_std))
 

@@ -38,9 +38,9 @@ def trajectory(run: RunRecord) -> Figure | None:
     )
     figure = Figure(figsize=(7, 1.4 + 1.3 * len(hinges)), layout="constrained")
     rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, *place in zip(rows, hinges, in_x, in_dx, strict=True):
-        _draw_angle(axes, run, *place[1:])
-        axes.set_ylabel(f"{place[0]}\n[rad]")
+    for axes, name, i, i_dx in zip(rows, hinges, in_x, in_dx, strict=True):
+        _draw_angle(axes, run, i, i_dx)
+        axes.set_ylabel(f"{name}\n[rad]")
         axes.margins(x=0)
     if left := _departure(run, in_x, in_dx):
         for axes in rows:
@@ -102,10 +102,11 @@ def phase_portrait(run: RunRecord) -> Figure | None:
     shade = np.linspace(0.0, 1.0, len(run.executed_states) - 1)
     for axes, name in zip(cells, hinges, strict=False):
         loop = run.executed_states[:, [names.index(f"{name}/{kind}") for kind in _PHASE]]
-        lines_ = LineCollection(np.stack([loop[:-1], loop[1:]], axis=1), cmap="Blues", linewidths=1)
-        lines_.set_array(0.35 + 0.65 * shade)
-        lines_.set_clim(0.0, 1.0)
-        axes.add_collection(lines_)
+        pieces = list(np.stack([loop[:-1], loop[1:]], axis=1))
+        drawn = LineCollection(pieces, cmap="Blues", linewidths=1)
+        drawn.set_array(0.35 + 0.65 * shade)
+        drawn.set_clim(0.0, 1.0)
+        axes.add_collection(drawn)
         axes.plot(*loop[0], marker="o", color="black", markersize=4)
         axes.set_title(name, fontsize=9)
         axes.margins(0.08)

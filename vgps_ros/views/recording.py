@@ -15,7 +15,8 @@ import rerun.blueprint as rrb
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.storage.disk import Disk, DiskFile
 
-TIME = "ros2_timestamp"  # timeline of message stamps, named as in Rerun's own MCAP reader
+TIME = "time"  # timeline of message stamps as the robot's time, which begins at 0 s
+STAMP = "ros2_timestamp"  # the same as dates, named as in Rerun's own MCAP reader
 WALL_TIME = "wall_time"  # timeline of the stamps that are not in the robot's time
 ITERATION = "iteration"  # timeline of the iterations of Algorithm 1
 
@@ -82,14 +83,15 @@ class Recording:
         """Adds components to an entity that hold at all times."""
         self._stream.log(entity, *what, static=True)
 
-    def name_series(self, entity: str, names: Sequence[str]) -> None:
-        """Names the series of numbers that an entity shows."""
-        self.log_static(entity, rr.SeriesLines(names=list(names)))
+    def name_series(self, entity: str, names: Sequence[str], **style: Any) -> None:
+        """Names the series of numbers that an entity shows; `style` is that of their lines."""
+        self.log_static(entity, rr.SeriesLines(names=list(names), **style))
 
     def set_time(self, stamp: int) -> None:
         """Sets the robot's time [ns] for the calls of `log` that follow."""
         self._stream.reset_time()
-        self._stream.set_time(TIME, timestamp=np.datetime64(stamp, "ns"))
+        self._stream.set_time(TIME, duration=np.timedelta64(stamp, "ns"))
+        self._stream.set_time(STAMP, timestamp=np.datetime64(stamp, "ns"))
 
     def set_iteration(self, iteration: int, stamp: int) -> None:
         """Sets the iteration and the wall-clock time [ns] for the calls of `log` that follow."""
@@ -97,10 +99,18 @@ class Recording:
         self._stream.set_time(ITERATION, sequence=iteration)
         self._stream.set_time(WALL_TIME, timestamp=np.datetime64(stamp, "ns"))
 
-    def send_series(self, entity: str, times: rr.TimeColumn, values: np.ndarray) -> None:
-        """Adds values, shape (N, M), at N times or iterations."""
+    def send_series(self, entity: str, times: Sequence[rr.TimeColumn], values: np.ndarray) -> None:
+        """Adds values, shape (N, M), at N times or iterations, of one timeline or of several."""
         columns = rr.Scalars.columns(scalars=values).partition([values.shape[1]] * len(values))
-        self._stream.send_columns(entity, [times], columns)
+        self._stream.send_columns(entity, times, columns)
+
+    @staticmethod
+    def time_columns(stamps: np.ndarray) -> list[rr.TimeColumn]:
+        """Returns the columns of the robot's times [ns], shape (N,), for `send_series`."""
+        return [
+            rr.TimeColumn(TIME, duration=stamps.astype("timedelta64[ns]")),
+            rr.TimeColumn(STAMP, timestamp=stamps.astype("datetime64[ns]")),
+        ]
 
     def lay_out(self, blueprint: rrb.Blueprint) -> None:
         """Sets the layout in which a viewer shows the file."""

@@ -18,13 +18,13 @@ from vgps_ros.simulation.model import (
     hinge_names,
     state_names,
 )
-from vgps_ros.views.blueprint import eye
+from vgps_ros.views.blueprint import blueprint, eye, ground
 from vgps_ros.views.geometry import geometries
-from vgps_ros.views.recording import TIME, Recording
+from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
-_PLAN = (44, 160, 44)
+_Q, _PLAN = (255, 159, 28), (44, 160, 44)
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
 
 
@@ -32,7 +32,6 @@ class RobotScene:
     """Draws one robot.
 
     Attributes:
-        eye: from where the robot is seen.
         states: the messages of the robot's states, and the names of its joints.
         state_names: name of each coordinate of a state.
         deviation_names: name of each coordinate of a deviation.
@@ -55,7 +54,6 @@ class RobotScene:
         self._geometries = geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
-        self.eye = eye(model, self._shape)
         self.states = StateMessages(model)
         self.state_names, self.deviation_names = state_names(model), deviation_names(model)
         self._joints, self._rates = (
@@ -77,7 +75,10 @@ class RobotScene:
         recording.name_series("joint_command/effort", self.actuated_joint_names)
         recording.name_series("policy/noise_std", self.actuated_joint_names)
         for name in self.hinge_names:
-            recording.name_series(f"trajectory_distribution/{name}/executed", ["executed"])
+            executed = f"trajectory_distribution/{name}/executed"
+            recording.name_series(executed, ["executed"], colors=[_LEARNED], widths=[2])
+        view = eye(model, self._shape), ground(model, self._shape)
+        recording.lay_out(blueprint(self.hinge_names, *view, has_base=self.states.base is not None))
         for name, (_, picture) in self._geometries.items():
             recording.log_static(f"world/robot/{name}", picture)
 
@@ -143,14 +144,15 @@ class RobotScene:
         """Plots two standard deviations around the mean of each angle, for each q(ζ) kept."""
         for index, (q, time_step) in self._solutions.items():
             stamps = np.arange(len(q.mean.states)) * round(time_step * 1e9)
-            times = rr.TimeColumn(TIME, timestamp=stamps.astype("datetime64[ns]"))
+            times = self._recording.time_columns(stamps)
             deviations = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2).clip(0.0))
             for name in self.hinge_names:
                 mean = q.mean.states[:, self.state_names.index(f"{name}/position")]
                 deviation = deviations[:, self.deviation_names.index(f"{name}/position")]
                 tube = mean[:, None] + np.outer(deviation, [-2.0, 0.0, 2.0])
                 entity = f"trajectory_distribution/{name}/{index}"
-                self._recording.name_series(entity, ["mean − 2 sd", "mean", "mean + 2 sd"])
+                names = ["mean − 2 sd", "mean", "mean + 2 sd"]
+                self._recording.name_series(entity, names, colors=[_Q] * 3, widths=[2.5, 1, 2.5])
                 self._recording.send_series(entity, times, tube)
 
     def _log_contacts(self, state: Array, efforts: Array | None) -> None:
