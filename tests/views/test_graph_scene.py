@@ -1,12 +1,17 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The scene: geometry and contacts of any robot, and messages in whatever order they come."""
 
+import datetime
+import io
+
 import mujoco
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from PIL import Image
 from rerun.chunk import RrdReader
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
+from vgps_msgs.msg import LearningProgress
 
 from tests.simulation.robots import EVERYTHING, everything, random_states
 from vgps_ros.core.ddp.solve import Status
@@ -220,3 +225,36 @@ def test_an_existing_file_is_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="exists already"):
         Recorded(tmp_path / "scene.rrd")
     assert (tmp_path / "scene.rrd").read_text() == "mine"
+
+
+def progress(k, iterations):
+    return LearningProgress(
+        header=Header(stamp=stamp_of(k)), task="box", method="vgps", iteration=k,
+        iterations=iterations, alpha=1.0, initial_ddp_cost=10.0, ddp_cost=9.0,
+        stochastic_cost_mean=20.0, stochastic_cost_median=19.0, deterministic_cost=11.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("last", [3, 2])  # a whole training, and one that was interrupted
+def test_a_learning_curve_shows_at_every_time(recorded, last):
+    recorded.scene.show("mjcf_description", String(data=BOX))
+    for k in range(1, last + 1):
+        recorded.scene.show("learning_progress", progress(k, 3))
+    [chunk] = recorded.close()["/learning_curve"]
+    assert chunk.is_static
+    [[blob]] = column([chunk], "blob")
+    with Image.open(io.BytesIO(bytes(blob))) as picture:
+        assert picture.size[0] > 600
+
+
+def test_time_begins_at_0_and_dates_are_those_of_the_stamps(recorded):
+    recorded.scene.show("mjcf_description", String(data=BOX))
+    recorded.scene.show(
+        "joint_states", state_to_msg(np.array([0.1, 0.0]), ["height"], stamp_of(2_500_000_000))
+    )
+    [chunk] = [c for c in recorded.close()["/joint_states/position"] if not c.is_static]
+    table = chunk.to_record_batch()
+    assert table.column("time").to_pylist() == [datetime.timedelta(seconds=2.5)]
+    assert table.column("ros2_timestamp").to_pylist() == [
+        datetime.datetime(1970, 1, 1, 0, 0, 2, 500_000)
+    ]
