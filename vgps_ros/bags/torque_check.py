@@ -82,8 +82,8 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     Raises:
         InvalidInputError: the bag lacks a topic that is needed, or holds no torque.
     """
-    topics = {name: bag.needed_topic(name) for name in _NEEDED}
     model = compile_model(bag.mjcf())
+    topics = {name: bag.needed_topic(name) for name in _NEEDED}
     executor, actuated = RecordedExecutor(bag, model), actuated_joint_names(model)
     policies, marginals = _policies(bag, topics["policy"], executor), _marginals(bag, executor)
     states, log = AnsweredStates(bag, model), ExecutorLog(bag)
