@@ -55,7 +55,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "namespace",
                 default_value="",
-                description="namespace of all nodes, as /robot1; the robot's clock is in it too",
+                description="namespace of the nodes, clock and frames, as /robot1",
             ),
             DeclareLaunchArgument(
                 "use_sim_time", default_value="false", description="follow the simulation's clock"
@@ -69,7 +69,10 @@ def generate_launch_description() -> LaunchDescription:
                 "params_file", default_value=FILE, description="parameter file of all nodes"
             ),
             PushRosNamespace(LaunchConfiguration("namespace")),
-            SetRemap("/clock", "clock", condition=given("namespace")),
+            *(
+                SetRemap(f"/{topic}", topic, condition=given("namespace"))
+                for topic in ("clock", "tf", "tf_static")
+            ),
             SetParametersFromFile(LaunchConfiguration("params_file")),
             SetParameter("use_sim_time", LaunchConfiguration("use_sim_time")),
             SetParameter(

@@ -115,7 +115,7 @@ DIAGNOSIS = DiagnosticArray(
     ]
 )
 PLAN = Plan(task="rotor", time_step=0.02, cost=1.0, trajectory=DISTRIBUTION.mean)
-DESCRIPTION = String(data=urdf(ROTOR.dynamics.model, "rotor"))
+DESCRIPTION = String(data=urdf(ROTOR.dynamics.model))
 EVENT = ParameterEvent(
     node="/simulation",
     changed_parameters=[

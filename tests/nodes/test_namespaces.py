@@ -2,6 +2,7 @@
 """Two robots in one domain, each in a namespace, and parameter files that reach them there."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -19,6 +20,9 @@ from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import make_task
 
 CONFIG = Path(__file__).parents[2] / "config"
+OWN_TOPICS = [
+    word for topic in ("clock", "tf", "tf_static") for word in ("-r", f"/{topic}:={topic}")
+]
 ROBOTS = {"/robot1": 3, "/robot2": 4}  # with the seed of each one's training
 
 
@@ -37,7 +41,7 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
     recorder = graph.start("recorder", output=str(tmp_path / "bag"))
     trainings = {}
     for namespace, seed in ROBOTS.items():
-        given = [*within(namespace), "-r", "/clock:=clock"]
+        given = [*within(namespace), *OWN_TOPICS]
         for node in ("simulation", "trajectory_optimizer", "policy_executor"):
             graph.start(node, *given)
         graph.start("policy_learner", *given, **parameters(settings))
@@ -86,16 +90,16 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
     assert "has no messages on mjcf_description for /robot3" in text
 
 
-def test_a_second_simulation_needs_a_clock_of_its_own(graph):
+def test_a_second_simulation_needs_a_clock_and_frames_of_its_own(graph):
     first = graph.start("simulation", *within("/robot1"))
     graph.diagnosis("robot1/simulation", DiagnosticStatus.OK)
     second = graph.start("simulation", *within("/robot2"))
     assert second.wait() == 1
     assert "/robot1/simulation (process " in second.output
-    assert "publishes /clock already" in second.output
-    assert "-r /clock:=clock" in second.output
+    assert re.search("publishes /(clock|tf|tf_static) already", second.output)
+    assert " ".join(OWN_TOPICS) in second.output
     assert first.running
-    graph.start("simulation", *within("/robot2"), "-r", "/clock:=clock")
+    graph.start("simulation", *within("/robot2"), *OWN_TOPICS)
     graph.diagnosis("robot2/simulation", DiagnosticStatus.OK)
     clocks = graph.messages(Clock, "/robot2/clock")
     graph.call(SetSimulationState, "/robot2/simulation/set_simulation_state")

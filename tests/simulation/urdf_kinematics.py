@@ -13,7 +13,7 @@ from vgps_ros.simulation.urdf import urdf
 
 def read(model: mujoco.MjModel) -> yourdfpy.URDF:
     """Returns the model's URDF, parsed and found to be valid."""
-    text = io.BytesIO(urdf(model, "robot").encode())
+    text = io.BytesIO(urdf(model).encode())
     robot = yourdfpy.URDF.load(text)
     assert robot.validate(), robot.errors
     return robot

@@ -136,7 +136,7 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
 
 def test_an_old_bags_description_shows_the_robot_and_a_urdf_does_not(recorded):
     swimmer = make_task("swimmer")
-    recorded.scene.show("robot_description", String(data=urdf(swimmer.dynamics.model, "swimmer")))
+    recorded.scene.show("robot_description", String(data=urdf(swimmer.dynamics.model)))
     recorded.scene.show("robot_description", String(data="no XML"))
     assert recorded.reports == []
     recorded.scene.show("robot_description", String(data=swimmer.mjcf))

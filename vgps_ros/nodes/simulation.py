@@ -23,6 +23,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of
 from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.ros_runtime.frame_broadcaster import FrameBroadcaster
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import CALLS, STREAM
@@ -84,7 +85,8 @@ class Simulation(Node):
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
         self._control = RunControl(paused=declare(self, START_PAUSED))
-        self._health = Health(self, owns=("joint_states", "/clock"))
+        self._frames = FrameBroadcaster(self, self._task.dynamics.model)
+        self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
         self._robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
@@ -126,6 +128,7 @@ class Simulation(Node):
         self._clocks.publish(ClockMsg(clock=stamp_of(self._robot.stamp)))
         for topic, message in self._robot.messages.items():
             self._states[topic].publish(message)
+        self._frames.send(self._robot.state, self._robot.stamp)  # while the controller computes
 
     def _advance(self, command: Array) -> None:
         try:

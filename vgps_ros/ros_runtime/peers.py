@@ -63,6 +63,8 @@ class Peers:
         self._name = node.get_fully_qualified_name()
         self._timeout = declare(node, PEER_TIMEOUT)
         self.owns = [node.resolve_topic_name(topic) for topic in owns]
+        # Topics that a namespace does not change.
+        self._remappings = "".join(f" -r {t}:={t[1:]}" for t in owns if t.startswith("/"))
         self.instance = f"{time.time_ns()}-{socket.gethostname()}-{os.getpid()}"
         self._peers: dict[str, _Peer] = {}
         self._looked = time.monotonic()
@@ -135,7 +137,7 @@ class Peers:
             sentence = (
                 f"{name} (process {process}) publishes {topic} already, which only one node of a "
                 "graph may do: end that one first, use another ROS_DOMAIN_ID, or give this one "
-                "topics of its own (--ros-args -r __ns:=/NAME -r /clock:=clock)."
+                f"topics of its own (--ros-args -r __ns:=/NAME{self._remappings})."
             )
             end_with(VgpsError(sentence))
 

@@ -17,5 +17,5 @@ def publish_mjcf(node: Node, task: Task) -> None:
 
 def publish_urdf(node: Node, task: Task) -> None:
     """Publishes the URDF of the task's robot likewise, which one node of a graph may do."""
-    text = urdf(task.dynamics.model, task.name)
+    text = urdf(task.dynamics.model)
     node.create_publisher(String, URDF, LATEST).publish(String(data=text))

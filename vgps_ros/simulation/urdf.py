@@ -34,14 +34,9 @@ Shape = tuple[str, dict[str, str], Array]
 """A URDF geometry's tag and attributes, and its centre in the frame of MuJoCo's geometry [m]."""
 
 
-def urdf(model: mujoco.MjModel, name: str) -> str:
-    """Returns the robot as URDF.
-
-    Args:
-        model: the robot.
-        name: name of the robot.
-    """
-    robot = Element("robot", name=name)
+def urdf(model: mujoco.MjModel) -> str:
+    """Returns the robot as URDF."""
+    robot = Element("robot", name=model.names.partition(b"\0")[0].decode())
     _add_link(robot, model, ROOT, 0)
     for link in links(model):
         _add_link(robot, model, link.name, link.body)
