@@ -110,6 +110,72 @@ def test_the_topics_are_those_that_the_robot_needs():
     assert_array_equal(states.join(messages), state)
 
 
+# A planar robot's base from its odometry
+
+TURNED = """
+<mujoco><worldbody>
+  <body name="cart" pos="1 2 3" euler="20 30 40">
+    <joint name="y" type="slide" axis="0 1 0" ref=".3"/>
+    <joint name="x" type="slide" axis="1 1 0"/>
+    <joint name="yaw" axis="0 0 1" pos=".3 -.2 .1" ref="20"/>
+    <geom size=".1"/>
+    <body name="pole"><joint name="pole" axis="0 1 0"/><geom size=".1" pos="0 0 1"/></body>
+  </body>
+</worldbody><actuator><motor joint="pole"/></actuator></mujoco>
+"""
+
+
+def measured(model: mujoco.MjModel, states: StateMessages, x: np.ndarray) -> dict:
+    """Returns a state as a real robot measures it: encoders of its limbs, odometry of its base."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = x[: model.nq], x[model.nq :]
+    mujoco.mj_forward(model, data)
+    messages, body = states.split(x, Time()), 1
+    joints = messages["joint_states"]
+    keep = [
+        i for i, name in enumerate(joints.name) if model.jnt_bodyid[model.joint(name).id] > body
+    ]
+    for field in ("name", "position", "velocity"):
+        values = getattr(joints, field)
+        setattr(joints, field, [values[i] for i in keep])
+    odometry = Odometry(child_frame_id=model.body(body).name)
+    at, turned = odometry.pose.pose.position, odometry.pose.pose.orientation
+    at.x, at.y, at.z = data.xpos[body].tolist()
+    turned.w, turned.x, turned.y, turned.z = data.xquat[body].tolist()
+    velocity, twist = np.empty(6), odometry.twist.twist
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 1)
+    twist.angular.x, twist.angular.y, twist.angular.z = velocity[:3].tolist()
+    twist.linear.x, twist.linear.y, twist.linear.z = velocity[3:].tolist()
+    return {"odom": odometry, "joint_states": joints}
+
+
+@pytest.mark.parametrize("name", ["swimmer", "walker", "hopper", "half_cheetah", "turned"])
+def test_odometry_tells_what_the_joint_states_of_a_planar_robot_lack(name, rng):
+    turned = mujoco.MjModel.from_xml_string(TURNED)
+    model = turned if name == "turned" else make_task(name).dynamics.model
+    states = StateMessages(model)
+    assert list(states.topics) == ["joint_states"]  # which have all in the simulation
+    for _ in range(20):
+        x = np.r_[model.qpos0 + rng.uniform(-3, 3, model.nq), rng.uniform(-3, 3, model.nv)]
+        messages = measured(model, states, x)
+        assert not states.is_complete({"joint_states": messages["joint_states"]})
+        assert states.is_complete(messages)
+        assert_allclose(states.join(messages), x, rtol=0, atol=1e-12)
+
+
+def test_odometry_does_not_change_what_complete_joint_states_say(swimmer, rng):
+    states, state = StateMessages(swimmer.dynamics.model), rng.standard_normal(10)
+    messages = states.split(state, Time())
+    assert states.is_complete(messages)
+    assert states.join({"odom": Odometry(), **messages}).tobytes() == state.tobytes()
+
+
+def test_a_robot_that_stands_on_a_motor_has_no_planar_base():
+    for name in ("cart_pole", "arm", "rotor", "quadruped"):
+        states = StateMessages(make_task(name).dynamics.model)
+        assert states.sources == states.topics
+
+
 def changed(topic: str, change) -> dict:
     messages = STATES.split(a_state(), Time())
     change(messages[topic])
@@ -164,7 +230,7 @@ def sent(state: int, stamp: int) -> list[tuple[str, object]]:
 @given(st.randoms(use_true_random=False), st.integers(1, 8))
 def test_each_state_is_complete_once_however_its_topics_interleave(rng, count):
     queues = {t: [sent(i, i)[k] for i in range(count)] for k, t in enumerate(ALL)}
-    collector, found = StateCollector(ALL), []
+    collector, found = StateCollector(STATES.is_complete), []
     while any(queues.values()):
         topic = rng.choice([t for t, queue in queues.items() if queue])
         if messages := collector.add(*queues[topic].pop(0)):
@@ -173,7 +239,7 @@ def test_each_state_is_complete_once_however_its_topics_interleave(rng, count):
 
 
 def test_what_lacks_a_message_is_left_out_and_never_mixed_with_another_state():
-    collector = StateCollector(ALL)
+    collector = StateCollector(STATES.is_complete)
 
     def complete(messages) -> list[float]:
         return [STATES.join(m)[0] for m in (collector.add(*pair) for pair in messages) if m]
@@ -186,7 +252,7 @@ def test_what_lacks_a_message_is_left_out_and_never_mixed_with_another_state():
 
 
 def test_messages_that_never_become_a_state_take_bounded_memory():
-    collector = StateCollector(ALL)
+    collector = StateCollector(STATES.is_complete)
     for i in range(3000):
         assert collector.add("odom", sent(i, i)[0][1]) is None
     assert len(collector._waiting) == 1000

@@ -9,12 +9,14 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import StepSimulation
 
+from tests.messages.test_robot_state import measured
 from tests.nodes.conftest import executed
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import (
@@ -25,6 +27,7 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
+from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.storage.run_folder import save_policy
 
@@ -281,6 +284,31 @@ def test_a_file_that_is_no_policy_of_the_task_ends_the_start_with_a_sentence(
         executor = graph.start("policy_executor", policy_file=tmp_path / name)
         assert executor.wait() == 1
         assert sentence in executor.output
+
+
+def test_the_base_of_a_real_robot_comes_from_its_odometry(graph, swimmer, random_policy, rng):
+    graph.start("policy_executor", state_qos="sensor_data")
+    controller, policy = Controller(graph, swimmer), random_policy(0)
+    odometry = graph.publisher(Odometry, "odom", qos_profile_sensor_data)
+    controller.policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    model = swimmer.dynamics.model
+    states, x = StateMessages(model), 0.5 * rng.standard_normal(10)
+    robot = measured(model, states, x)
+    assert len(robot["joint_states"].name) == 2
+
+    def answered(stamp):
+        for message in robot.values():
+            message.header.stamp = stamp_of(stamp)
+        controller.states.publish(robot["joint_states"])
+        odometry.publish(robot["odom"])
+        graph.spin_for(0.05)
+        return list(controller.commands)
+
+    [command, *_] = graph.spin_until(lambda: answered(PERIOD), what="torques from odometry")
+    torques = command_from_msg(command, swimmer.actuated_joint_names)
+    taken = states.join(robot)
+    np.testing.assert_allclose(taken, x, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(torques, executed(policy, swimmer.observation(taken)))
 
 
 def test_a_robot_whose_driver_publishes_best_effort_is_driven_but_not_without_stamps(

@@ -16,7 +16,8 @@ def recorded_states(bag: BagReader, states: StateMessages) -> Iterator[tuple[int
         InvalidInputError: the bag lacks one of the topics, or a message fits no definition.
     """
     names = {bag.needed_topic(name): name for name in states.topics}
-    collector = StateCollector(states.topics)
+    names |= {bag.filled_topics[name]: name for name in states.sources if name in bag.filled_topics}
+    collector = StateCollector(states.is_complete)
     for message in bag.messages(list(names)):
         if found := collector.add(names[message.topic], bag.decode(message)):
             yield message.stamp, found

@@ -8,7 +8,8 @@
 | `activations` | sensor_msgs/JointState | activations, as positions of their actuators |
 | `joint_states` | sensor_msgs/JointState | hinges and slides |
 
-A robot has only those topics for which it has something to say, and always `joint_states`. Joining
+A robot has only those topics for which it has something to say, and always `joint_states`. Where a
+planar robot's `joint_states` lack the slides and the hinge of its base, `odom` tells them. Joining
 what was split gives x bit for bit, but for the linear velocity of free bodies: MuJoCo has it in the
 world's axes and ROS in the body's, and a rotation there and back rounds. Whoever joins the same
 messages has the same x bit for bit, and the simulation itself goes on from what its messages say.
@@ -22,13 +23,15 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, Twist
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, MultiDOFJointState
 
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_joints import body_joints
+from vgps_ros.messages.body_joints import BodyJoint, body_joints
 from vgps_ros.messages.conversions import name_order, pack, state_from_msg, state_to_msg
+from vgps_ros.messages.planar_base import PlanarBase, planar_base
 from vgps_ros.simulation.model import joint_names, state_names
 
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = (
@@ -45,6 +48,7 @@ class StateMessages:
 
     Attributes:
         topics: type of the message on each topic, in the order in which they are published.
+        sources: the same, and `odom` where it may tell what `joint_states` lack.
         joint_names: names of the hinges and slides, in the order of the state.
         base: the free base, or None.
 
@@ -55,13 +59,16 @@ class StateMessages:
     def __init__(self, model: mujoco.MjModel):
         names = state_names(model)
         self.joint_names = joint_names(model)
-        places = [f"{j}/{kind}" for kind in ("position", "velocity") for j in self.joint_names]
-        self._joints = np.array([names.index(place) for place in places], dtype=np.intp)
+        self._joints = _places(names, self.joint_names)
         self._state_dim, self._first_activation = len(names), model.nq + model.nv
         self._actuators = [name.rpartition("/")[0] for name in names[self._first_activation :]]
         bodies = body_joints(model)
         bases = [body for body in bodies if body.is_free][:1]
         self.base = bases[0] if bases else None
+        self._planar = None if bases else planar_base(model)
+        on_base = self._planar.joints if self._planar else ()
+        self._limb_names = [name for name in self.joint_names if name not in on_base]
+        self._limbs = _places(names, self._limb_names)
         self._bodies = [body for body in bodies if body is not self.base]
         needed = {
             ODOMETRY: (Odometry, bool(bases)),
@@ -70,6 +77,20 @@ class StateMessages:
             JOINTS: (JointState, True),
         }
         self.topics = {topic: kind for topic, (kind, is_there) in needed.items() if is_there}
+        self.sources = ({ODOMETRY: Odometry} if self._planar else {}) | self.topics
+
+    def lacks_base(self, joints: Any) -> bool:
+        """Returns whether joint states have all joints but those that `odom` may tell."""
+        if not self._planar or any(name in joints.name for name in self._planar.joints):
+            return False
+        return set(self._limb_names) <= set(joints.name)
+
+    def is_complete(self, messages: Mapping[str, Any]) -> bool:
+        """Returns whether messages of one stamp, by topic, can be joined to a state."""
+        there = messages.keys()
+        if not self.topics.keys() <= there:
+            return False
+        return ODOMETRY in there or not self.lacks_base(messages[JOINTS])
 
     def split(self, x: Array, stamp: Time, efforts: Array | None = None) -> dict[str, Any]:
         """Returns the messages by topic, with efforts of the joints [N·m, N] where known."""
@@ -101,22 +122,27 @@ class StateMessages:
         """Returns x, shape (n_x,), whatever the order of names in each message.
 
         Args:
-            messages: a message of rclpy or of a bag for each of the topics.
+            messages: complete messages of rclpy or of a bag, by topic.
 
         Raises:
             InvalidInputError: a name is missing, or a value is missing, not finite, or no rotation.
         """
-        x = np.empty(self._state_dim)
-        x[self._joints] = state_from_msg(messages[JOINTS], self.joint_names)
-        if self.base:
+        x, joints = np.empty(self._state_dim), messages[JOINTS]
+        base: BodyJoint | PlanarBase | None = self.base
+        if ODOMETRY in messages and self.lacks_base(joints):
+            base = self._planar
+            x[self._limbs] = state_from_msg(joints, self._limb_names)
+        else:
+            x[self._joints] = state_from_msg(joints, self.joint_names)
+        if base:
             odometry = messages[ODOMETRY]
-            if odometry.child_frame_id != self.base.name:
+            if odometry.child_frame_id != base.name:
                 raise InvalidInputError(
                     f"odom.child_frame_id is {quoted(odometry.child_frame_id)}, but it must be "
-                    f"the robot's base, '{self.base.name}'."
+                    f"the robot's base, '{base.name}'."
                 )
             pose, twist = odometry.pose.pose, odometry.twist.twist
-            self.base.read(x, ODOMETRY, pose.position, pose.orientation, twist)
+            base.read(x, ODOMETRY, pose.position, pose.orientation, twist)
         if self._bodies:
             several = messages[BODIES]
             names = tuple(several.joint_names)
@@ -137,3 +163,9 @@ class StateMessages:
             )
             x[self._first_activation :] = values[order]
         return x
+
+
+def _places(names: list[str], joints: list[str]) -> NDArray[np.intp]:
+    """Returns where x has the positions of joints, and then their velocities."""
+    places = [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in joints]
+    return np.array([names.index(place) for place in places], dtype=np.intp)

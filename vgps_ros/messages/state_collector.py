@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Brings the messages of one state together, which come on several topics."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from vgps_ros.messages.conversions import nanoseconds
@@ -10,16 +10,16 @@ _PATIENCE = 1000  # incomplete states that are kept
 
 
 class StateCollector:
-    """Collects messages until there is one of the same stamp from each topic, in any order.
+    """Collects messages until those of one stamp make a state, in any order.
 
     A state that is sent again is complete again once all of its messages came again.
 
     Args:
-        topics: the topics of a robot's state.
+        is_complete: returns True if messages by topic make a state.
     """
 
-    def __init__(self, topics: Iterable[str]):
-        self._topics = set(topics)
+    def __init__(self, is_complete: Callable[[Mapping[str, Any]], bool]):
+        self._is_complete = is_complete
         self._waiting: dict[int, dict[str, Any]] = {}  # by stamp [ns], the oldest first
 
     def add(self, topic: str, message: Any) -> dict[str, Any] | None:
@@ -27,7 +27,7 @@ class StateCollector:
         stamp = nanoseconds(message.header.stamp)
         messages = self._waiting.setdefault(stamp, {})
         messages[topic] = message
-        if messages.keys() != self._topics:
+        if not self._is_complete(messages):
             if len(self._waiting) > _PATIENCE:
                 del self._waiting[next(iter(self._waiting))]
             return None

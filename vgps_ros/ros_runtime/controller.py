@@ -101,7 +101,8 @@ class Controller(LifecycleNode):
             needs_policy=needs_policy,
         )
         self._states = StateMessages(self.task.dynamics.model)
-        self._awaited = f"{' and '.join(self._states.topics)} from simulation"
+        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
+        self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
         subscribe_to_states(self, self._states, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState

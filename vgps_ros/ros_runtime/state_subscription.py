@@ -19,11 +19,11 @@ def subscribe_to_states(
     qos: QoSProfile,
 ) -> None:
     """Calls a function with the messages of each state by topic, once all of them are there."""
-    collector = StateCollector(states.topics)
+    collector = StateCollector(states.is_complete)
 
     def receive(topic: str, message: Any) -> None:
         if messages := collector.add(topic, message):
             take(messages)
 
-    for topic, kind in states.topics.items():
+    for topic, kind in states.sources.items():
         node.create_subscription(kind, topic, partial(receive, topic), qos)

@@ -78,7 +78,7 @@ class GraphScene:
         self._report = report
         self._robot: RobotScene | None = None
         self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
-        self._collector = StateCollector([])
+        self._collector = StateCollector(lambda _: False)
         self._last_stamp = -1
         self._history: dict[int, Any] = {}  # progress of a training by iteration, until it is drawn
         self._policy: GaussianPolicy | None = None
@@ -92,7 +92,7 @@ class GraphScene:
         elif self._robot is None:
             self._waiting.append((topic, message))
         elif name in TOPICS:
-            if name in self.robot.states.topics and (found := self._collector.add(name, message)):
+            if name in self.robot.states.sources and (found := self._collector.add(name, message)):
                 self._draw(JOINTS, partial(self._show_state, found))
         elif name == "iterations":
             solver = topic.strip("/").rpartition("/")[0]
@@ -134,14 +134,15 @@ class GraphScene:
         if self._robot is not None:
             return  # several nodes publish the same description
         self._robot = robot = RobotScene(self.recording, message.data)
-        self._collector = StateCollector(robot.states.topics)
+        self._collector = StateCollector(robot.states.is_complete)
         while self._waiting:
             self.show(*self._waiting.popleft())
 
     def _show_state(self, messages: dict[str, Any]) -> None:
         states, joints = self.robot.states, messages[JOINTS]
         stamp, state = nanoseconds(joints.header.stamp), states.join(messages)
-        efforts = command_from_msg(joints, states.joint_names) if len(joints.effort) else None
+        tells_all = len(joints.effort) and not states.lacks_base(joints)
+        efforts = command_from_msg(joints, states.joint_names) if tells_all else None
         if stamp == self._last_stamp:
             return  # the simulation repeats a state until its command comes
         if stamp < self._last_stamp:

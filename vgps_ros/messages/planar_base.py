@@ -1,0 +1,95 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The base of a planar robot, whose slides and hinge a real robot knows as odometry.
+
+A model of a robot in the plane hangs on the world by slides and a hinge without motors. No encoder
+measures them: a real robot has the base's pose and twist instead, from which they follow.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.records import Array
+from vgps_ros.messages.body_joints import BodyJoint
+from vgps_ros.simulation.frames import frame_names, product, rotated
+
+_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+
+
+@dataclass(frozen=True)
+class PlanarBase:
+    """A body that slides along the world's axes, and then turns about one of them.
+
+    Attributes:
+        name: name of its frame.
+        joints: names of its slides, and of its hinge.
+        places: where x holds their positions and their velocities, shape (2, J).
+        initial: their positions in which the body is at `position` and `rotation`, shape (J,).
+        position: of the body in the world, shape (3,) [m].
+        rotation: likewise, as a quaternion (w, x, y, z), shape (4,).
+        axes: of the slides, in the body as it is at first, shape (3, J - 1).
+        axis: of the hinge, shape (3,).
+        anchor: of the hinge, in the body, shape (3,) [m].
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    places: Array
+    initial: Array
+    position: Array
+    rotation: Array
+    axes: Array
+    axis: Array
+    anchor: Array
+
+    def read(self, x: Array, topic: str, position: Any, orientation: Any, twist: Any) -> None:
+        """Writes what the parts of a message of odometry say of the joints to x.
+
+        The hinge's angle is within half a turn of its initial one. What the joints cannot follow,
+        such as a tilt out of the plane, is left out.
+
+        Raises:
+            InvalidInputError: a number is not finite, or the orientation is no unit quaternion.
+        """
+        free, moved = BodyJoint(self.name, True, 0, 7), np.empty(13)
+        free.read(moved, topic, position, orientation, twist)
+        at, rotation, linear, angular = free.parts(moved)
+        to_world = self.rotation * _BACK
+        turned = product(to_world, rotation)
+        angle = math.remainder(2.0 * math.atan2(self.axis @ turned[1:], turned[0]), 2.0 * math.pi)
+        rate = self.axis @ angular
+        arm = rotated(self.anchor, turned)  # from the body's origin to the anchor
+        slid = rotated(at - self.position, to_world) + arm - self.anchor
+        speed = rotated(linear, to_world) + rate * np.cross(self.axis, arm)
+        along = np.linalg.pinv(self.axes)
+        x[self.places[0]] = self.initial + np.r_[along @ slid, angle]
+        x[self.places[1]] = np.r_[along @ speed, rate]
+
+
+def planar_base(model: mujoco.MjModel) -> PlanarBase | None:
+    """Returns the first body on the world with slides and then a hinge, without motors, if any."""
+    driven = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT, 0]
+    for body in np.flatnonzero(model.body_parentid[1:] == 0) + 1:
+        first, count = model.body_jntadr[body], model.body_jntnum[body]
+        joints = np.arange(first, first + count)
+        kinds = model.jnt_type[joints].tolist()
+        if kinds != [_SLIDE] * (count - 1) + [_HINGE] or count < 2 or np.isin(joints, driven).any():
+            continue
+        *slides, hinge = joints.tolist()
+        places = model.jnt_qposadr[joints], model.nq + model.jnt_dofadr[joints]
+        return PlanarBase(
+            frame_names(model)[body],
+            tuple(model.joint(i).name for i in joints),
+            np.array(places, dtype=np.intp),
+            model.qpos0[model.jnt_qposadr[joints]].copy(),
+            model.body_pos[body].copy(),
+            model.body_quat[body].copy(),
+            model.jnt_axis[slides].T.copy(),
+            model.jnt_axis[hinge].copy(),
+            model.jnt_pos[hinge].copy(),
+        )
+    return None
