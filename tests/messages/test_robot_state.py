@@ -2,6 +2,7 @@
 """States split into messages and joined again: a base, balls, activations, in any order."""
 
 import random
+from contextlib import suppress
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from nav_msgs.msg import Odometry
 from numpy.testing import assert_allclose, assert_array_equal
 from rclpy.serialization import deserialize_message, serialize_message
 
+from tests.nodes.malformed import broken
 from tests.simulation.robots import everything, random_states
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import stamp_of
@@ -168,6 +170,18 @@ def test_odometry_does_not_change_what_complete_joint_states_say(swimmer, rng):
     messages = states.split(state, Time())
     assert states.is_complete(messages)
     assert states.join({"odom": Odometry(), **messages}).tobytes() == state.tobytes()
+
+
+@given(st.data())
+def test_odometry_broken_in_any_way_gives_a_finite_state_or_is_refused(data):
+    model = mujoco.MjModel.from_xml_string(TURNED)
+    for states, whole in (
+        (STATES, STATES.split(a_state(), Time())),
+        (turned := StateMessages(model), measured(model, turned, np.r_[model.qpos0, np.ones(4)])),
+    ):
+        odometry = data.draw(broken(whole["odom"]))
+        with suppress(InvalidInputError):
+            assert np.isfinite(states.join(whole | {"odom": odometry})).all()
 
 
 def test_a_robot_that_stands_on_a_motor_has_no_planar_base():

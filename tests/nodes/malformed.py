@@ -79,6 +79,8 @@ def huge(valid: Any, count: int = 1_000_000) -> Iterator[Any]:
 
 def _places(message: Any) -> Iterator[Place]:
     for field, kind in message.get_fields_and_field_types().items():
+        if kind.endswith("]"):  # of a fixed length, as covariances, which no node reads
+            continue
         yield message, field, kind
         value = getattr(message, field)
         for inner in value[:2] if isinstance(value, list) else [value]:

@@ -162,7 +162,7 @@ class StateMessages:
                 "activations.position", activations.position, (len(activations.name),)
             )
             x[self._first_activation :] = values[order]
-        return x
+        return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
 
 
 def _places(names: list[str], joints: list[str]) -> NDArray[np.intp]:
