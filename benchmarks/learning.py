@@ -90,7 +90,7 @@ def growth() -> Iterator[Comparison]:
         "horizon": (HORIZONS, lambda n: _iteration_seconds(_with_horizon(swimmer, n), **quick)),
         "initial states": (
             INITIAL_STATES,
-            lambda n: _iteration_seconds(swimmer, num_initial_states=n, **quick),
+            lambda n: _iteration_seconds(swimmer, situations=n, **quick),
         ),
         "hidden units": (
             HIDDEN_UNITS,

@@ -66,7 +66,7 @@ def _solve_seconds(hosts: Sequence[Sequence[str]]) -> float:
         graph.start(
             "policy_learner",
             optimizers=f"[{', '.join(names)}]",
-            num_initial_states=INITIAL_STATES,
+            situations=INITIAL_STATES,
             initial_ddp_iterations=2,
             evaluation_rollouts=1,
         )

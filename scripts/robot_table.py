@@ -28,7 +28,7 @@ from vgps_ros.experiments.training import train
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.workspace import initial_states
+from vgps_ros.search.situations import initial_states
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task, make_task

@@ -68,7 +68,7 @@ def swimmer(output: Path, seeds: int) -> Figures:
     return {
         "5": [run(f"5-units-seed-{seed}", 5, seed) for seed in range(seeds)],
         "10": [run(f"10-units-seed-{seed}", 10, seed) for seed in range(seeds)],
-        "four_initial_states": run("four-initial-states", 10, 0, "--num-initial-states", 4),
+        "four_initial_states": run("four-initial-states", 10, 0, "--situations", 4),
     }
 
 

@@ -21,15 +21,17 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistri
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.settings import settings_of
 from vgps_ros.experiments.command_line import with_parameters_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
+from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
-from vgps_ros.search.workspace import initial_states
 from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.disturbance import DisturbanceSettings
 
 SHORT = SearchSettings(
     iterations=2, hidden_units=(4,), initial_ddp_iterations=3, evaluation_rollouts=2
@@ -41,7 +43,8 @@ def parameters(settings: SearchSettings) -> dict[str, object]:
         "initial_ddp_iterations": settings.initial_ddp_iterations,
         "ddp_iterations": settings.ddp_iterations,
         "evaluation_rollouts": settings.evaluation_rollouts,
-        "num_initial_states": settings.num_initial_states,
+        "situations": settings.situations,
+        **{s.name: s.default for s in settings_of(settings.disturb, "disturb.") if s.default},
     }
 
 
@@ -70,12 +73,14 @@ def same_bits(a: GaussianPolicy, b: GaussianPolicy) -> bool:
 
 
 def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
+    disturb = DisturbanceSettings(push=5.0, payload=1.0)
+    settings = replace(SHORT, initial_ddp_iterations=10, situations=2, disturb=disturb)
     graph.start("trajectory_optimizer")
-    graph.start("policy_learner", **parameters(SHORT))
-    program = start_training(graph, SHORT, 7, tmp_path / "out")
+    graph.start("policy_learner", **parameters(settings))
+    program = start_training(graph, settings, 7, tmp_path / "out")
     assert program.wait() == 0, program.output
 
-    iterations = train_in_process(swimmer, SHORT, 7)
+    iterations = train_in_process(swimmer, settings, 7)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     entries = [iteration.entry() for iteration in iterations]
     assert without_times(result["iterations"]) == without_times(entries)
@@ -111,7 +116,7 @@ def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
     graph, swimmer, tmp_path
 ):
     settings = replace(
-        SHORT, iterations=8, hidden_units=(10,), initial_ddp_iterations=25, num_initial_states=4
+        SHORT, iterations=8, hidden_units=(10,), initial_ddp_iterations=25, situations=4
     )
     for name in ("optimizer_a", "optimizer_b"):
         graph.start("trajectory_optimizer", "--ros-args", "-r", f"__node:={name}")

@@ -20,6 +20,7 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.files import part_of
 from vgps_ros.storage.record_tree import to_tree
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.disturbance import DisturbanceSettings
 
 ROTOR = make_task("rotor")
 SETTINGS = dataclasses.replace(
@@ -29,7 +30,8 @@ SETTINGS = dataclasses.replace(
     evaluation_rollouts=2,
     supervised_iterations=50,
     policy_rollouts=4,
-    num_initial_states=2,
+    situations=2,
+    disturb=DisturbanceSettings(payload=0.1, friction=0.5),
     candidates=2,
     candidate_iterations=3,
 )

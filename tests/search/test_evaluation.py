@@ -19,15 +19,14 @@ def test_noise_costs_what_its_variance_says(short_swimmer):
     policy = GaussianPolicy(architecture, np.zeros(20), noise_std)
     cost = dataclasses.replace(short_swimmer.cost, weights=np.zeros(1))
     task = dataclasses.replace(short_swimmer, cost=cost)
-    costs = evaluate(task, policy, [task.initial_state], 200, 0, 1).stochastic_costs
+    costs = evaluate([task], policy, 200, 0, 1).stochastic_costs
     error = costs.std() / np.sqrt(200)
     assert costs.mean() == pytest.approx(40 * 1e-5 * noise_std @ noise_std, abs=5 * error)
 
 
 def test_iterations_and_seeds_draw_anew(short_swimmer, policy):
     def costs(seed, iteration):
-        starts = [short_swimmer.initial_state]
-        return evaluate(short_swimmer, policy, starts, 3, seed, iteration).stochastic_costs
+        return evaluate([short_swimmer], policy, 3, seed, iteration).stochastic_costs
 
     assert_array_equal(costs(0, 1), costs(0, 1))
     assert not np.intersect1d(costs(0, 1), costs(0, 2)).size

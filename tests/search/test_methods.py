@@ -68,7 +68,7 @@ def test_a_method_keeps_the_initial_solution_or_adapts_it(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_several_initial_states_train_one_policy(method):
-    last = run(method, ROTOR, num_initial_states=2, iterations=2, policy_rollouts=4)[-1]
+    last = run(method, ROTOR, situations=2, iterations=2, policy_rollouts=4)[-1]
     assert len(last.solutions) == 2
     assert last.evaluation.deterministic_costs.shape == (2,)
 

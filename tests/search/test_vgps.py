@@ -20,9 +20,10 @@ from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import search
 from vgps_ros.search.metrics import evaluation_metrics
 from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.vgps import vgps
-from vgps_ros.search.workspace import Workspace, initial_states
+from vgps_ros.search.workspace import Workspace
 
 QUICK = SearchSettings(
     iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
@@ -150,7 +151,7 @@ def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):
 
 
 def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_swimmer):
-    iterations, requests = run(short_swimmer, replace(QUICK, num_initial_states=3))
+    iterations, requests = run(short_swimmer, replace(QUICK, situations=3))
     starts = [request.initial_state for request in requests[0]]
     assert len({start.tobytes() for start in starts}) == 3
     last = iterations[-1]
@@ -163,7 +164,7 @@ def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_
 def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
     (only,) = initial_states(swimmer, QUICK, seed=0)
     np.testing.assert_array_equal(only, swimmer.initial_state)
-    states = np.array(initial_states(swimmer, replace(QUICK, num_initial_states=1000), seed=0))
+    states = np.array(initial_states(swimmer, replace(QUICK, situations=1000), seed=0))
     std = swimmer.varied_state_std
     assert_allclose(states.std(axis=0), std, atol=5 * 0.3 / np.sqrt(2000))
     np.testing.assert_array_equal(states[:, std == 0], 0.0)
@@ -171,7 +172,7 @@ def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
 
 def test_order_in_which_optimizers_answer_does_not_matter(short_swimmer):
     """Solves of one iteration are independent: they may run anywhere, at any time."""
-    settings = replace(QUICK, num_initial_states=2, iterations=1)
+    settings = replace(QUICK, situations=2, iterations=1)
 
     def backwards(batch):
         return optimize_all(short_swimmer, batch[::-1])[::-1]
@@ -210,7 +211,8 @@ def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, 
         shape, 2 * rng.standard_normal(shape.num_parameters), np.array([5.0, 8.0])
     )
     start = 0.2 * rng.standard_normal(10)
-    evaluation = evaluate(short_swimmer, policy, [start], rollouts=3, seed=9, iteration=4)
+    here = replace(short_swimmer, initial_state=start)
+    evaluation = evaluate([here], policy, rollouts=3, seed=9, iteration=4)
 
     def cost_of_rollout(x, noise):
         """Plain MuJoCo, and the paper's cost written out anew."""
@@ -249,7 +251,8 @@ def test_a_policy_that_diverges_is_reported_as_such(short_swimmer):
     parameters = np.zeros(shape.num_parameters)
     parameters[shape.observed.index("front_joint/velocity")] = 1e5
     policy = GaussianPolicy(shape, parameters, np.array([1.0, 1.0]))
-    evaluation = evaluate(short_swimmer, policy, [np.full(10, 0.1)], 4, seed=0, iteration=1)
+    here = replace(short_swimmer, initial_state=np.full(10, 0.1))
+    evaluation = evaluate([here], policy, 4, seed=0, iteration=1)
     found = evaluation_metrics(evaluation, 30.0)
     assert found["deterministic_cost"] == np.inf
     assert found["stochastic_cost_mean"] == 300_000.0

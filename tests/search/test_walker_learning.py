@@ -49,7 +49,7 @@ def test_several_starts_have_a_demonstration_each(short_walker):
         iterations=1,
         initial_ddp_iterations=1,
         evaluation_rollouts=1,
-        num_initial_states=3,
+        situations=3,
     )
     (only,) = search("vgps", short_walker, settings, 10, partial(optimize_all, short_walker))
     starts = [solution.distribution.mean.states[0] for solution in only.solutions]

@@ -94,7 +94,7 @@ def test_hopper_hops_ahead_in_its_first_motion(rng):
 
 def test_arm_learns_from_several_starts_that_differ():
     task = make_task("arm")
-    assert search_settings(task).num_initial_states > 1
+    assert search_settings(task).situations > 1
     assert (task.varied_state_std > task.initial_std).any()
 
 

@@ -102,7 +102,7 @@ def test_a_standard_deviation_stands_for_a_range_that_is_not_there(task_of):
 def test_such_a_task_trains(task_of, tmp_path):
     task = task_of("plan: 0.6, period: 0.2")
     chosen = {"iterations": 2, "initial_ddp_iterations": 5, "ddp_iterations": 1}
-    settings = with_values(SearchSettings(), {**chosen, "num_initial_states": 2})
+    settings = with_values(SearchSettings(), {**chosen, "situations": 2})
     content = train("vgps", task, settings, 0, RunFolder(tmp_path / "run"))
     assert len(content["iterations"]) == 2
 

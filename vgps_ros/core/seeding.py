@@ -29,6 +29,7 @@ class Stream(IntEnum):
     DATASET = 10
     BOUND = 11
     COVERAGE = 12
+    DISTURBANCES = 13
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

@@ -5,6 +5,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
+from vgps_msgs.msg import Disturbance as DisturbanceMsg
 from vgps_msgs.msg import OptimizerIteration, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
@@ -25,6 +26,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.search.optimization_request import OptimizationRequest, check_distribution
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbance import Disturbance
 
 ENDING = "ending"  # status of an answer by a node that ends before the solve does
 
@@ -49,6 +51,7 @@ def request_to_msg(
         OptimizeTrajectory.Request,
         request,
         task=task.name,
+        disturbance=to_message(DisturbanceMsg, request.disturbance),
         guess=[]
         if guess is None
         else [
@@ -81,6 +84,7 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
     return from_message(
         OptimizationRequest,
         message,
+        disturbance=from_message(Disturbance, message.disturbance),
         initial_state=finite_array("initial_state", message.initial_state, start),
         guess=finite_array("guess.controls", guess[0].controls, shape) if guess else None,
         guess_states=finite_array("guess.states", guess[0].states, of_states)

@@ -1,5 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Measures how far, how fast and for how long a learned policy goes, from perturbed starts."""
+"""Measures how far, how fast and for how long a learned policy goes, from perturbed starts.
+
+Where disturbances are named, it also measures how many rollouts survive each.
+"""
 
 import argparse
 import json
@@ -105,11 +108,34 @@ def _perturbed_starts(
     return space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
 
 
+def tried(task: "Task", policy: GaussianPolicy, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Tries the disturbances that the arguments name; returns the survival by kind."""
+    from vgps_ros.search.robustness import KINDS, Trials, robustness
+    from vgps_ros.tasks.disturbance import DisturbanceSettings
+
+    values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
+    if not values:
+        return {}
+    steps = max(1, round(arguments.seconds / task.dynamics.time_step))
+    rng = generator(arguments.seed, Stream.EVALUATION, 1)
+    starts = _perturbed_starts(task, arguments.perturbation, arguments.rollouts, rng)
+    scale = policy.noise_std if arguments.stochastic else np.zeros_like(policy.noise_std)
+    noise = scale * rng.standard_normal((len(starts), steps, len(scale)))
+    settings = DisturbanceSettings(
+        body=arguments.body,
+        push_before=arguments.seconds / 2,  # then there is time to recover, or to fall
+        push_duration=arguments.push_duration,
+    )
+    trials = Trials(starts, noise, arguments.seed, settings)
+    return robustness(task, policy, trials, values)
+
+
 def show(result: dict[str, Any], *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     from rich.markup import escape
     from rich.table import Column, Table
 
+    from vgps_ros.search.robustness import ENOUGH, KINDS
     from vgps_ros.views.table_console import table_console
 
     kind = "stochastic" if result["stochastic"] else "deterministic"
@@ -122,6 +148,22 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
     )
     for key, name in FIGURES.items():
         table.add_row(escape(name), *(f"{value:.3f}" for value in result[key].values()))
+    table_console().print(table)
+    if not (tried := result.get("robustness")):
+        return
+    share = f"{100 * ENOUGH:.0f} % survive"
+    table = Table(
+        *("disturbance", "size", "survive"), Column(share, justify="right"), title="disturbed"
+    )
+    for kind, found in tried.items():
+        low, high = found["borne"]
+        table.add_row(
+            escape(KINDS[kind]),
+            "\n".join(f"{value:g}" for value in found["values"]),
+            "\n".join(f"{100 * share:.0f} %" for share in found["survival"]),
+            f"{low:g} to {high:g}",
+            end_section=True,
+        )
     table_console().print(table)
 
 
@@ -140,6 +182,23 @@ def add_arguments(parser: Parser) -> None:
         Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0),
         SEED,
     )
+    parser.add_settings(
+        Setting(
+            "pushes", (0.0,), "impulses to try, each once in a rollout's first half [N*s]",
+            minimum=0.0, maximum=1e6,
+        ),
+        Setting("slopes", (0.0,), "slopes to try, upwards [rad]", minimum=-1.0, maximum=1.0),
+        Setting("payloads", (0.0,), "masses to add [kg]", minimum=0.0, maximum=1e6),
+        Setting("frictions", (1.0,), "factors on friction", minimum=0.0, maximum=100.0),
+        unset="nothing is tried",
+    )  # fmt: skip
+    parser.add_settings(
+        Setting("body", "", "body that is pushed and bears a payload; empty: the heaviest one"),
+        Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
+    )
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw how many survive each disturbance"
+    )
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
     parser.add_output(
         "--json",
@@ -154,8 +213,8 @@ def run(arguments: argparse.Namespace) -> None:
     if path is None:
         arguments.parser.error("name the folder of a run, or a policy.json")
     prints = arguments.json == Path("-")
-    if arguments.json and not prints:
-        refuse_existing([arguments.json], overwrite=arguments.overwrite)
+    files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
+    refuse_existing(files, overwrite=arguments.overwrite)
     if path.is_dir():
         path = RunFolder(path).policy
     policy, name = load_policy(path)
@@ -165,6 +224,17 @@ def run(arguments: argparse.Namespace) -> None:
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
     result = evaluate(task, policy, **{name: getattr(arguments, name) for name in own})
+    if found := tried(task, policy, arguments):
+        result["robustness"] = found
+    if arguments.plot:
+        if not found:
+            raise InvalidInputError(
+                "--plot draws disturbances, but none is named; add --pushes, --slopes, --payloads "
+                "or --frictions."
+            )
+        from vgps_ros.views.robustness import survival_curves
+
+        survival_curves({task.name: found}, arguments.rollouts).savefig(arguments.plot, dpi=150)
     if prints:
         print(json.dumps(result))
         return

@@ -38,7 +38,7 @@ _REMEDIES = {
 def bound_metrics(
     work: "Workspace", before: "SearchState", theta: GaussianPolicy, after: Distributions
 ) -> dict[str, float]:
-    """Computes the metrics by name; all are means over the initial states.
+    """Computes the metrics by name; all are means over the situations.
 
     Args:
         work: the run.
@@ -50,7 +50,8 @@ def bound_metrics(
 
     def cost(qs: Distributions) -> float:
         """Returns α E_q[Σ c]."""
-        return alpha * _mean([expected_cost(q, task.cost) for q in qs])
+        pairs = zip(qs, work.tasks, strict=True)
+        return alpha * _mean([expected_cost(q, here.cost) for q, here in pairs])
 
     def divergence(qs: Distributions, policy: GaussianPolicy) -> float:
         """Returns Σ_t E_q[KL(q ‖ π_θ)], at the same points for all q and θ of the run."""

@@ -24,7 +24,8 @@ from vgps_ros.search.identity import differences, values_of
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.optimization_request import check_distribution
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.workspace import Update, initial_states
+from vgps_ros.search.situations import situations
+from vgps_ros.search.workspace import Update
 from vgps_ros.storage.files import part_of, read_archive, write_archive
 from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.record_tree import from_entries, to_tree
@@ -159,10 +160,11 @@ def _check(state: SearchState, run: Run) -> None:
         state.k > run.settings.iterations or (state.last is None) != (state.k == 0)
     ):
         raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
-    starts = initial_states(run.task, run.settings, run.seed)
+    found = situations(run.task, run.settings, run.seed)
     pairs = state.last.pairs if state.last else ()
     for solutions in (state.initial_solutions, *(pair.solutions for pair in pairs)):
-        for start, solution in zip(starts, solutions, strict=True):
+        for situation, solution in zip(found, solutions, strict=True):
+            start = situation.task.initial_state
             check_distribution("q", solution.distribution, run.task, start)
     if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
         raise InvalidInputError("its policy has another shape.")

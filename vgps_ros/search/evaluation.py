@@ -18,7 +18,7 @@ class Evaluation:
     """Costs of a policy.
 
     Attributes:
-        deterministic_costs: cost without noise from each initial state, shape (I,); inf where the
+        deterministic_costs: cost without noise in each situation, shape (I,); inf where the
             rollout diverged.
         stochastic_costs: cost of each stochastic rollout, shape (N,); inf where it diverged.
         deterministic_survived: whether each deterministic rollout neither diverged nor fell, (I,).
@@ -32,40 +32,36 @@ class Evaluation:
 
 
 def evaluate(
-    task: Task,
-    policy: GaussianPolicy,
-    initial_states: Sequence[Array],
-    rollouts: int,
-    seed: int,
-    iteration: int,
+    tasks: Sequence[Task], policy: GaussianPolicy, rollouts: int, seed: int, iteration: int
 ) -> Evaluation:
-    """Rolls a policy out from each initial state.
+    """Rolls a policy out in each situation.
 
     Args:
-        task: dynamics, cost and horizon.
+        tasks: the task in each; stochastic rollouts start from draws around its x_1.
         policy: π_θ.
-        initial_states: means of x_1; stochastic rollouts start from draws around them.
-        rollouts: number of stochastic rollouts from each initial state.
+        rollouts: number of stochastic rollouts in each situation.
         seed: seed of the run.
         iteration: k, the place of these draws in the run.
     """
-    means = np.stack(initial_states)
-    deterministic = slice(0, len(means))  # the first rollouts have no noise
-    stochastic = slice(len(means), None)
-    starts = np.concatenate([means, np.repeat(means, rollouts, axis=0)])
-    noise = np.zeros((len(starts), task.horizon, len(policy.noise_std)))
-    rng = generator(seed, Stream.EVALUATION, iteration)
-    space = task.dynamics.space
-    spread = rng.standard_normal((len(starts) - len(means), space.tangent_dim))
-    starts[stochastic] = space.add(starts[stochastic], task.initial_std * spread)
-    draws = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
-    noise[stochastic] = policy.noise_std * np.swapaxes(draws, 0, 1)
-
-    states, controls = task.dynamics.execute(policy, task.observation, starts, noise)
-    costs, survived = task.rollout_costs(states, controls), task.survived(states)
+    task = tasks[0]
+    rng, space = generator(seed, Stream.EVALUATION, iteration), task.dynamics.space
+    spread = task.initial_std * rng.standard_normal((len(tasks) * rollouts, space.tangent_dim))
+    noise = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
+    noise = np.ascontiguousarray(np.swapaxes(policy.noise_std * noise, 0, 1))
+    without = np.zeros_like(noise[:1])  # the first rollout in each situation has no noise
+    costs, survived = [], []
+    for i, here in enumerate(tasks):
+        own = slice(i * rollouts, (i + 1) * rollouts)
+        draws = np.concatenate([np.zeros_like(spread[:1]), spread[own]])
+        starts = space.add(here.initial_state, draws)
+        starts[0] = here.initial_state
+        drawn = np.concatenate([without, noise[own]])
+        states, controls = here.dynamics.execute(policy, here.observation, starts, drawn)
+        costs.append(here.rollout_costs(states, controls))
+        survived.append(here.survived(states))
     return Evaluation(
-        deterministic_costs=costs[deterministic],
-        stochastic_costs=costs[stochastic],
-        deterministic_survived=survived[deterministic],
-        stochastic_survived=survived[stochastic],
+        deterministic_costs=np.array([each[0] for each in costs]),
+        stochastic_costs=np.concatenate([each[1:] for each in costs]),
+        deterministic_survived=np.array([each[0] for each in survived]),
+        stochastic_survived=np.concatenate([each[1:] for each in survived]),
     )

@@ -11,6 +11,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task
 
 
@@ -22,6 +23,11 @@ class FirstMotion:
     simulator_steps: int = 0
     linear_dynamics: LinearDynamics | None = None
     gaps: Array | None = None
+
+    def under(self, dynamics: Dynamics) -> "FirstMotion":
+        """Returns the motion of an undisturbed robot as one of others, which the solve mends."""
+        steps = self.simulator_steps + self.trajectory.horizon * dynamics.substeps
+        return FirstMotion(self.trajectory, steps, gaps=dynamics.gaps(self.trajectory))
 
 
 def first_motion(

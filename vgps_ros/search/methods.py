@@ -90,7 +90,7 @@ def search(
 
     def evaluated(update: Update, k: int) -> Evaluation:
         rollouts = settings.evaluation_rollouts
-        return evaluate(task, update.policy, work.starts, rollouts, seed, k)
+        return evaluate(work.tasks, update.policy, rollouts, seed, k)
 
     if found:
         state, work.simulator_steps = found, found.simulator_steps

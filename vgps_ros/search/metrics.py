@@ -43,7 +43,7 @@ class Metric(NamedTuple):
 class IterationMetrics:
     """The metrics of iteration k, which counts from 1.
 
-    Costs of solutions and of the policy without noise are means over the initial states.
+    Costs of solutions and of the policy without noise are means over the situations.
     """
 
     k: int
@@ -124,7 +124,10 @@ def measure(
     policy, k = update.policy, before.k + 1
     place = work.seed, Stream.COVERAGE, k
     after = work.scored(update.solutions)
-    draws = [(q, generator(*place, i)) for i, q in enumerate(after)]
+    covered = [
+        coverage(task, q, generator(*place, i))
+        for i, (task, q) in enumerate(zip(work.tasks, after, strict=True))
+    ]
     initial_ddp_cost = float(np.mean([s.cost for s in before.initial_solutions]))
     return IterationMetrics(
         k=k,
@@ -134,7 +137,7 @@ def measure(
         **evaluation_metrics(evaluation, initial_ddp_cost),
         noise_std=tuple(policy.noise_std.tolist()),
         policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
-        coverage=float(np.mean([coverage(work.task, q, rng) for q, rng in draws])),
+        coverage=float(np.mean(covered)),
         **bound_metrics(work, before, policy, after),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,

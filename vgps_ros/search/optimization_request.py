@@ -11,6 +11,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbance import Disturbance
+from vgps_ros.tasks.disturbed import UNDISTURBED
 
 
 @dataclass(frozen=True)
@@ -18,12 +20,13 @@ class OptimizationRequest:
     """The input of one solve.
 
     Attributes:
-        trajectory_index: index of the initial state in Algorithm 1.
+        trajectory_index: index of the situation in Algorithm 1.
         iteration: k of Algorithm 1; 0 for the initial solve.
         seed: seed of the run.
         cost_scale: α.
         max_iterations: largest number of DDP iterations.
         initial_state: x_1, shape (n_x,).
+        disturbance: what disturbs the robot, and is part of its dynamics.
         guess: controls (T, n_u) to start from if there is no `previous`.
         guess_states: states (T+1, n_x) to start from with them, all but the first; they need not
             satisfy the dynamics. None: those of the controls' rollout.
@@ -41,6 +44,7 @@ class OptimizationRequest:
     guess_states: Array | None = None
     previous: TrajectoryDistribution | None = None
     policy: GaussianPolicy | None = None
+    disturbance: Disturbance = UNDISTURBED
 
 
 def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest:

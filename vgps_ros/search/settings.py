@@ -12,6 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.settings import Setting, setting, with_values
+from vgps_ros.tasks.disturbance import DisturbanceSettings
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
@@ -35,7 +36,7 @@ class GpsSettings:
     """Settings of guided policy search and its adaptive variant."""
 
     guiding_samples: int = setting(
-        40, "rollouts of the DDP solution per initial state", minimum=2, maximum=100_000
+        40, "rollouts of the DDP solution per situation", minimum=2, maximum=100_000
     )
     recent: int = setting(
         4,
@@ -109,15 +110,19 @@ class SearchSettings:
     ddp_iterations: int = setting(
         3, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
     )
-    num_initial_states: int = setting(
-        1, "initial states, each with its own q, that train one policy", minimum=1, maximum=1000
+    situations: int = setting(
+        1,
+        "situations, each with a start, a disturbance and a q of its own, that train one policy; "
+        "several have several starts",
+        minimum=1,
+        maximum=1000,
     )
     evaluation_rollouts: int = setting(
-        20, "stochastic rollouts per initial state and iteration", minimum=1, maximum=100_000
+        20, "stochastic rollouts per situation and iteration", minimum=1, maximum=100_000
     )
     policy_rollouts: int = setting(
         10,
-        "rollouts of the policy per initial state and iteration, for methods that learn from them",
+        "rollouts of the policy per situation and iteration, for methods that learn from them",
         minimum=1,
         maximum=1_000_000,
     )
@@ -127,6 +132,7 @@ class SearchSettings:
         minimum=1,
         maximum=1_000_000,
     )
+    disturb: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
 

@@ -19,6 +19,7 @@ from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbed import disturbed
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,12 @@ def optimize(
             finite, as at an indefinite Quu; its status names the cause.
     """
     check_request(task, request)
-    warned_before = task.dynamics.warnings()
+    here = disturbed(task, request.disturbance)
+    warned_before = here.dynamics.warnings()
     start = first_motion(task, request, is_cancelled)
+    if here is not task and request.previous is None:
+        start = start.under(here.dynamics)
+    task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
     if request.policy and request.previous:

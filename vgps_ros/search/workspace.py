@@ -25,6 +25,7 @@ from vgps_ros.core.settings import check_settings
 from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.situations import situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 
@@ -41,7 +42,7 @@ class Update:
 
     Attributes:
         policy: π_θ.
-        solutions: q(ζ) of each initial state.
+        solutions: q(ζ) of each situation.
     """
 
     policy: GaussianPolicy
@@ -62,7 +63,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Rollouts over the scored horizon, from one initial state.
+    """Rollouts over the scored horizon, in one situation.
 
     Attributes:
         states: x_1 … x_T, shape (N, T, n_x), NaN where a rollout has diverged.
@@ -102,8 +103,8 @@ class Workspace:
         initial_solutions: initial solutions of this run, if they are known already.
 
     Attributes:
-        starts: x_1 of each trajectory.
-        initial_solutions: solutions for the cost alone, one for each start.
+        situations: the situations from which the policy learns.
+        initial_solutions: solutions for the cost alone, one for each situation.
         optimization_seconds: wall time of trajectory optimisation so far [s].
         simulator_steps: simulator steps of learning so far; evaluations do not count.
 
@@ -127,7 +128,7 @@ class Workspace:
         self.task = task
         self.settings = settings
         self.seed = seed
-        self.starts = initial_states(task, settings, seed)
+        self.situations = situations(task, settings, seed)
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self._optimize_all = optimize_all
@@ -137,15 +138,12 @@ class Workspace:
             self.initial_solutions = self._solve_cost_alone()
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
-        requests = [self._request(i, k=0) for i in range(len(self.starts))]
-        if self.task.guess:
-            rngs = (generator(self.seed, Stream.INITIAL_CONTROLS, i) for i in range(len(requests)))
-            guesses = map(self.task.guess, rngs)
-            requests = [
-                replace(r, guess=g, guess_states=self.task.path)
-                for r, g in zip(requests, guesses, strict=True)
+        return self._optimize(
+            [
+                replace(self._request(i, k=0), guess=each.guess, guess_states=each.guess_states)
+                for i, each in enumerate(self.situations)
             ]
-        return self._optimize(requests)
+        )
 
     def _request(self, i: int, k: int) -> OptimizationRequest:
         settings = self.settings
@@ -155,7 +153,8 @@ class Workspace:
             seed=self.seed,
             cost_scale=settings.alpha(k),
             max_iterations=settings.ddp_iterations if k else settings.initial_ddp_iterations,
-            initial_state=self.starts[i],
+            initial_state=self.situations[i].task.initial_state,
+            disturbance=self.situations[i].disturbance,
         )
 
     def random_policies(self, count: int) -> list[GaussianPolicy]:
@@ -195,7 +194,7 @@ class Workspace:
     ) -> GaussianPolicy:
         """Fits the policy to as many draws of a sample set as `fit` takes from the marginals."""
         settings = self.settings.fit
-        count = settings.samples_per_step * self.task.horizon * len(self.starts)
+        count = settings.samples_per_step * self.task.horizon * len(self.situations)
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         samples = resampled(targets, probabilities, count, rng)
         return fit_to_targets(policy, samples, self.standardization(), settings)
@@ -221,9 +220,9 @@ class Workspace:
         return taken
 
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
-        """Draws rollouts of the policy, with its noise, from each start."""
+        """Draws rollouts of the policy, with its noise, in each situation."""
         draws = []
-        for i in range(len(self.starts)):
+        for i in range(len(self.situations)):
             rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
             noise = rng.standard_normal((self.task.horizon, count, len(policy.noise_std)))
             noise *= policy.noise_std
@@ -231,15 +230,16 @@ class Workspace:
         return draws
 
     def roll_out(
-        self, start: int, count: int, rng: np.random.Generator, law: ControlLaw
+        self, situation: int, count: int, rng: np.random.Generator, law: ControlLaw
     ) -> Rollouts:
-        """Executes a control law from draws around a start, over the scored horizon.
+        """Executes a control law in a situation, from draws around its start, until it is scored.
 
         A robot's motion after its fall is not scored: each step then costs as much as lying still.
         """
-        task, dynamics = self.task, self.task.dynamics
+        task = self.situations[situation].task
+        dynamics = task.dynamics
         spread = task.initial_std * rng.standard_normal((count, dynamics.space.tangent_dim))
-        starts = dynamics.space.add(self.starts[start], spread)
+        starts = dynamics.space.add(task.initial_state, spread)
         drawn = np.full((task.horizon, count, dynamics.control_dim), np.nan)
 
         def noted(t: int, x: Array) -> Array:
@@ -257,6 +257,11 @@ class Workspace:
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
         """Returns each q(ζ) over the horizon that the policy is trained on."""
         return [s.distribution.first(self.task.horizon) for s in solutions]
+
+    @property
+    def tasks(self) -> list[Task]:
+        """The task in each situation."""
+        return [situation.task for situation in self.situations]
 
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""
@@ -276,12 +281,3 @@ class Workspace:
 def _noisy(task: Task, policy: GaussianPolicy, noise: Array) -> ControlLaw:
     """Returns μ_θ(h(x)) plus noise of shape (T, N, n_u)."""
     return lambda t, x: policy.mean(task.observation(x)) + noise[t]
-
-
-def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
-    """Returns x_1 of each trajectory: the task's, or draws around it if there are several."""
-    if settings.num_initial_states == 1:
-        return [task.initial_state]
-    rng = generator(seed, Stream.INITIAL_STATES)
-    draws = rng.standard_normal((settings.num_initial_states, len(task.varied_state_std)))
-    return list(task.dynamics.space.add(task.initial_state, task.varied_state_std * draws))

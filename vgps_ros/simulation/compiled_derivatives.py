@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.compiled_states import get_state, move, put_state, subtract
+from vgps_ros.simulation.compiled_states import get_state, move, push_at, put_state, subtract
 from vgps_ros.simulation.mujoco_functions import (
     mj_collision,
     mj_euler_skip,
@@ -75,8 +75,8 @@ class Balance(NamedTuple):
 
 
 @compiled
-def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes f_x, f_u at N points, by the chain rule over the simulator steps of one control.
+def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
 
     Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
     so that the stages which a step skips stay valid. They are centred where a velocity is within
@@ -96,11 +96,14 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
         z[:n_x] = states[t]
         z[n_x:] = controls[t]
         warm[:] = 0.0
+        push_acts = push_at(sim, first + t)
         for substep in range(sim.substeps):
             _step(sim, z, warm, _NOTHING, after)
             warm[:] = sim.warmstart  # the constraint forces at the neighbours are close to these
-            if sim.structure.may_predict:
+            if sim.structure.may_predict and not push_acts:
                 _find_balance(sim, balance)
+            else:  # the balance of forces above has no push
+                balance.is_smooth[0] = False
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
@@ -129,6 +132,7 @@ def differentiate(sim, columns, eps, kink, states, controls, f_x, f_u):  # type:
             f_x[t] = a @ f_x[t] if substep else a
             f_u[t] = a @ f_u[t] + b if substep else b
             z[:n_x] = after
+    push_at(sim, -1)
     return steps
 
 

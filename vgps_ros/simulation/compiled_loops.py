@@ -7,7 +7,13 @@ import numpy as np
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.compiled_network import network_output
 from vgps_ros.simulation.compiled_readings import read
-from vgps_ros.simulation.compiled_states import add, get_state, put_state, subtract
+from vgps_ros.simulation.compiled_states import (
+    add,
+    get_state,
+    push_at,
+    put_state,
+    subtract,
+)
 from vgps_ros.simulation.mujoco_functions import mj_step_skip
 
 # No stage of a step is skipped.
@@ -15,8 +21,8 @@ _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 
 
 @compiled
-def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Does one control step of N rollouts; `bounds` are those of states and controls.
+def advance(sim, bounds, times, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Does a control step of N rollouts, each at a time; `bounds` are those of states and controls.
 
     Clips the controls to their limits. Writes f(x, u) to `after`, but NaN where x, u or f(x, u) is
     out of bounds, and NaN to controls where x is. Returns how many controls were executed, and how
@@ -33,7 +39,7 @@ def advance(sim, bounds, states, controls, after):  # type: ignore[no-untyped-de
             controls[i] = np.nan
         elif _is_within(controls[i], bounds[1]):
             executed += 1
-            is_inside = _advance(sim, x, bounds[0])
+            is_inside = _advance(sim, times[i], x, bounds[0])
         else:
             is_inside = False
         if is_inside:
@@ -62,7 +68,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
                 sim.ctrl[i] += gains[t, i, j] * deviation[j]
             sim.ctrl[i] = _clipped(sim, i, sim.ctrl[i])
         controls[t] = sim.ctrl
-        if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
+        if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
             return
         if len(gaps):
             add(sim, x, gaps[t], -1.0)
@@ -78,7 +84,7 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
             continue
         for t in range(controls.shape[1]):
             sim.ctrl[:] = controls[rollout, t]
-            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
+            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
             states[rollout, t + 1] = x
 
@@ -97,18 +103,20 @@ def execute(sim, bounds, network, observation, noise, states, controls):  # type
             for i in range(len(sim.ctrl)):
                 sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
             controls[rollout, t] = sim.ctrl
-            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, x, bounds[0])):
+            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
             states[rollout, t + 1] = x
 
 
 @compiled
-def _advance(sim, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Lets the control act on x; returns false if x then is outside the bound."""
+def _advance(sim, t, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Lets the control of step t act on x; returns false if x then is outside the bound."""
     put_state(sim, x)
+    push_at(sim, t)
     sim.warmstart[:] = 0.0  # nothing carries over from one control to the next
     for _ in range(sim.substeps):
         mj_step_skip(sim.model, sim.data, _NOTHING, 1)
+    push_at(sim, -1)  # readings of states are those without a push
     get_state(sim, x)
     return _is_within(x, bound)
 

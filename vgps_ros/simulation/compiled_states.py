@@ -7,12 +7,32 @@ Arrays this short are copied by plain loops, which take a tenth of the time of a
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import control_range
 from vgps_ros.simulation.mujoco_functions import address, mj_differentiate_pos, mj_integrate_pos
 from vgps_ros.simulation.step_structure import StepStructure, step_structure
+
+
+class Push(NamedTuple):
+    """A force on a body's centre of mass during some control steps.
+
+    Attributes:
+        body: number of the body.
+        first: the first step in which it acts; steps count from where a motion begins.
+        last: the step in which it acts no longer.
+        force: the force in the world's axes, shape (3,) [N].
+    """
+
+    body: int
+    first: int
+    last: int
+    force: Array
+
+
+NO_PUSH = Push(0, 0, 0, np.zeros(3))
 
 
 class Simulation(NamedTuple):
@@ -25,6 +45,7 @@ class Simulation(NamedTuple):
         high: highest controls; loops clip to both, and record what is left.
         substeps: simulator steps for which one control is held.
         structure: what derivatives of a step may leave out.
+        push: the push, whose force loops write to `applied`.
     """
 
     model: int
@@ -45,9 +66,13 @@ class Simulation(NamedTuple):
     qfrc_constraint: Array
     substeps: int
     structure: StepStructure
+    applied: Array
+    push: Push
 
 
-def simulation_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> Simulation:
+def simulation_of(
+    model: mujoco.MjModel, data: mujoco.MjData, substeps: int, push: Push = NO_PUSH
+) -> Simulation:
     """Returns the arrays of a simulation, for the loops."""
     arrays = (
         *(data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata),
@@ -55,7 +80,9 @@ def simulation_of(model: mujoco.MjModel, data: mujoco.MjData, substeps: int) -> 
         *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
         *(data.qfrc_smooth, data.qfrc_constraint),
     )
-    return Simulation(address(model), address(data), *arrays, substeps, step_structure(model))
+    applied = data.xfrc_applied[push.body, :3]
+    structure = step_structure(model)
+    return Simulation(*(address(model), address(data), *arrays, substeps, structure, applied, push))
 
 
 @compiled
@@ -68,6 +95,15 @@ def put_state(sim, z):  # type: ignore[no-untyped-def]  # pragma: no cover
         sim.qvel[i] = z[n_q + i]
     for i in range(n_a):
         sim.act[i] = z[n_q + n_v + i]
+
+
+@compiled
+def push_at(sim, t):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Applies the push if it acts in control step t; returns whether it does. None acts in -1."""
+    acts = sim.push.first <= t < sim.push.last
+    for i in range(len(sim.applied)):
+        sim.applied[i] = sim.push.force[i] if acts else 0.0
+    return acts
 
 
 @compiled

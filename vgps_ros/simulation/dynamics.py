@@ -20,7 +20,7 @@ from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
-from vgps_ros.simulation.compiled_states import Simulation
+from vgps_ros.simulation.compiled_states import NO_PUSH, Push, Simulation
 from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.model import control_range
 from vgps_ros.simulation.readings import Readings
@@ -52,6 +52,7 @@ class Dynamics:
         substeps: simulator steps for which one control is held.
         eps: perturbation of the finite differences; None for one that suits the model.
         threads: threads that share finite differences and rollouts; their number changes no result.
+        push: a push of the robot, by which f depends on the step too, as f_t.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
@@ -63,8 +64,9 @@ class Dynamics:
         substeps: int = 1,
         eps: float | None = None,
         threads: int | None = None,
+        push: Push = NO_PUSH,
     ):
-        self.simulations = Simulations(model, substeps, threads)
+        self.simulations = Simulations(model, substeps, threads, push)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
         self.eps = eps or _EPS[step_structure(self.model).may_predict]
@@ -87,10 +89,11 @@ class Dynamics:
         return self.simulations.warnings()
 
     def step(self, state: Array, control: Array) -> Array:
-        """Returns f(x, u), shape (n_x,)."""
+        """Returns f(x, u) without a push, shape (n_x,)."""
         after = np.empty((1, self.state_dim))
         pair = np.array(state[None], float), np.array(control[None], float)
-        self.simulations.in_one(compiled_loops.advance, (np.inf, np.inf), *pair, after)
+        never = np.array([-1])
+        self.simulations.in_one(compiled_loops.advance, (np.inf, np.inf), never, *pair, after)
         return after[0]
 
     def rollouts(
@@ -116,7 +119,7 @@ class Dynamics:
         x = np.nan_to_num(states[0])  # the law sees zeros where a rollout has diverged
         for t in range(horizon):
             controls[t] = control_law(t, x)
-            step = states[t], controls[t], states[t + 1]
+            step = np.full(n, t), states[t], controls[t], states[t + 1]
             count, sound = self.simulations.in_one(compiled_loops.advance, _BOUNDS, *step)
             executed += count
             if not sound:
@@ -191,7 +194,8 @@ class Dynamics:
         """
         states, controls = trajectory.states[:-1].copy(), trajectory.controls.copy()
         after = np.empty_like(states)
-        self.simulations.in_one(compiled_loops.advance, _BOUNDS, states, controls, after)
+        step = np.arange(len(states)), states, controls, after
+        self.simulations.in_one(compiled_loops.advance, _BOUNDS, *step)
         return self.space.subtract(after, trajectory.states[1:])
 
     def execute(
@@ -243,7 +247,7 @@ class Dynamics:
             horizon,
             lambda sim, part: compiled_derivatives.differentiate(
                 *(sim, self._columns, self.eps, np.inf if centred else self._kink),
-                *(states[part], controls[part], f_x[part], f_u[part]),
+                *(part.start, states[part], controls[part], f_x[part], f_u[part]),
             ),
         )
         return LinearDynamics(f_x, f_u), sum(steps)

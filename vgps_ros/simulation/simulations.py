@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import mujoco
 import numpy as np
 
-from vgps_ros.simulation.compiled_states import Simulation, simulation_of
+from vgps_ros.simulation.compiled_states import NO_PUSH, Push, Simulation, simulation_of
 from vgps_ros.simulation.model import check_supported, state_space
 from vgps_ros.simulation.warnings import warnings_of
 
@@ -36,12 +36,19 @@ class Simulations:
         model: the robot.
         substeps: simulator steps for which one control is held.
         threads: number of threads; None for as many as there are processors.
+        push: a push of the robot, which belongs to its dynamics.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
     """
 
-    def __init__(self, model: mujoco.MjModel, substeps: int = 1, threads: int | None = None):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        substeps: int = 1,
+        threads: int | None = None,
+        push: Push = NO_PUSH,
+    ):
         check_supported(model)
         self.model = model = copy(model)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -51,7 +58,7 @@ class Simulations:
         self._data = [mujoco.MjData(model) for _ in range(self.threads)]
         self._idle = SimpleQueue[Simulation]()  # those that no thread is using
         for data in self._data:
-            self._idle.put(simulation_of(model, data, substeps))
+            self._idle.put(simulation_of(model, data, substeps, push))
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:

@@ -33,7 +33,7 @@ class Demonstrate(Protocol):
         """Returns a motion from x_1 (n_x,); once it is cancelled it may be as poor as it likes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # two tasks are the same only if they are one
 class Task:
     """A control problem: dynamics, cost, start, and settings that were measured to suit it.
 

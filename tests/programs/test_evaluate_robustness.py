@@ -1,0 +1,87 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Survival under disturbances as `evaluate` measures it, on a sled whose motion is known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks import make_task
+
+# A sled of 2 kg that no friction brakes has fallen where it is faster than 1 m/s.
+SLED = """
+<mujoco>
+  <option timestep="0.01" integrator="implicitfast"/>
+  <worldbody>
+    <body name="sled">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <geom type="sphere" size="0.1" mass="2"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="x" joint="x"/></actuator>
+</mujoco>
+"""
+TASK = """
+model: sled.xml
+control_period: 0.01
+horizon: 1.0
+cost: [{sensor: x/velocity}]
+"""
+FALLEN = "fallen: [{sensor: x/velocity, beyond: 1.0}]\n"
+
+
+@pytest.fixture
+def evaluated(tmp_path):
+    def run(*arguments, fallen=FALLEN):
+        (tmp_path / "sled.xml").write_text(SLED)
+        (tmp_path / "task.yaml").write_text(TASK + fallen)
+        task = make_task(str(tmp_path))
+        shape = Architecture(task.observation.names, (), 1)
+        policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
+        save_policy(policy, task.name, tmp_path / "policy.json")
+        output = tmp_path / "evaluation.json"
+        given = ["--rollouts", "6", "--seconds", "2", "--perturbation", "0", *arguments]
+        vgps(["evaluate", str(tmp_path / "policy.json"), "--json", str(output), *given])
+        return json.loads(output.read_text())["robustness"]
+
+    return run
+
+
+def test_a_push_a_slope_and_a_payload_are_survived_up_to_where_mechanics_says(
+    evaluated, tmp_path, capsys
+):
+    picture = tmp_path / "survival.png"
+    found = evaluated(
+        *("--pushes", "2.1", "0", "1.9", "--slopes", "-0.06", "-0.03", "0.03", "0.06"),
+        *("--payloads", "1", "--plot", str(picture)),
+    )
+    # p / m is 1 m/s at 2 N·s; g sin(s) t passes it within 2 s at 0.051 rad.
+    assert found == {
+        "pushes": {"values": [0.0, 1.9, 2.1], "survival": [1.0, 1.0, 0.0], "borne": [0.0, 1.9]},
+        "slopes": {
+            "values": [-0.06, -0.03, 0.03, 0.06],
+            "survival": [0.0, 1.0, 1.0, 0.0],
+            "borne": [-0.03, 0.03],
+        },
+        "payloads": {"values": [1.0], "survival": [1.0], "borne": [0.0, 1.0]},
+    }
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "-0.03 to 0.03" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fallen", "sentence"),
+    [
+        (["--pushes", "1"], "", "does not say when the robot has fallen"),
+        (["--pushes", "-1"], FALLEN, "pushes is -1.0, but it must be from 0"),
+        (["--pushes", "1", "--body", "slet"], FALLEN, "there is no body 'slet'"),
+        (["--plot", "survival.png"], FALLEN, "--plot draws disturbances, but none is named"),
+    ],
+)
+def test_what_tells_nothing_is_refused(evaluated, arguments, fallen, sentence, capsys):
+    with pytest.raises(SystemExit) as stop:
+        evaluated(*arguments, fallen=fallen)
+    assert sentence in str(stop.value.code) + capsys.readouterr().err

@@ -1,0 +1,70 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The situations that a search draws, and what it learns in them."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import with_values
+from vgps_ros.search.methods import search
+from vgps_ros.search.settings import SearchSettings, search_settings
+from vgps_ros.search.situations import situations
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.tasks import make_task
+
+
+def test_situations_start_on_the_way_of_the_first_motion_each_with_its_push():
+    walker = make_task("walker")
+    chosen = {"situations": 5, "disturb.start_before": 1.0, "disturb.push": 10.0}
+    found = situations(walker, with_values(SearchSettings(), chosen), 3)
+    assert len({each.task.initial_state.tobytes() for each in found}) == 5
+    assert {each.disturbance.push for each in found} == {(10.0, 0.0), (-10.0, 0.0)}
+    for each in found:
+        np.testing.assert_array_equal(each.guess_states[0], each.task.initial_state)
+        assert each.guess.shape == (walker.planned_horizon, 6)
+        gaps = walker.dynamics.gaps(
+            replace(walker.demonstration, states=each.guess_states, controls=each.guess)
+        )
+        assert np.abs(gaps).max() < 1e-9  # a motion of the undisturbed robot
+    later = [each.task.initial_state[0] for each in found]
+    assert 0.0 <= min(later) < 0.3 < max(later) < 1.0  # metres that it has come by then
+
+
+def test_more_situations_leave_the_first_ones_disturbances_as_they_are():
+    task = make_task("cart_pole")
+    chosen = {"disturb.push": 1.0, "disturb.push_before": 1.0, "disturb.payload": 0.2}
+    few, many = (
+        [s.disturbance for s in situations(task, with_values(SearchSettings(), values), 3)]
+        for values in ({**chosen, "situations": n} for n in (2, 4))
+    )
+    assert few == many[:2]
+    assert len(set(many)) == 4
+
+
+@pytest.mark.parametrize("method", ["vgps", "adaptive_gps", "adapted_weighted_dagger"])
+def test_methods_learn_from_disturbed_robots(method):
+    task = make_task("cart_pole")
+    chosen = {
+        "situations": 2,
+        "iterations": 2,
+        "hidden_units": (3,),
+        "initial_ddp_iterations": 15,
+        "disturb.push": 0.5,
+        "disturb.payload": 0.1,
+        "supervised_iterations": 20,
+    }
+    settings = with_values(search_settings(task), chosen)
+    last = list(search(method, task, settings, 0, partial(optimize_all, task)))[-1]
+    for each, solution in zip(situations(task, settings, 0), last.solutions, strict=True):
+        mean = solution.distribution.mean
+        assert np.abs(each.task.dynamics.gaps(mean)).max() < 1e-12
+        assert np.abs(task.dynamics.gaps(mean)).max() > 1e-4
+
+
+def test_a_motion_that_follows_no_law_has_no_later_start():
+    settings = with_values(SearchSettings(), {"disturb.start_before": 1.0})
+    with pytest.raises(InvalidInputError, match="follows no law that could go on"):
+        situations(make_task("swimmer"), settings, 0)

@@ -1,0 +1,171 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Disturbances of a task, against the laws of mechanics and against differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
+from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
+
+# A sled of 2 kg on the floor that carries an arm of 1 kg; nothing but the floor brakes it.
+SLED = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast" cone="elliptic"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1" friction="0.2"/>
+    <body name="sled" pos="0 0 0.1">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="z" type="slide" axis="0 0 1"/>
+      <geom name="sled" type="box" size="0.3 0.3 0.1" mass="2" friction="0.2"/>
+      <body name="arm" pos="0 0 0.5">
+        <joint name="arm" type="hinge" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.02" mass="1" contype="0"
+          conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor><subtreelinvel name="velocity" body="sled"/></sensor>
+  <actuator><motor name="x" joint="x"/></actuator>
+</mujoco>
+"""
+TASK = """
+model: sled.xml
+control_period: 0.01
+horizon: 1.0
+changes: {option: {gravity: GRAVITY}, joints: {arm: {damping: DAMPING}}}
+cost: [{sensor: x/velocity}, {control: all, weight: 1.0}]
+fallen: [{sensor: x/velocity, beyond: 1.0}]
+"""
+
+
+@pytest.fixture
+def sled(tmp_path):
+    def made(gravity="[0, 0, -9.81]", damping=1e6, mjcf=SLED):
+        """With so much damping the arm stands as if it were welded on."""
+        (tmp_path / "sled.xml").write_text(mjcf)
+        text = TASK.replace("GRAVITY", gravity).replace("DAMPING", str(damping))
+        (tmp_path / "task.yaml").write_text(text)
+        return make_task(str(tmp_path))
+
+    return made
+
+
+def coasted(task, disturbance, steps=100):
+    """Returns the states of the sled without control."""
+    here = disturbed(task, disturbance)
+    return here.dynamics.rollout(task.initial_state, lambda *_: np.zeros(1), steps).states
+
+
+def test_a_push_gives_its_impulse_to_the_whole_robot_and_no_sooner(sled):
+    task = sled(gravity="[0, 0, 0]", damping=0.0)
+    push = Disturbance("arm", push=(-3.0, 0.0), push_time=0.4, push_duration=0.1)
+    states = coasted(task, push)
+    momentum = 3.0 * Readings(task.dynamics.simulations, ["velocity/x"])(states)[:, 0]
+    np.testing.assert_array_equal(momentum[:41], 0.0)
+    np.testing.assert_allclose(momentum[45], -1.5, rtol=1e-2)
+    np.testing.assert_allclose(momentum[50], -3.0, rtol=1e-2)
+    assert abs(states[-1, 5]) > 0.1  # it was the arm that was pushed, so it turns
+
+
+def test_a_sled_on_a_slope_slides_as_coulomb_says(sled):
+    task = sled()
+    for slope, factor in ((0.4, 1.0), (-0.4, 0.5)):
+        found = coasted(task, Disturbance(slope=(slope, 0.0), friction=factor))
+        friction = 0.2 * factor * np.cos(slope)
+        expected = -9.81 * (np.sin(slope) - np.sign(slope) * friction)
+        assert found[20, 3] == pytest.approx(0.2 * expected, rel=0.05)
+
+
+def test_a_payload_is_pushed_with_the_body_that_bears_it(sled):
+    task = sled(gravity="[0, 0, 0]")
+    push = Disturbance("sled", push=(6.0, 0.0), payload=4.0)
+    velocity = coasted(task, push)[-1, 3]
+    lighter = coasted(task, replace(push, payload=0.0))[-1, 3]
+    assert velocity == pytest.approx(6.0 / 7.0, rel=1e-3)
+    assert lighter == pytest.approx(6.0 / 3.0, rel=1e-3)
+
+
+def test_derivatives_contain_the_push(sled, finite_differences):
+    push = Disturbance("arm", push=(5.0, 0.0), push_time=0.02, push_duration=0.03)
+    dynamics = disturbed(sled("[0, 0, 0]", damping=0.0), push).dynamics
+    start = np.array([0.0, 1.0, 0.3, 0.1, 0.0, 0.2])
+    motion = dynamics.rollout(start, lambda *_: np.ones(1), 8)
+    linear, _ = dynamics.linearize(motion)
+
+    def last(x):
+        return dynamics.rollout(x, lambda *_: np.ones(1), 8).states[-1]
+
+    product = np.eye(6)
+    for f_x in linear.f_x:
+        product = f_x @ product
+    np.testing.assert_allclose(product, finite_differences(last, start), rtol=1e-3, atol=1e-4)
+
+
+def test_a_solve_knows_the_push_and_its_motion_is_one_of_the_pushed_robot(sled):
+    task = sled(gravity="[0, 0, 0]")
+    push = Disturbance("sled", push=(4.0, 0.0), push_time=0.3)
+    request = first_request(task, 0, 30)
+    calm, pushed = (optimize(task, replace(request, disturbance=d)) for d in (Disturbance(), push))
+    mean = pushed.distribution.mean
+    assert np.abs(disturbed(task, push).dynamics.gaps(mean)).max() < 1e-12
+    assert np.abs(task.dynamics.gaps(mean)).max() > 0.1
+    assert pushed.cost > calm.cost
+    # It brakes before the push, which it knows of.
+    assert mean.controls[25:30].mean() < -0.01
+
+
+def test_a_solve_closes_what_a_changed_model_opens():
+    task = make_task("hopper")
+    change = Disturbance(payload=0.3, slope=(0.02, 0.0), friction=0.8)
+    found = optimize(task, replace(first_request(task, 0, 20), disturbance=change))
+    gaps = disturbed(task, change).dynamics.gaps(found.distribution.mean)
+    assert np.abs(gaps).max() < 1e-9
+
+
+def test_ridges_lift_what_lies_on_them(sled):
+    task = sled()
+    states = coasted(task, Disturbance(ridges=0.05, ridges_seed=3))
+    assert states[-1, 1] > 0.001
+    other = coasted(task, Disturbance(ridges=0.05, ridges_seed=4))
+    assert other[-1, 1] != states[-1, 1]
+
+
+def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, rng):
+    settings = DisturbanceSettings(push=5.0, push_before=2.0, payload=2.0, friction=0.3, slope=0.1)
+    draws = [draw_disturbance(sled(), settings, rng) for _ in range(40)]
+    assert {d.push for d in draws} == {(5.0, 0.0), (-5.0, 0.0)}
+    assert {d.body for d in draws} == {"sled"}  # the heaviest
+    assert 0.0 <= min(d.push_time for d in draws) < 0.3 < 1.7 < max(d.push_time for d in draws) < 2
+    assert all(0.0 <= d.payload <= 2.0 for d in draws)
+    assert all(0.7 <= d.friction <= 1.3 for d in draws)
+    assert all(abs(d.slope[0]) <= 0.1 and d.slope[1] == 0.0 for d in draws)
+    turns = [draw_disturbance(make_task("quadruped"), settings, rng).push for _ in range(9)]
+    assert len(set(turns)) == 9
+    assert all(np.hypot(*push) == pytest.approx(5.0) for push in turns)
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "sentence"),
+    [
+        ({"body": "slet"}, "there is no body 'slet'; there are sled, arm.*Did you mean 'sled'"),
+        ({"payload": -1.0}, r"disturbance.payload is -1.0, but it must be finite and from 0"),
+        ({"push": (np.nan, 0.0)}, "disturbance.push is .*nan"),
+        ({"slope": (2.0, 0.0)}, "disturbance.slope is"),
+    ],
+)
+def test_what_does_not_suit_is_refused(sled, disturbance, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        disturbed(sled(), Disturbance(**disturbance))
+
+
+def test_a_body_that_cannot_move_sideways_is_not_pushed(sled, rng):
+    lift = SLED.replace('<joint name="z" type="slide" axis="0 0 1"/>', "").replace("1 0 0", "0 0 1")
+    with pytest.raises(InvalidInputError, match="'sled' cannot move horizontally"):
+        draw_disturbance(sled(mjcf=lift), DisturbanceSettings(push=1.0), rng)

@@ -1,0 +1,81 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The situations from which one policy learns: starts, and disturbances of the robot.
+
+Each has its own q(ζ), and all train one policy (section 5). Nothing tells the policy in which one
+it is, but what it reads.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbance import Disturbance
+from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
+
+
+@dataclass(frozen=True)
+class Situation:
+    """One of the situations.
+
+    Attributes:
+        task: the task in it: with its x_1, and under its disturbance.
+        disturbance: what disturbs the robot.
+        guess: controls (T, n_u) from which its first solve starts; None: the task's own motion.
+        guess_states: states (T+1, n_x) that go with them; None: those of their rollout.
+    """
+
+    task: Task
+    disturbance: Disturbance
+    guess: Array | None = None
+    guess_states: Array | None = None
+
+
+def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situation]:
+    """Draws the situations; see the settings `situations` and `disturb`.
+
+    Raises:
+        InvalidInputError: a disturbance does not suit the robot.
+    """
+    starts = initial_states(task, settings, seed)
+    return [_situation(task, settings, seed, i, start) for i, start in enumerate(starts)]
+
+
+def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
+    """Returns the task's x_1 for each situation, or draws around it if there are several."""
+    if settings.situations == 1:
+        return [task.initial_state]
+    rng = generator(seed, Stream.INITIAL_STATES)
+    draws = rng.standard_normal((settings.situations, len(task.varied_state_std)))
+    return list(task.dynamics.space.add(task.initial_state, task.varied_state_std * draws))
+
+
+def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: Array) -> Situation:
+    rng, rng_of_motion = (
+        generator(seed, stream, i) for stream in (Stream.DISTURBANCES, Stream.INITIAL_CONTROLS)
+    )
+    disturbance = draw_disturbance(task, settings.disturb, rng)
+    begun = round(settings.disturb.start_before * rng.uniform() / task.dynamics.time_step)
+    guess, states = None, task.path
+    if begun:
+        motion = _later(task, start, begun, rng_of_motion)
+        start, guess, states = motion.states[0], motion.controls, motion.states
+    elif task.guess:
+        guess = task.guess(rng_of_motion)
+    here = replace(disturbed(task, disturbance), initial_state=start)
+    return Situation(here, disturbance, guess, states)
+
+
+def _later(task: Task, start: Array, begun: int, rng: np.random.Generator) -> Trajectory:
+    """Returns the task's first motion from a start on, but without its first steps."""
+    if task.demonstrate is None:
+        raise InvalidInputError(
+            f"disturb.start_before is set, but the first motion of the task {task.name} follows no "
+            "law that could go on for longer; leave it out."
+        )
+    motion = task.demonstrate(start, begun + task.planned_horizon, rng)
+    return Trajectory(motion.states[begun:], motion.controls[begun:])

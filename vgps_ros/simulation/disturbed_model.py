@@ -1,0 +1,85 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Changes of a compiled robot's surroundings and load: payload, friction, slope, uneven ground.
+
+A slope is a turn of gravity, so that heights and angles still count from the ground. Uneven ground
+has ridges: long cylinders that lie across the way, nearly buried, whose tops are round, since force
+must start smoothly where a foot touches them.
+"""
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+
+_RADIUS = 0.5  # of a ridge's round top [m]
+_SPACING = 0.6  # between two ridges, on average [m]
+_REACH = (-5.0, 50.0)  # where there are ridges, ahead of the origin [m]
+_HALF_WIDTH = 20.0  # of a ridge, across the way [m]
+
+
+def disturbed_model(
+    mjcf: str,
+    body: str,
+    payload: float = 0.0,
+    friction: float = 1.0,
+    slope: tuple[float, float] = (0.0, 0.0),
+    ridges: float = 0.0,
+    seed: int = 0,
+) -> mujoco.MjModel:
+    """Returns a robot's model with changes.
+
+    Args:
+        mjcf: its MJCF.
+        body: name of the body that bears the payload.
+        payload: mass that is added at the body's centre of mass [kg].
+        friction: factor on the friction of all contacts.
+        slope: angles by which the ground rises along x and along y [rad].
+        ridges: largest height of the ridges [m].
+        seed: seed of the ridges' places and heights.
+
+    Raises:
+        InvalidInputError: ridges are wanted, but there is no level floor.
+    """
+    spec = mujoco.MjSpec.from_string(mjcf)
+    model = spec.compile()
+    if payload:
+        place, small = model.body(body).ipos, payload * np.full(3, 1e-6)
+        load = spec.body(body).add_body(name=f"{body}_payload", pos=place, mass=payload)
+        load.inertia, load.explicitinertial = small, True
+    for geom in spec.geoms:
+        geom.friction[0] *= friction
+    for pair in spec.pairs:
+        pair.friction[:2] *= friction
+    spec.option.gravity = _turned(model.opt.gravity, slope)
+    if ridges:
+        _add_ridges(spec, ridges, np.random.default_rng(seed))
+    return spec.compile()
+
+
+def _turned(gravity: Array, slope: tuple[float, float]) -> Array:
+    """Returns gravity as seen from ground that rises by these angles along x and y."""
+    down = np.array([-np.tan(slope[0]), -np.tan(slope[1]), -1.0])
+    return np.linalg.norm(gravity) * down / np.linalg.norm(down) if any(slope) else gravity
+
+
+def _add_ridges(spec: mujoco.MjSpec, height: float, rng: np.random.Generator) -> None:
+    planes = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not planes:
+        raise InvalidInputError(
+            "The model has no floor that could be uneven; leave disturb.ridges out, or add a floor "
+            "(changes: floor)."
+        )
+    floor = planes[0]
+    for i, x in enumerate(np.arange(*_REACH, _SPACING)):
+        top = height * rng.uniform()
+        ridge = spec.worldbody.add_geom(name=f"ridge_{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER)
+        ridge.size = [_RADIUS, _HALF_WIDTH, 0.0]
+        ridge.pos = floor.pos + np.array(
+            [x + _SPACING * rng.uniform(-0.4, 0.4), 0.0, top - _RADIUS]
+        )
+        ridge.quat = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+        for name in ("contype", "conaffinity", "condim", "priority", "solmix", "margin", "gap"):
+            setattr(ridge, name, getattr(floor, name))
+        for name in ("friction", "solref", "solimp", "rgba"):
+            setattr(ridge, name, getattr(floor, name))

@@ -1,0 +1,106 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What disturbs a robot, as numbers that a request carries; to name them takes no MuJoCo.
+
+A policy that shall bear pushes, loads and slopes learns from situations: each has a start and a
+disturbance of its own, and its own q(ζ), since the dynamics differ. `disturbed.py` makes the task
+that a disturbance leads to.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import setting
+
+_STEEPEST = 1.0  # [rad]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One push, one load, and the ground of one situation; by default there is none of them.
+
+    Attributes:
+        body: name of the body that is pushed and bears the payload.
+        push: horizontal impulse along x and y on the body's centre of mass [N·s].
+        push_time: time at which the push begins [s].
+        push_duration: time over which its force is spread [s].
+        payload: mass that is added at the body's centre of mass [kg].
+        friction: factor on the friction of all contacts.
+        slope: angles by which the ground rises along x and y [rad].
+        ridges: largest height of ridges in the ground [m].
+        ridges_seed: seed of their places and heights.
+    """
+
+    body: str = ""
+    push: tuple[float, float] = (0.0, 0.0)
+    push_time: float = 0.0
+    push_duration: float = 0.1
+    payload: float = 0.0
+    friction: float = 1.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    ridges: float = 0.0
+    ridges_seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the numbers, which may come from a message."""
+        numbers = {
+            "push": (*self.push, -np.inf, np.inf),
+            "push_time": (self.push_time, 0.0, np.inf),
+            "push_duration": (self.push_duration, 0.0, np.inf),
+            "payload": (self.payload, 0.0, np.inf),
+            "friction": (self.friction, 0.0, np.inf),
+            "slope": (*self.slope, -_STEEPEST, _STEEPEST),
+            "ridges": (self.ridges, 0.0, 1.0),
+        }
+        for name, (*values, low, high) in numbers.items():
+            if not all(np.isfinite(value) and low <= value <= high for value in values):
+                raise InvalidInputError(
+                    f"disturbance.{name} is {getattr(self, name)}, but it must be finite and from "
+                    f"{low:g} to {high:g}."
+                )
+
+    @property
+    def changes_model(self) -> bool:
+        """Whether it is more than a push."""
+        return bool(self.payload or self.friction != 1.0 or any(self.slope) or self.ridges)
+
+
+@dataclass(frozen=True)
+class DisturbanceSettings:
+    """Settings of the situations that are drawn, each with a disturbance."""
+
+    start_before: float = setting(
+        0.0,
+        "time of the first motion before which situations start, such as a gait's period [s]",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    body: str = setting("", "body that is pushed and bears a payload; empty: the heaviest one")
+    push: float = setting(
+        0.0,
+        "horizontal impulse in a random direction [N*s]",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    push_before: float = setting(
+        0.0,
+        "time before which it begins [s]; 0: at once, so that no motion is optimised to await it",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    push_duration: float = setting(
+        0.1, "time over which a push is spread [s]", minimum=1e-6, maximum=1e3
+    )
+    payload: float = setting(
+        0.0, "largest mass that is added to the body [kg]", minimum=0.0, maximum=1e6
+    )
+    friction: float = setting(
+        0.0, "largest change of friction, as a share of it", minimum=0.0, maximum=0.99
+    )
+    slope: float = setting(
+        0.0, "largest slope of the ground, up or down [rad]", minimum=0.0, maximum=_STEEPEST
+    )
+    ridges: float = setting(
+        0.0, "largest height of ridges in the ground [m]", minimum=0.0, maximum=1.0
+    )
