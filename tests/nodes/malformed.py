@@ -91,6 +91,9 @@ def _places(message: Any) -> Iterator[Place]:
 def _values(kind: str, value: Any) -> st.SearchStrategy[Any]:
     if kind.startswith("sequence<"):
         return _lists(kind.removeprefix("sequence<").split(",")[0].rstrip(">"), value)
+    if kind.endswith("]"):  # an array of a fixed size
+        size, scalar = len(value), _scalars(kind.partition("[")[0])
+        return st.lists(scalar, min_size=size, max_size=size)
     if "/" in kind:  # a message: its fields are places of their own
         return st.just(type(value)())
     return _scalars(kind)

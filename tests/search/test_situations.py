@@ -46,13 +46,13 @@ def test_more_situations_leave_the_first_ones_disturbances_as_they_are():
 
 @pytest.mark.parametrize("method", ["vgps", "adaptive_gps", "adapted_weighted_dagger"])
 def test_methods_learn_from_disturbed_robots(method):
-    task = make_task("cart_pole")
+    task = make_task("rotor")
     chosen = {
         "situations": 2,
         "iterations": 2,
         "hidden_units": (3,),
-        "initial_ddp_iterations": 15,
-        "disturb.push": 0.5,
+        "initial_ddp_iterations": 5,
+        "disturb.push": 1.0,
         "disturb.payload": 0.1,
         "supervised_iterations": 20,
     }

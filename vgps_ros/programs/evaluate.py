@@ -135,7 +135,6 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
     from rich.markup import escape
     from rich.table import Column, Table
 
-    from vgps_ros.search.robustness import ENOUGH, KINDS
     from vgps_ros.views.table_console import table_console
 
     kind = "stochastic" if result["stochastic"] else "deterministic"
@@ -149,13 +148,20 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
     for key, name in FIGURES.items():
         table.add_row(escape(name), *(f"{value:.3f}" for value in result[key].values()))
     table_console().print(table)
-    if not (tried := result.get("robustness")):
-        return
-    share = f"{100 * ENOUGH:.0f} % survive"
-    table = Table(
-        *("disturbance", "size", "survive"), Column(share, justify="right"), title="disturbed"
-    )
-    for kind, found in tried.items():
+    if "robustness" in result:
+        _show_survival(result["robustness"])
+
+
+def _show_survival(robustness: dict[str, Any]) -> None:
+    """Prints how many rollouts survive each disturbance."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from vgps_ros.search.robustness import ENOUGH, KINDS
+    from vgps_ros.views.table_console import table_console
+
+    table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
+    for kind, found in robustness.items():
         low, high = found["borne"]
         table.add_row(
             escape(KINDS[kind]),

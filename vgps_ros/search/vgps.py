@@ -9,7 +9,7 @@ It alternates between two problems until the policy reproduces what the trajecto
 "Our method samples from a Gaussian distribution around the current DDP solution, ensuring that all
 samples are drawn from good parts of the state space" (section 6); the policy is never rolled out.
 
-Several initial states may be given; each has its own q, and all train one policy (section 5).
+Several situations may be given; each has its own q, and all train one policy (section 5).
 
 Both steps only descend, and a small network may end in a poor optimum, to which its trajectory then
 adapts. So the search may begin with several candidates, each a policy with trajectories of its own;

@@ -32,7 +32,7 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
     Raises:
         InvalidInputError: the disturbance does not suit the robot.
     """
-    if disturbance == UNDISTURBED:
+    if not (any(disturbance.push) or disturbance.changes_model):
         return task
     model = task.dynamics.model
     body = _body(model, disturbance.body)
