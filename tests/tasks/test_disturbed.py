@@ -154,7 +154,10 @@ def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, r
 @pytest.mark.parametrize(
     ("disturbance", "sentence"),
     [
-        ({"body": "slet"}, "there is no body 'slet'; there are sled, arm.*Did you mean 'sled'"),
+        (
+            {"body": "slet", "payload": 1.0},
+            "there is no body 'slet'; there are sled, arm.*Did you mean 'sled'",
+        ),
         ({"payload": -1.0}, r"disturbance.payload is -1.0, but it must be finite and from 0"),
         ({"push": (np.nan, 0.0)}, "disturbance.push is .*nan"),
         ({"slope": (2.0, 0.0)}, "disturbance.slope is"),

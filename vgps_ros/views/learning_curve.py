@@ -40,7 +40,7 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     high = max(drawn, default=1.0)
     if high > 0 and len(drawn) == sum(np.isfinite(values).sum() for _, values, _ in curves):
         costs.set_yscale("log")  # early iterations cost many times what later ones do
-        costs.set_ylim(0.95 * min(1.0, *drawn), 1.1 * max(1.0, high))
+        costs.set_ylim(0.95 * min([1.0, *drawn]), 1.1 * max(1.0, high))
         _set_few_ticks(costs)
     costs.set_ylabel("cost ÷ initial DDP's")
     units = " + ".join(map(str, result["hidden_units"]))
