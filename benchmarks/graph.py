@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from vgps_msgs.srv import OptimizeTrajectory, StepSimulation
+from simulation_interfaces.srv import StepSimulation
+from vgps_msgs.srv import OptimizeTrajectory
 
 from benchmarks.problems import initial_request
 from benchmarks.processes import Bench, bench, processor_seconds, resident_memory

@@ -18,8 +18,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import ResetSimulation, StepSimulation
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.srv import OptimizeTrajectory, ResetSimulation, StepSimulation
+from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.faults.listener import RESENT
 from tests.faults.system import NODES, NOTICED, System

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from vgps_msgs.msg import SimulationState
-from vgps_msgs.srv import ResetSimulation, SetSimulationState
+from simulation_interfaces.msg import SimulationState
+from simulation_interfaces.srv import ResetSimulation, SetSimulationState
 
 from tests.faults.listener import Listener
 from tests.faults.records import Recording

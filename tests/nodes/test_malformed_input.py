@@ -18,12 +18,32 @@ from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Vector3
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from sensor_msgs.msg import JointState
+from simulation_interfaces.action import SimulateSteps
+from simulation_interfaces.msg import (
+    Bounds,
+    EntityCategory,
+    EntityFilters,
+    SimulationState,
+)
+from simulation_interfaces.srv import (
+    GetEntities,
+    GetEntitiesStates,
+    GetEntityInfo,
+    GetEntityState,
+    GetSimulationState,
+    GetSimulatorFeatures,
+    ResetSimulation,
+    SetEntityState,
+    SetSimulationState,
+    StepSimulation,
+)
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
@@ -33,18 +53,10 @@ from vgps_msgs.msg import (
     GaussianPolicy,
     LearningProgress,
     Plan,
-    SimulationState,
     Trajectory,
     TrajectoryDistribution,
 )
-from vgps_msgs.srv import (
-    CancelOptimization,
-    GetSimulationState,
-    OptimizeTrajectory,
-    ResetSimulation,
-    SetSimulationState,
-    StepSimulation,
-)
+from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from tests.nodes.malformed import STRINGS, broken, cut, huge
 from vgps_ros.core.policy import Architecture
@@ -125,6 +137,14 @@ EVENT = ParameterEvent(
     ],
 )
 PAUSED = SimulationState(state=SimulationState.STATE_PAUSED)
+PLAYING = SimulationState(state=SimulationState.STATE_PLAYING)
+FLOATING = "floating/simulation"  # of a robot with a free base
+FLOATING_ARGUMENTS = "-r __ns:=/floating -r /clock:=clock -p task:=quadruped -p start_paused:=true"
+FILTERS = EntityFilters(
+    filter="^r",
+    categories=[EntityCategory(category=EntityCategory.CATEGORY_ROBOT)],
+    bounds=Bounds(type=Bounds.TYPE_SPHERE, points=[Vector3(), Vector3(x=1.0)]),
+)
 
 
 class World:
@@ -137,6 +157,7 @@ class World:
         self.publishers = {}
         self.nodes = {
             "simulation": graph.start("simulation", task="rotor", start_paused=True),
+            FLOATING: graph.start("simulation", "--ros-args", *FLOATING_ARGUMENTS.split()),
             "trajectory_optimizer": graph.start("trajectory_optimizer", task="rotor"),
             "policy_executor": graph.start("policy_executor", task="rotor", autostart=False),
             "policy_learner": graph.start(
@@ -240,8 +261,9 @@ class World:
         """Three steps of the simulation under the policy are those of the task's dynamics."""
         self.publish(GaussianPolicy, "policy", [POLICY_MESSAGE], LATCHED)
         self.activate()
-        pause = SetSimulationState.Request(state=PAUSED)
-        self.call(SetSimulationState, "simulation/set_simulation_state", pause)
+        for state in (PLAYING, PAUSED):  # since a stopped simulation cannot be paused
+            request = SetSimulationState.Request(state=state)
+            self.call(SetSimulationState, "simulation/set_simulation_state", request)
         self.graph.spin_for(0.1)
         assert self.call(ResetSimulation, "simulation/reset_simulation").result.result == 1
         self.graph.spin_for(0.1)
@@ -344,28 +366,70 @@ def test_huge_messages(world, topic):
 
 def test_requests_to_the_simulation(world):
     services = {
-        "reset_simulation": (ResetSimulation, ResetSimulation.Request()),
-        "set_simulation_state": (SetSimulationState, SetSimulationState.Request(state=PAUSED)),
-        "step_simulation": (StepSimulation, StepSimulation.Request(steps=1)),
-        "get_simulation_state": (GetSimulationState, GetSimulationState.Request()),
+        "simulation/reset_simulation": (ResetSimulation, {}),
+        "simulation/set_simulation_state": (SetSimulationState, {"state": PAUSED}),
+        "simulation/step_simulation": (StepSimulation, {"steps": 1}),
+        "simulation/get_simulation_state": (GetSimulationState, {}),
+        "simulation/get_simulator_features": (GetSimulatorFeatures, {}),
+        "simulation/get_entities": (GetEntities, {"filters": FILTERS}),
+        "simulation/get_entities_states": (GetEntitiesStates, {"filters": FILTERS}),
+        "simulation/get_entity_info": (GetEntityInfo, {"entity": "rotor"}),
+        "simulation/set_entity_state": (SetEntityState, {"entity": "rotor"}),
+        f"{FLOATING}/get_entity_state": (GetEntityState, {"entity": "quadruped"}),
+        f"{FLOATING}/set_entity_state": (SetEntityState, {"entity": "quadruped"}),
     }
     pause = SetSimulationState.Request(state=PAUSED)
-    requests = [
-        st.tuples(
-            st.just(name), broken(valid) if valid.get_fields_and_field_types() else st.just(valid)
-        )
-        for name, (_, valid) in services.items()
-    ]
+    quitting = SimulationState.STATE_QUITTING
+    requests = []
+    for name, (kind, fields) in services.items():
+        valid = kind.Request(**fields)
+        has_fields = bool(valid.get_fields_and_field_types())
+        requests.append(st.tuples(st.just(name), broken(valid) if has_fields else st.just(valid)))
 
     def send(batch):
         for name, request in batch:
-            future = world.send(services[name][0], f"simulation/{name}", request)
+            if isinstance(request, SetSimulationState.Request) and request.state.state == quitting:
+                continue  # which is no bad request, and obeyed
+            future = world.send(services[name][0], name, request)
             while not future.done():  # steps wait for commands until the simulation is paused
                 world.call(SetSimulationState, "simulation/set_simulation_state", pause, PROMPT)
-            result = future.result().result
-            assert result.result == 1 or is_sentence(result.error_message)
+            if not isinstance(request, GetSimulatorFeatures.Request):
+                result = future.result().result
+                assert result.result == 1 or is_sentence(result.error_message), result
 
-    world.flood(st.one_of(requests), 0.04, send)
+    world.flood(st.one_of(requests), 0.06, send)
+
+
+def test_goals_for_the_simulation(world):
+    """Each goal ends: it is refused, done, or ended by a pause."""
+    action, name = SimulateSteps.Impl, "simulation/simulate_steps/_action"
+    counts = st.sampled_from((0, 0, 1, 2, 2**32, 2**63, 2**64 - 1))
+    pause = SetSimulationState.Request(state=PAUSED)
+    orders = st.sampled_from(("pause", "cancel", "ask"))
+
+    def send(batch):
+        for steps, order in batch:
+            identity = UUID(uuid=list(uuid.uuid4().bytes))
+            goal = action.SendGoalService.Request(
+                goal_id=identity, goal=SimulateSteps.Goal(steps=steps)
+            )
+            (answer,) = world.calls([(action.SendGoalService, f"{name}/send_goal", goal)])
+            assert answer.accepted
+            asked = action.GetResultService.Request(goal_id=identity)
+            future = world.send(action.GetResultService, f"{name}/get_result", asked)
+            if order == "cancel":
+                info = CancelGoal.Request(goal_info=GoalInfo(goal_id=identity))
+                world.call(CancelGoal, f"{name}/cancel_goal", info, PROMPT)
+            while not future.done():  # steps wait for commands until the simulation is paused
+                world.call(SetSimulationState, "simulation/set_simulation_state", pause, PROMPT)
+            status, result = future.result().status, future.result().result.result
+            if status == GoalStatus.STATUS_SUCCEEDED:
+                assert result.result == 1
+            else:
+                assert status in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
+                assert is_sentence(result.error_message), result
+
+    world.flood(st.tuples(counts, orders), 0.01, send)
 
 
 def values_of():
@@ -497,7 +561,10 @@ def test_goals_for_the_learner(world):
 
 
 def test_questions_for_results_and_cancels_of_goals_that_no_one_sent(world):
-    name, action = "policy_learner/train/_action", TrainPolicy.Impl
+    actions = {
+        "policy_learner/train/_action": TrainPolicy.Impl,
+        "simulation/simulate_steps/_action": SimulateSteps.Impl,
+    }
     identities = st.builds(UUID, uuid=st.lists(st.integers(0, 255), min_size=16, max_size=16))
     times = st.builds(
         Time,
@@ -507,19 +574,21 @@ def test_questions_for_results_and_cancels_of_goals_that_no_one_sent(world):
     cancels = st.builds(
         CancelGoal.Request, goal_info=st.builds(GoalInfo, goal_id=identities, stamp=times)
     )
-    results = st.builds(action.GetResultService.Request, goal_id=identities)
+    questions = st.tuples(st.sampled_from(sorted(actions)), cancels | identities)
 
     def send(batch):
-        for request in batch:
+        for name, request in batch:
             if isinstance(request, CancelGoal.Request):
                 (answer,) = world.calls([(CancelGoal, f"{name}/cancel_goal", request)])
                 assert not answer.goals_canceling
             else:
-                (answer,) = world.calls([(action.GetResultService, f"{name}/get_result", request)])
+                kind = actions[name].GetResultService
+                asked = kind.Request(goal_id=request)
+                (answer,) = world.calls([(kind, f"{name}/get_result", asked)])
                 assert answer.status == GoalStatus.STATUS_UNKNOWN
-        world.is_alive("policy_learner")
+        world.is_alive("policy_learner", "simulation")
 
-    world.flood(cancels | results, 0.01, send)
+    world.flood(questions, 0.01, send)
 
 
 def test_orders_for_recorder_and_player(world):

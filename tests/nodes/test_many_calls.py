@@ -3,8 +3,9 @@
 
 from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
+from simulation_interfaces.srv import GetSimulationState
 from vgps_msgs.action import TrainPolicy
-from vgps_msgs.srv import GetSimulationState, OptimizeTrajectory
+from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.conftest import PATIENCE
 from vgps_ros.messages.optimization import request_to_msg

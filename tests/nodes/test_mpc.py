@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Plan as PlanMsg
-from vgps_msgs.srv import StepSimulation
 
+from tests.nodes.conftest import PATIENCE
 from vgps_ros.messages.conversions import (
     command_from_msg,
     nanoseconds,
@@ -28,7 +29,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     steps, task = 30, make_task("swimmer")
-    graph.start("simulation", start_paused=True)
+    graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
     graph.start("mpc", horizon=0.4, plan_every=3, seed=1)
     received = graph.messages(JointState, "joint_states")
     plans = graph.messages(PlanMsg, "plan")

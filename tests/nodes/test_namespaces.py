@@ -12,7 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
-from vgps_msgs.srv import SetSimulationState
+from simulation_interfaces.srv import SetSimulationState
 
 from tests.nodes.conftest import executed
 from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times

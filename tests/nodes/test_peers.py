@@ -8,7 +8,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
-from vgps_msgs.srv import GetSimulationState
+from simulation_interfaces.srv import GetSimulationState
 
 from vgps_ros.ros_runtime.shared_memory import owned_segments
 

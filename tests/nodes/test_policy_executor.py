@@ -12,12 +12,12 @@ from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
 from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.srv import StepSimulation
 
 from tests.messages.test_robot_state import measured
-from tests.nodes.conftest import executed
+from tests.nodes.conftest import PATIENCE, executed
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -213,7 +213,9 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(
 ):
     horizon, policy = 60, random_policy(4)
     start = np.linspace(-0.3, 0.3, 10)
-    graph.start("simulation", initial_state=start.tolist(), start_paused=True)
+    graph.start(
+        "simulation", initial_state=start.tolist(), start_paused=True, wait_timeout=PATIENCE
+    )
     graph.start("policy_executor", stochastic=stochastic, seed=2)
     received = graph.messages(JointState, "joint_states")
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)

@@ -5,8 +5,8 @@ import warnings
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from simulation_interfaces.srv import GetSimulationState
 from std_srvs.srv import Trigger
-from vgps_msgs.srv import GetSimulationState
 
 from vgps_ros.ros_runtime.services import keep_responses
 

@@ -12,11 +12,11 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
-from vgps_msgs.srv import StepSimulation
 
-from tests.nodes.conftest import executed
+from tests.nodes.conftest import PATIENCE, executed
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -356,7 +356,9 @@ def test_with_sim_time_a_clock_that_goes_back_lets_earlier_states_drive(
 def test_faults_in_lock_step_change_no_bit_of_the_motion(graph, swimmer, random_policy):
     horizon, policy = 60, random_policy(4)
     start = np.linspace(-0.3, 0.3, 10)
-    graph.start("simulation", initial_state=start.tolist(), start_paused=True)
+    graph.start(
+        "simulation", initial_state=start.tolist(), start_paused=True, wait_timeout=PATIENCE
+    )
     executor = graph.start("policy_executor", safe_action="damping")
     received = graph.messages(JointState, "joint_states")
     states = graph.publisher(JointState, "joint_states")

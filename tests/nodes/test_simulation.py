@@ -9,9 +9,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import Result, SimulationState
-from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
+from simulation_interfaces.msg import Result, SimulationState
+from simulation_interfaces.srv import (
+    GetSimulationState,
+    ResetSimulation,
+    SetSimulationState,
+    StepSimulation,
+)
 
+from tests.nodes.conftest import PATIENCE
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.ros_runtime.qos import STREAM
 
@@ -74,7 +80,7 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def process(shared_graph):
-    return shared_graph.start("simulation")
+    return shared_graph.start("simulation", wait_timeout=PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -181,23 +187,6 @@ def test_steps_are_done_while_paused_and_answered_after_the_last(robot):
     # A command for the state where it stands moves nothing now.
     robot.command([1.0, 0.0], robot.next_state(3 * PERIOD))
     robot.next_state(3 * PERIOD)
-
-
-def test_services_refuse_with_a_sentence(robot):
-    answer = robot.steps(1)
-    robot.graph.spin_until(answer.done)
-    assert answer.result().result.result == Result.RESULT_INCORRECT_STATE
-    assert "must be paused" in answer.result().result.error_message
-
-    robot.set_state(PAUSED)
-    answer = robot.steps(0)
-    robot.graph.spin_until(answer.done)
-    assert "steps is 0" in answer.result().result.error_message
-
-    quitting = robot.set_state(SimulationState.STATE_QUITTING)
-    assert quitting.result == Result.RESULT_FEATURE_UNSUPPORTED
-    assert "send INT or TERM" in quitting.error_message
-    assert robot.reset(scope=4).result == Result.RESULT_FEATURE_UNSUPPORTED
 
 
 def test_a_reset_ends_steps_early_and_tells_their_caller(robot):

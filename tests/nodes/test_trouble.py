@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
+from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Trajectory
-from vgps_msgs.srv import OptimizeTrajectory, StepSimulation
+from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
 from vgps_ros.core.errors import VgpsError
@@ -71,7 +72,7 @@ def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):
     step = graph.call_async(
         StepSimulation, "simulation/step_simulation", StepSimulation.Request(steps=1)
     )
-    graph.spin_for(0.5)
+    graph.spin_until_output(node, "Waiting for joint_command")  # it steps
     torques = np.array([1e8, -1e8])
     commands.publish(command_to_msg(torques, swimmer.actuated_joint_names, stamp_of(0)))
     graph.spin_until(step.done)

@@ -13,14 +13,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import ResetSimulation, StepSimulation
 from vgps_msgs.msg import (
     GaussianPolicy,
     LearningProgress,
     OptimizerIteration,
     TrajectoryDistribution,
 )
-from vgps_msgs.srv import ResetSimulation, StepSimulation
 
+from tests.nodes.conftest import PATIENCE
 from vgps_ros.core.records import LinearDynamics, Trajectory
 from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
 from vgps_ros.messages.conversions import (
@@ -171,7 +172,7 @@ def test_live_and_from_the_bag_the_recording_is_the_same(graph, random_policy, t
     graph.spin_until_output(visualizer, "Recording what is seen")
     graph.spin_until_output(recorder, "Recording to")
     graph.start("trajectory_optimizer")
-    simulation = graph.start("simulation", start_paused=True)
+    simulation = graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
     graph.spin_until(lambda: "/joint_states" in dict(graph.node.get_topic_names_and_types()))
     graph.spin_for(1.0)  # until the recorder has found what there is
     graph.start("policy_executor", policy_file=tmp_path / "policy.json")

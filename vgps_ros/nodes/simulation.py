@@ -3,18 +3,16 @@
 
 In lock-step each state waits for the command that carries its stamp, so a run does not depend on
 how fast anything is. A state that stays unanswered is sent again each second: a controller may come
-late, and must answer the same state in the same way.
+late, and must answer the same state in the same way. Steps that a client asked for and waits for
+end after `wait_timeout` without a command.
 """
 
 import time
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import Result, SimulationState
-from vgps_msgs.srv import GetSimulationState, ResetSimulation, SetSimulationState, StepSimulation
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
@@ -26,12 +24,13 @@ from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.frame_broadcaster import FrameBroadcaster
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import CALLS, STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf, publish_urdf
-from vgps_ros.ros_runtime.run_control import RunControl, ok, refused
+from vgps_ros.ros_runtime.run_control import RunControl
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
+from vgps_ros.ros_runtime.simulation_services import SimulationServices
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
@@ -62,7 +61,6 @@ START_PAUSED = Setting("start_paused", False, "whether to wait for a service cal
 
 _COMMAND = "joint_command from policy_executor"
 _REPEAT_PERIOD = 1.0  # between two copies of a state that does not change [s]
-_SCOPE_BITS = ResetSimulation.Request.SCOPE_TIME | ResetSimulation.Request.SCOPE_STATE
 
 
 class Simulation(Node):
@@ -84,10 +82,10 @@ class Simulation(Node):
         self._lock_step = declare(self, MODE) == "lock_step"
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
-        self._control = RunControl(paused=declare(self, START_PAUSED))
+        self.control = RunControl(paused=declare(self, START_PAUSED))
         self._frames = FrameBroadcaster(self, self._task.dynamics.model)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
+        self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
         self._held_stamp, self._held_since = 0, float("nan")
@@ -99,14 +97,7 @@ class Simulation(Node):
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
-        self.create_service(ResetSimulation, "~/reset_simulation", self._reset, qos_profile=CALLS)
-        self.create_service(
-            SetSimulationState, "~/set_simulation_state", self._set_state, qos_profile=CALLS
-        )
-        self.create_service(
-            GetSimulationState, "~/get_simulation_state", self._get_state, qos_profile=CALLS
-        )
-        self.create_service(StepSimulation, "~/step_simulation", self._do_steps, qos_profile=CALLS)
+        SimulationServices(node=self, simulated=self, task=self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
         time_step = self._task.dynamics.time_step
@@ -125,21 +116,21 @@ class Simulation(Node):
         return state
 
     def _publish(self) -> None:
-        self._clocks.publish(ClockMsg(clock=stamp_of(self._robot.stamp)))
-        for topic, message in self._robot.messages.items():
+        self._clocks.publish(ClockMsg(clock=stamp_of(self.robot.stamp)))
+        for topic, message in self.robot.messages.items():
             self._states[topic].publish(message)
-        self._frames.send(self._robot.state, self._robot.stamp)  # while the controller computes
+        self._frames.send(self.robot.state, self.robot.stamp)  # while the controller computes
 
     def _advance(self, command: Array) -> None:
         try:
-            self._robot.advance(command)
+            self.robot.advance(command)
         except DivergenceError as error:
             self._report_warnings()
             self._health.report("state", error=str(error))
-            self._control.interrupt(str(error), pause=True)
+            self.control.fail(str(error))
             return
         self._publish()
-        self._control.step_done()
+        self.control.step_done()
         self._report_warnings()
 
     def _report_warnings(self) -> None:
@@ -148,7 +139,7 @@ class Simulation(Node):
             self._warned += new
             self._health.set_value("MuJoCo warnings", in_words(self._warned))
             sentence = (
-                f"MuJoCo warns of {in_words(new)} at {self._robot.stamp * 1e-9:g} s: the motion "
+                f"MuJoCo warns of {in_words(new)} at {self.robot.stamp * 1e-9:g} s: the motion "
                 "may be wrong from here; check the torques, and reset the simulation."
             )
             self._health.report("simulator", warning=sentence)
@@ -157,16 +148,16 @@ class Simulation(Node):
 
     def _take_command(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
-        in_time = self._oldest_answered() <= stamp <= self._robot.stamp
-        if not in_time and stamp == self._robot.previous_stamp:
+        in_time = self._oldest_answered() <= stamp <= self.robot.stamp
+        if not in_time and stamp == self.robot.previous_stamp:
             return  # the second answer to a state that was sent twice
         try:
             command = command_from_msg(message, self._task.actuated_joint_names)
-            self._robot.check(command)
+            self.robot.check(command)
             if not in_time:
                 raise InvalidInputError(
                     f"its stamp is {stamp * 1e-9:g} s, but it must be that of the state that it "
-                    f"answers, now {self._robot.stamp * 1e-9:g} s."
+                    f"answers, now {self.robot.stamp * 1e-9:g} s."
                 )
         except InvalidInputError as error:
             self._health.report("command", error=f"Ignored a joint_command: {error}")
@@ -175,18 +166,18 @@ class Simulation(Node):
         self._health.clear("command")
         if not self._lock_step:
             self._held, self._held_stamp, self._held_since = command, stamp, time.monotonic()
-        elif self._control.running:
+        elif self.control.running:
             self._advance(command)
 
     def _oldest_answered(self) -> int:
         """The oldest stamp of a state that a command may still answer [ns]."""
         if self._lock_step:
-            return self._robot.stamp
+            return self.robot.stamp
         timeout = round(value(self, COMMAND_TIMEOUT) * self._factor * 1e9)
-        return max(self._held_stamp, self._robot.stamp - timeout)
+        return max(self._held_stamp, self.robot.stamp - timeout)
 
     def _step_in_real_time(self) -> None:
-        if not self._control.running:
+        if not self.control.running:
             return
         timeout = value(self, COMMAND_TIMEOUT)
         if np.isnan(self._held_since):
@@ -202,68 +193,45 @@ class Simulation(Node):
 
     def _repeat(self) -> None:
         """Sends a state again that has stood for a while: whoever must answer it may be new."""
-        if self._robot.stamp == self._seen_stamp:
-            if self._lock_step and self._control.running:
-                self._health.wait_for(_COMMAND)
+        if self.robot.stamp == self._seen_stamp:
+            if self._lock_step and self.control.running:
+                self._wait_for_command()
             self._publish()
-        self._seen_stamp = self._robot.stamp
-        self._health.set_value("simulated time", f"{self._robot.stamp * 1e-9:g} s")
+        self._seen_stamp = self.robot.stamp
+        self._health.set_value("simulated time", f"{self.robot.stamp * 1e-9:g} s")
 
-    # Services
-
-    def _reset(self, request: ResetSimulation.Request, _: object) -> ResetSimulation.Response:
-        scope = request.scope or request.SCOPE_ALL
-        if scope not in (*range(_SCOPE_BITS + 1), request.SCOPE_ALL):
-            sentence = (
-                f"The scope is {scope}, but it must be 0 or 255 (all), 1 (time) or 2 (state)."
+    def _wait_for_command(self) -> None:
+        """Waits for ever while the simulation plays, but ends steps, for which a client waits."""
+        self._health.wait_for(_COMMAND)
+        if self._health.is_late(_COMMAND) and self.control.is_stepping:
+            self._health.stop_waiting(_COMMAND)
+            self.control.interrupt(
+                f"No joint_command answers the state of {self.robot.stamp * 1e-9:g} s: start "
+                "policy_executor, or start the simulation with mode:=real_time, in which it moves "
+                "without torques."
             )
-            result = refused(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
-            return ResetSimulation.Response(result=result)
-        self._control.interrupt("The simulation was reset before the last step.")
-        self._restart(
-            time_too=bool(scope & request.SCOPE_TIME), state_too=bool(scope & request.SCOPE_STATE)
-        )
-        return ResetSimulation.Response(result=ok())
 
-    def _restart(self, *, time_too: bool = True, state_too: bool = True) -> None:
-        state = self._to_state(value(self, self._initial_state)) if state_too else None
-        self._robot.reset(state, time=time_too)
-        self._forget_command()
+    # For the services
+
+    def initial_state(self) -> Array:
+        """Returns the state at the beginning, shape (n_x,)."""
+        return self._to_state(value(self, self._initial_state))
+
+    def put(self, state: Array | None, *, time: bool) -> None:
+        """Puts the robot into a state, where one is given, and its time to 0, where asked."""
+        self.robot.reset(state, time=time)
+        if state is not None:
+            self.control.recover()
         self._health.clear("state", "simulator")
-        self._publish()
+        self.begin()
 
-    def _forget_command(self) -> None:
+    def begin(self) -> None:
+        """Waits for a new command, and publishes the state that it is to answer."""
         self._held = np.zeros_like(self._held)
         self._held_stamp, self._held_since = 0, float("nan")
         self._health.stop_waiting(_COMMAND)
         self._health.clear("command")
-
-    def _set_state(
-        self, request: SetSimulationState.Request, response: SetSimulationState.Response
-    ) -> SetSimulationState.Response:
-        was_running = self._control.running
-        response.result = self._control.set(request.state.state)
-        if response.result.result == Result.RESULT_OK:
-            if request.state.state == SimulationState.STATE_STOPPED:
-                self._restart()
-            elif self._control.running != was_running:
-                self._forget_command()
-                self._publish()
-        return response
-
-    def _get_state(self, *_: object) -> GetSimulationState.Response:
-        return GetSimulationState.Response(state=self._control.state, result=ok())
-
-    def _do_steps(self, request: StepSimulation.Request, _: object) -> Future:
-        answer = Future()
-
-        def done(result: Result) -> None:
-            answer.set_result(StepSimulation.Response(result=result))
-
-        if self._control.begin_steps(request.steps, done):
-            self._forget_command()
-            self._publish()
-        return answer
+        self._publish()
 
 
 def main() -> int:

@@ -96,6 +96,10 @@ class Health:
         if wait and wait.is_late:
             self._node.get_logger().info(f"Here now: {what}.")
 
+    def is_late(self, what: str) -> bool:
+        """Returns whether the node has waited for it longer than `wait_timeout`."""
+        return what in self._waiting and self._waiting[what].is_late
+
     def stop_waiting(self, *whats: str) -> None:
         """Notes that the node no longer needs these."""
         for what in whats:

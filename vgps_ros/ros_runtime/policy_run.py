@@ -10,9 +10,9 @@ from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from simulation_interfaces.msg import Result, SimulationState
+from simulation_interfaces.srv import ResetSimulation, SetSimulationState, StepSimulation
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.msg import Result, SimulationState
-from vgps_msgs.srv import ResetSimulation, SetSimulationState, StepSimulation
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, Trajectory
@@ -69,8 +69,7 @@ class PolicyRun(Node):
             lambda: self._policies,
             "No policy came on the topic policy; start policy_learner and train one.",
         )
-        paused = SimulationState(state=SimulationState.STATE_PAUSED)
-        self._call(self._set_state, SetSimulationState.Request(state=paused))
+        self._pause()
         self._states.clear()
         self._controls.clear()
         self._call(self._reset, ResetSimulation.Request())
@@ -116,12 +115,26 @@ class PolicyRun(Node):
             "another node driving them?",
         )
 
-    def _call(self, client: Client, request: Any) -> None:
+    def _pause(self) -> None:
+        """Pauses the simulation; one that is stopped has to play first."""
+        playing, paused = (
+            SetSimulationState.Request(state=SimulationState(state=state))
+            for state in (SimulationState.STATE_PLAYING, SimulationState.STATE_PAUSED)
+        )
+        codes = SetSimulationState.Response
+        outcomes = (codes.ALREADY_IN_TARGET_STATE, codes.INCORRECT_TRANSITION)
+        if self._call(self._set_state, paused, outcomes) == codes.INCORRECT_TRANSITION:
+            self._call(self._set_state, playing)
+            self._call(self._set_state, paused)
+
+    def _call(self, client: Client, request: Any, also: tuple[int, ...] = ()) -> int:
+        """Returns the outcome, RESULT_OK or one of those that may be, too."""
         future = client.call_async(request)
         self._wait(future.done, f"{client.srv_name} did not answer. {_NO_EXECUTOR}")
         result = future.result().result
-        if result.result != Result.RESULT_OK:
+        if result.result not in (Result.RESULT_OK, *also):
             raise VgpsError(f"{client.srv_name} failed: {result.error_message}")
+        return int(result.result)
 
     def _wait(self, condition: Callable[[], Any], sentence: str) -> None:
         end = time.monotonic() + self._timeout

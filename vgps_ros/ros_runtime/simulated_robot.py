@@ -20,6 +20,7 @@ class SimulatedRobot:
     Attributes:
         messages: the messages of the state by topic, with the efforts that led to it.
         state: x as the messages say it, shape (n_x,); the next step starts from it.
+        control: the controls that led to the state, shape (n_u,); zero after a reset.
         previous_stamp: time of the state before this one [ns].
     """
 
@@ -30,6 +31,7 @@ class SimulatedRobot:
         self._steps = 0
         self.previous_stamp = -1
         self._at_rest = np.zeros(len(states.joint_names))
+        self.control = self._no_control = np.zeros(task.dynamics.control_dim)
         self._enter(state, self._at_rest)
 
     @property
@@ -70,6 +72,7 @@ class SimulatedRobot:
             )
         self.previous_stamp = self.stamp
         efforts = self._forces(self.state, command)
+        self.control = command
         self._steps += 1
         self._enter(state, efforts)
 
@@ -81,6 +84,7 @@ class SimulatedRobot:
         if state is None:
             self._enter(self.state, self._efforts)
         else:
+            self.control = self._no_control
             self._enter(state, self._at_rest)
 
     def _enter(self, state: Array, efforts: Array) -> None:
