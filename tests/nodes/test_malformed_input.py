@@ -139,7 +139,10 @@ EVENT = ParameterEvent(
 PAUSED = SimulationState(state=SimulationState.STATE_PAUSED)
 PLAYING = SimulationState(state=SimulationState.STATE_PLAYING)
 FLOATING = "floating/simulation"  # of a robot with a free base
-FLOATING_ARGUMENTS = "-r __ns:=/floating -r /clock:=clock -p task:=quadruped -p start_paused:=true"
+FLOATING_ARGUMENTS = (
+    "-r __ns:=/floating -r /clock:=clock -r /tf:=tf -r /tf_static:=tf_static "
+    "-p task:=quadruped -p start_paused:=true"
+)
 FILTERS = EntityFilters(
     filter="^r",
     categories=[EntityCategory(category=EntityCategory.CATEGORY_ROBOT)],

@@ -20,6 +20,7 @@ from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_fro
 from vgps_ros.ros_runtime.qos import STREAM
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulation_interfaces.md"
+OWN = "-r /clock:=clock -r /tf:=tf -r /tf_static:=tf_static"
 HAS = SimulatorFeatures
 FEATURES = {
     HAS.ENTITY_CATEGORIES, HAS.ENTITY_STATE_GETTING, HAS.ENTITY_INFO_GETTING,
@@ -79,7 +80,7 @@ class Client:
 def clients(shared_graph):
     """A simulation of a robot without a free base, and one of a robot that has one."""
     for robot in ("swimmer", "quadruped"):
-        names = f"-r __ns:=/{robot} -r /clock:=clock -p task:={robot} -p start_paused:=true"
+        names = f"-r __ns:=/{robot} {OWN} -p task:={robot} -p start_paused:=true"
         shared_graph.start("simulation", "--ros-args", *names.split())
     return {robot: Client(shared_graph, robot) for robot in ("swimmer", "quadruped")}
 
