@@ -46,9 +46,8 @@ def moved(policy: GaussianPolicy, step: np.ndarray) -> GaussianPolicy:
 def cost_of(work: Workspace, policy: GaussianPolicy) -> float:
     """Returns the mean cost without noise in all situations; a rollout that diverged costs 1e9."""
     law = lambda t, x: policy.mean(work.task.observation(x))  # noqa: E731
-    motions = [t.dynamics.rollout(t.initial_state, law, t.horizon) for t in work.tasks]
-    costs = [t.trajectory_cost(m) for t, m in zip(work.tasks, motions, strict=True)]
-    return float(np.nan_to_num(costs, nan=1e9).mean())
+    motions = ((t, t.dynamics.rollout(t.initial_state, law, t.horizon)) for t in work.tasks)
+    return float(np.nan_to_num([t.trajectory_cost(m) for t, m in motions], nan=1e9).mean())
 
 
 METHODS["evolution_strategies"] = Method(evolution_strategies, Update)
