@@ -13,11 +13,12 @@ Processes that a test leaves running are ended with INT, and must then exit with
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,7 +44,21 @@ T = TypeVar("T")
 
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 233)
+# A prefix by which a process has a /dev/shm of its own, of a size, of which some is filled; both
+# follow it.
+SMALL_MEMORY = (
+    *("unshare", "--mount", "bash", "-c"),
+    "mount -t tmpfs -o size=$1 tmpfs /dev/shm || exit 1; "
+    'head -c $2 /dev/zero >/dev/shm/filled; shift 2; exec "$@"',
+    "-",
+)
 PATIENCE = 90.0  # generous: the machine may be busy [s]
+
+
+def may_mount() -> bool:
+    """Returns whether this process may give another one a /dev/shm of its own."""
+    command = [*SMALL_MEMORY, "1M", "0", "true"]
+    return bool(shutil.which("unshare")) and not subprocess.run(command, check=False).returncode
 
 
 def executed(policy: GaussianPolicy, inputs: Array) -> Array:
@@ -54,13 +69,13 @@ def executed(policy: GaussianPolicy, inputs: Array) -> Array:
 class Process:
     """A running executable, ended by its process id."""
 
-    def __init__(self, name: str, arguments: list[str], environment: dict[str, str], log: Path):
+    def __init__(self, name: str, command: list[str], environment: dict[str, str], log: Path):
         self.name = name
         self.orphaned: set[Path] = set()  # shared memory that a killed process had a hold of
         self._log = log
         with log.open("w") as file:
             self._process = subprocess.Popen(
-                [str(EXECUTABLES / name), *arguments],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
@@ -135,14 +150,24 @@ class Graph:
 
     # Processes
 
-    def start(self, executable: str, *arguments: str, **parameters: Any) -> Process:
-        """Starts an executable; keyword arguments become its ROS parameters ('.' written '__')."""
+    def start(
+        self, executable: str, *arguments: str, prefix: Sequence[str] = (), **parameters: Any
+    ) -> Process:
+        """Starts an executable, as a prefix says, such as SMALL_MEMORY; without one, by itself.
+
+        Keyword arguments become its ROS parameters ('.' written '__').
+        """
         ros = [f"{name.replace('__', '.')}:={_yaml(value)}" for name, value in parameters.items()]
         ros_arguments = [word for assignment in ros for word in ("-p", assignment)]
         if ros_arguments:
             ros_arguments = ["--ros-args", *ros_arguments]
-        log = self.folder / f"{len(self.processes)}_{executable}.log"
-        process = Process(executable, [*arguments, *ros_arguments], self._environment, log)
+        command = [*prefix, str(EXECUTABLES / executable), *arguments, *ros_arguments]
+        return self.start_command(executable, command)
+
+    def start_command(self, name: str, command: list[str]) -> Process:
+        """Starts any command, in the graph's domain."""
+        log = self.folder / f"{len(self.processes)}_{name}.log"
+        process = Process(name, command, self._environment, log)
         self.processes.append(process)
         return process
 

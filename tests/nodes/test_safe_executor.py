@@ -208,16 +208,22 @@ def test_an_unusable_state_gets_the_safe_action_and_the_next_good_one_the_policy
     robot.diagnosis_while_driven(OK, "Running")
 
 
-def test_the_safe_action_comes_within_two_control_periods(robot):
-    delays = []
+def test_the_safe_action_reaches_the_robot_within_two_of_its_control_periods(robot):
+    """The robot sends a state each period, and counts those after the first bad one."""
+    counts = []
     for _ in range(20):
         robot.drive()
-        bad = robot.message([NAN] * 10, robot.step + 1)
-        sent = time.monotonic()
-        robot.send(bad)
-        delays.append(time.monotonic() - sent)
+        robot._commands.clear()
+        bad, due, sent = [NAN] * 10, time.monotonic(), 0
+        while not robot.commands:
+            if time.monotonic() >= due:
+                robot.states.publish(robot.message(bad, robot.step + 1))
+                sent, due = sent + 1, due + PERIOD * 1e-9
+            robot.graph.spin_for(1e-3)
+        assert not np.array_equal(robot.commands[0][0], mean(robot.policy))
+        counts.append(sent)
     # The machine may be busy with something else in some of them.
-    assert np.median(delays) < 2 * PERIOD * 1e-9
+    assert np.median(counts) <= 2
 
 
 def test_silence_leads_to_zero_torques_and_the_next_state_back(robot):

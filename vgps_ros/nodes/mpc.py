@@ -58,7 +58,6 @@ class Mpc(Controller):
             InvalidInputError: the newest plan is too old.
         """
         step = round(stamp * 1e-9 / self.task.dynamics.time_step)
-        self._report_plans.state(step)
         executed = self.training.policy
         policy = executed.policy if executed else None
         try:

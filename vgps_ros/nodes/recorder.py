@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -37,6 +36,7 @@ from vgps_ros.storage.software import environment
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
 _FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
+_MOST_TOPICS = 500  # of a bag: each takes memory, also where nothing comes
 _WEAKER = (
     "Does not record all of {}: a publisher came later that offers a weaker quality of service; "
     "start it before the recorder."
@@ -96,9 +96,10 @@ class Recorder(Node):
             max_backlog=round(settings.cache_size * 1e6),
             min_space=round(settings.min_space * 1e6),
         )
+        self._health.inbox.kept = lambda: self._writer.disk.backlog
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
-        self._collector = ParameterCollector(self)
+        self._collector = ParameterCollector(self, self._health.inbox)
         self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
         self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
         steady_timer(self, _DISCOVERY_PERIOD, self._discover)
@@ -108,7 +109,7 @@ class Recorder(Node):
     def close(self, is_hurried: Callable[[], bool]) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
-        self._writer.lost += self._missed.total()
+        self._writer.lost += self._all_missed()
         try:
             self._writer.close(is_hurried)
         except UnfinishedBagError as error:
@@ -130,7 +131,10 @@ class Recorder(Node):
                 continue
             if time.monotonic() < self._passed_over.get(topic, 0.0):
                 continue
-            if publishers := self.get_publishers_info_by_topic(topic):
+            is_full = len(self._writer.topics) >= _MOST_TOPICS
+            sentence = f"Does not record {topic}, since {_MOST_TOPICS} topics are recorded already."
+            self._health.report("topics", warning=sentence if is_full else "")
+            if not is_full and (publishers := self.get_publishers_info_by_topic(topic)):
                 self._record(topic, kinds[0], publishers)
         self._collector.look()
         self._report()
@@ -138,7 +142,7 @@ class Recorder(Node):
     def _report(self) -> None:
         writer, health = self._writer, self._health
         health.set_value("messages", writer.message_count)
-        missed = self._missed.total()
+        missed = self._all_missed()
         health.set_value("messages_lost", writer.lost + missed)
         health.set_value("backlog_mb", round(writer.disk.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
@@ -170,8 +174,6 @@ class Recorder(Node):
             self._health.report(topic, warning=f"Does not record {topic}: {error}")
             return
         self._health.clear(topic)
-        # rclpy's types do not know that a callback may take the message's times too.
-        write: Any = partial(self._write, topic)
         # Each event costs processor time while nothing comes, so the other defaults are left out.
         events = SubscriptionEventCallbacks(
             message_lost=partial(self._count_missed, topic),
@@ -179,7 +181,12 @@ class Recorder(Node):
             use_default_callbacks=False,
         )
         qos = recording(offered)
-        self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
+        write = partial(self._write, topic)
+        self._health.inbox.subscribe_raw(kind_class, topic, write, qos, events)
+
+    def _all_missed(self) -> int:
+        """Returns the number of messages that never came to be written."""
+        return self._missed.total() + self._health.inbox.lost
 
     def _count_missed(self, topic: str, lost: QoSMessageLostInfo) -> None:
         if not self._paused:

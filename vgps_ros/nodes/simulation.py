@@ -23,6 +23,7 @@ from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_o
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.frame_broadcaster import FrameBroadcaster
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.pace import TorqueAge
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
@@ -57,6 +58,13 @@ COMMAND_TIMEOUT = Setting(
     minimum=0.01,
     maximum=86400.0,
 )
+TORQUE_AGE_LIMIT = Setting(
+    "torque_age_limit",
+    10,
+    "in real_time mode, control steps for which a torque may be held before that is an error",
+    minimum=1,
+    maximum=1_000_000,
+)
 START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
 
 _COMMAND = "joint_command from policy_executor"
@@ -82,9 +90,11 @@ class Simulation(Node):
         self._lock_step = declare(self, MODE) == "lock_step"
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
+        age_limit = declare(self, TORQUE_AGE_LIMIT)
         self.control = RunControl(paused=declare(self, START_PAUSED))
         self._frames = FrameBroadcaster(self, self._task.dynamics.model)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
+        self._torque_age = TorqueAge(self._health, age_limit)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
@@ -96,7 +106,7 @@ class Simulation(Node):
             for topic, kind in self._messages.topics.items()
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
-        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self._health.inbox.subscribe(JointState, "joint_command", self._take_command, STREAM)
         SimulationServices(node=self, simulated=self, task=self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
@@ -189,6 +199,8 @@ class Simulation(Node):
                 "running and active?"
             )
             self._health.report("command", error=sentence)
+        else:
+            self._torque_age.held(self.robot.steps_since(self._held_stamp))
         self._advance(self._held)
 
     def _repeat(self) -> None:

@@ -15,6 +15,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.descriptions import MJCF, URDF
 from vgps_ros.messages.types import message_type
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import run
@@ -38,6 +39,7 @@ class Visualizer(Node):
         path = Path(declare(self, OUTPUT))
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
+        self._health.inbox.kept = lambda: self._scene.recording.disk.backlog
         self._health.wait_for(f"{_STATES} from simulation")
         self._left_out = 0
         self._shown: set[str] = set()
@@ -55,8 +57,11 @@ class Visualizer(Node):
             self.get_logger().error(str(error))
 
     def _listen(self, topic: str, kind: str) -> None:
-        qos = LATCHED if topic in _LATCHED else STREAM
-        self.create_subscription(message_type(kind), topic, partial(self._show, topic), qos)
+        subscribe, show = self._health.inbox.subscribe, partial(self._show, topic)
+        if topic in _LATCHED:
+            subscribe(message_type(kind), topic, show, LATCHED, largest=LARGEST_RECORD)
+        else:
+            subscribe(message_type(kind), topic, show, STREAM)
 
     def _show(self, topic: str, message: Any) -> None:
         if self._scene.recording.disk.backlog <= _MAX_BACKLOG:

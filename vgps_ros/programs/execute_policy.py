@@ -11,6 +11,7 @@ from pathlib import Path
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.ros_runtime.middleware import check_memory, within_limits
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
 from vgps_ros.tasks.settings import TASK
@@ -34,6 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Runs the policy as the arguments say."""
     if arguments.json:
         refuse_existing([arguments.json], overwrite=arguments.overwrite)
+    check_memory()
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
@@ -61,7 +63,8 @@ def _execute(arguments: argparse.Namespace) -> None:
     task = make_task(arguments.task)
     steps = getattr(arguments, "steps", task.horizon)
     training = read_result(arguments.result) if arguments.result else None
-    node = PolicyRun(task, arguments.simulation, arguments.timeout, arguments.namespace)
+    with within_limits():
+        node = PolicyRun(task, arguments.simulation, arguments.timeout, arguments.namespace)
     try:
         with Progress(console=console) as progress:
             bar = progress.add_task("Executing the policy", total=steps)

@@ -16,6 +16,8 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from vgps_ros import NODES
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.ros_runtime.middleware import check_memory
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -54,10 +56,13 @@ def start(name: str, arguments: Sequence[str]) -> NoReturn:
     """
     heed(lambda *_: os._exit(0))
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
-    module = importlib.import_module(f"vgps_ros.nodes.{name}")
     code = 1
     try:
+        check_memory()
+        module = importlib.import_module(f"vgps_ros.nodes.{name}")
         code = module.main()
+    except VgpsError as error:
+        print(error, file=sys.stderr)
     except BaseException:
         traceback.print_exc()
     finally:

@@ -10,6 +10,7 @@ import signal
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.ros_runtime.middleware import check_memory, within_limits
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
 
@@ -33,6 +34,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Asks for the training that the arguments describe, and writes what `train` does."""
     output = RunFolder(arguments.output)
     refuse_existing([output.result], overwrite=arguments.overwrite)
+    check_memory()
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from vgps_msgs.action import TrainPolicy
@@ -46,7 +48,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     # INT is this program's own, to cancel the goal; TERM stays rclpy's.
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
-    node = TrainingClient(arguments.learner, arguments.lost_timeout, arguments.namespace)
+    with within_limits():
+        node = TrainingClient(arguments.learner, arguments.lost_timeout, arguments.namespace)
     signal.signal(signal.SIGINT, node.interrupt)
     try:
         goal = TrainPolicy.Goal(

@@ -24,6 +24,7 @@ from vgps_ros.messages.executor_diagnostics import COMMANDS_SENT, IS_ACTIVE, SAF
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
+from vgps_ros.ros_runtime.pace import AnswerPace
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import NEWEST, NEWEST_OF_SENSORS, STREAM
 from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
@@ -84,6 +85,7 @@ class Controller(LifecycleNode):
         self._sent = 0
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self.task.dynamics.time_step
+        self._pace = AnswerPace(self.health, time_step)
         velocities = driven_velocities(self.task.dynamics.model)
         self._supervisor = Supervisor(
             self._settings,
@@ -104,7 +106,7 @@ class Controller(LifecycleNode):
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
         self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
-        subscribe_to_states(self, self._states, self._take_state, qos)
+        subscribe_to_states(self.health.inbox.subscribe, self._states, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)
@@ -172,11 +174,14 @@ class Controller(LifecycleNode):
             return
         if self._watchdog.is_canceled():
             self._watchdog.reset()
+        began = time.monotonic()
         try:
             command = self._answer(messages)
         except InvalidInputError as error:
             command = self._supervisor.refuse(str(error), time.monotonic())
         self._send(command)
+        if command and not self._supervisor.fault:
+            self._pace.answered(command.stamp, time.monotonic() - began)
         self._report()
 
     def _answer(self, messages: dict[str, Any]) -> Command | None:

@@ -12,7 +12,9 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime import middleware
 from vgps_ros.ros_runtime.given_parameters import check_given_parameters
+from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
 from vgps_ros.ros_runtime.qos import STREAM
@@ -54,6 +56,7 @@ class Health:
         when_alone: called once it is clear that no other node owns one of these topics.
 
     Attributes:
+        inbox: the subscriptions of the node, which bound the memory that messages take.
         peers: the other nodes.
     """
 
@@ -65,7 +68,8 @@ class Health:
         when_alone: Callable[[], object] = lambda: None,
     ):
         self._node = node
-        self.peers = Peers(node, owns)
+        self.inbox = Inbox(node)
+        self.peers = Peers(node, self.inbox, owns)
         declare(node, WAIT_TIMEOUT, may_change=True)
         check_given_parameters(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
@@ -156,6 +160,11 @@ class Health:
         if self._ticks == _FIRST_COUNT:
             self._timer.timer_period_ns = round(_PERIOD * 1e9)
             self._when_alone()
+        if self._ticks == 1:
+            domain = self._node.context.get_domain_id()
+            self.report("middleware", warning=middleware.trouble(domain))
+        self.report("inbox", warning=self.inbox.warning())
+        self.set_value("messages_dropped", self.inbox.dropped.total())
         timeout = value(self._node, WAIT_TIMEOUT)
         for what, wait in list(self._waiting.items()):
             if self.peers.show(wait.meanwhile):

@@ -2,6 +2,7 @@
 """The results of a training for the node that executes its policy, from topics or from files."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
@@ -22,6 +23,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.executor_diagnostics import POLICY_OF_ITERATION
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
@@ -79,10 +81,11 @@ class TrainingResults:
         self._take_marginals = take_marginals or (lambda *_: None)
         self._waits_for_policy = needs_policy
         self._waits_for_distribution = take_marginals is not None
-        node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
+        subscribe = partial(health.inbox.subscribe, qos=LATCHED, largest=LARGEST_RECORD)
+        subscribe(GaussianPolicyMsg, "policy", self._take_policy)
         if take_marginals:
             topic, take = "trajectory_distribution", self._take_distribution
-            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
+            subscribe(TrajectoryDistributionMsg, topic, take)
         if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
         if distribution_file := value(node, DISTRIBUTION_FILE):

@@ -13,6 +13,11 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 
+from vgps_ros.ros_runtime.inbox import Inbox
+
+_MOST_NODES = 200  # whose parameters are kept
+_LONGEST = 100_000  # value that is kept, as Python writes it
+
 
 class ParameterCollector:
     """Asks each node once, and follows what changes; a node that has left keeps its entry.
@@ -21,12 +26,12 @@ class ParameterCollector:
         is_changed: whether something is new since the last `text`.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, inbox: Inbox):
         self.is_changed = False
         self._node = node
         self._values: dict[str, dict[str, Any]] = {}
         self._asked: set[str] = set()
-        node.create_subscription(
+        inbox.subscribe(
             ParameterEvent, "/parameter_events", self._follow, qos_profile_parameter_events
         )
 
@@ -40,7 +45,8 @@ class ParameterCollector:
         new = sorted(names - self._asked)
         services = {name for name, _ in self._node.get_service_names_and_types()} if new else set()
         for name in new:
-            if f"{name}/get_parameters" in services:
+            has_place = len(self._asked | self._values.keys()) < _MOST_NODES
+            if has_place and f"{name}/get_parameters" in services:
                 self._asked.add(name)
                 client = self._node.create_client(ListParameters, f"{name}/list_parameters")
                 future = client.call_async(ListParameters.Request())
@@ -77,6 +83,8 @@ class ParameterCollector:
         except RuntimeError:  # of a type that does not exist
             return
         value = value.tolist() if hasattr(value, "tolist") else value
+        if len(repr(value)) > _LONGEST:
+            return
         known = self._values.setdefault(node, {})
         if name not in known or known[name] != value:
             known[name] = value

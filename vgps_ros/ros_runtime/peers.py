@@ -17,11 +17,13 @@ from rclpy.node import Node
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.ending import end_with
+from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import SIGNS_OF_LIFE
 
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 INSTANCE = "instance"  # key of the value that tells one run of a node from the next
+_LARGEST = 2**18  # of a message on /diagnostics [bytes]
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 _GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
 OWNS = "owns"  # key of the value that names the topics that only one node may publish
@@ -52,13 +54,14 @@ class Peers:
 
     Args:
         node: the node that looks.
+        inbox: its subscriptions.
         owns: topics that only one node of the graph may publish.
 
     Attributes:
         instance: identifies this run of the node; a later one is greater.
     """
 
-    def __init__(self, node: Node, owns: Sequence[str] = ()):
+    def __init__(self, node: Node, inbox: Inbox, owns: Sequence[str] = ()):
         self._node = node
         self._name = node.get_fully_qualified_name()
         self._timeout = declare(node, PEER_TIMEOUT)
@@ -68,7 +71,9 @@ class Peers:
         self.instance = f"{time.time_ns()}-{socket.gethostname()}-{os.getpid()}"
         self._peers: dict[str, _Peer] = {}
         self._looked = time.monotonic()
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._take, SIGNS_OF_LIFE)
+        inbox.subscribe(
+            DiagnosticArray, "/diagnostics", self._take, SIGNS_OF_LIFE, largest=_LARGEST
+        )
 
     def instance_of(self, name: str) -> str:
         """Returns what identifies the latest run of a node; empty if it was never heard."""

@@ -45,7 +45,7 @@ class PolicyRun(Node):
         self._controls: dict[int, Array] = {}
         self._policies: list[GaussianPolicyMsg] = []
         self._messages = StateMessages(task.dynamics.model)
-        subscribe_to_states(self, self._messages, self._take_state, STREAM)
+        subscribe_to_states(self.create_subscription, self._messages, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_subscription(GaussianPolicyMsg, "policy", self._policies.append, LATCHED)
         name = f"{simulation}/set_simulation_state"

@@ -7,17 +7,20 @@
   later, but the events executor does not await it: it fails with a TypeError.
 - The events executor is still in `rclpy.experimental`. For each message the public executors ask
   for all services, timers and topics of a node, which takes three times as long.
+- `Subscription.handle` takes messages outside of an executor, which tells how many there were.
 - `MultiThreadedExecutor._executor` is the pool of threads, which rclpy leaves to the end of Python.
   A thread that still holds a node keeps its shared memory, which then stays behind.
 
 tests/nodes/test_private_names.py tells when a release of rclpy no longer works in this way.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.service import Service
+from rclpy.subscription import Subscription
 
 Function = Callable[..., Any]
 
@@ -30,6 +33,15 @@ def wrap_callback(service: Service, wrap: Callable[[Function], Function]) -> Non
 def wrap_sender(service: Service, wrap: Callable[[Function], Function]) -> None:
     """Puts a function of what sends the service's responses in its place."""
     service.send_response = wrap(service.send_response)  # type: ignore[method-assign]
+
+
+def discard_unread(subscription: Subscription, end: float) -> int:
+    """Takes the messages that wait, until a time of the steady clock [s]; returns their number."""
+    count, handle = 0, subscription.handle
+    with handle:
+        while time.monotonic() < end and handle.take_message(subscription.msg_type, True):
+            count += 1
+    return count
 
 
 class ThreadedExecutor(MultiThreadedExecutor):

@@ -20,6 +20,7 @@ from rich import box
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.ros_runtime import middleware
 from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.exit_timer import exit_after
 from vgps_ros.ros_runtime.parameters import DECLARED
@@ -63,7 +64,7 @@ def run(
     ending.executor = executor
     node, code = None, 0
     try:
-        with ending.interrupting():
+        with ending.interrupting(), middleware.within_limits():
             node = make_node()
         try:
             guard_services(node)

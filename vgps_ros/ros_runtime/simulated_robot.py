@@ -39,6 +39,10 @@ class SimulatedRobot:
         """Simulated time [ns]; from a count of steps, so that it does not drift."""
         return round(self._steps * self._task.dynamics.time_step * 1e9)
 
+    def steps_since(self, stamp: int) -> int:
+        """Returns the number of control steps from a stamp [ns] to the robot's time."""
+        return round((self.stamp - stamp) * 1e-9 / self._task.dynamics.time_step)
+
     def check(self, command: Array) -> None:
         """Checks controls that come from outside.
 

@@ -1,11 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Subscribes a node to the states of a robot, on one topic or on several."""
+"""Subscribes to the states of a robot, on one topic or on several."""
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from vgps_ros.messages.robot_state import StateMessages
@@ -13,12 +12,19 @@ from vgps_ros.messages.state_collector import StateCollector
 
 
 def subscribe_to_states(
-    node: Node,
+    subscribe: Callable[..., object],
     states: StateMessages,
     take: Callable[[dict[str, Any]], object],
     qos: QoSProfile,
 ) -> None:
-    """Calls a function with the messages of each state by topic, once all of them are there."""
+    """Calls a function with the messages of each state by topic, once all of them are there.
+
+    Args:
+        subscribe: subscribes to one topic, as `Inbox.subscribe` and `Node.create_subscription` do.
+        states: knows the topics.
+        take: the function.
+        qos: quality of service of each subscription.
+    """
     collector = StateCollector(states.is_complete)
 
     def receive(topic: str, message: Any) -> None:
@@ -26,4 +32,4 @@ def subscribe_to_states(
             take(messages)
 
     for topic, kind in states.sources.items():
-        node.create_subscription(kind, topic, partial(receive, topic), qos)
+        subscribe(kind, topic, partial(receive, topic), qos)

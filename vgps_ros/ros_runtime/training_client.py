@@ -17,6 +17,7 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.progress import progress_from_msg
+from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.peers import TRAINING, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.views.training_progress import TrainingProgress
@@ -57,7 +58,7 @@ class TrainingClient(Node):
             f"There was no policy_learner for {lost_timeout:g} s; start one, and give this command "
             "again."
         )
-        self._peers = Peers(self)
+        self._peers = Peers(self, Inbox(self))
         self._sent_before = False  # to a learner that may be at it
 
     def train(

@@ -1,0 +1,64 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What others take of the machine: shared memory, and the ports of a domain."""
+
+import socket
+from contextlib import ExitStack, contextmanager
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from tests.nodes.conftest import SMALL_MEMORY, may_mount
+
+ALL = 120  # processes that a domain has ports for
+
+
+@contextmanager
+def strangers(domain_id, count):
+    """Takes the ports of the first processes of a domain, as so many other programs do."""
+    with ExitStack() as stack:
+        for place in range(count):
+            taken = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            try:
+                taken.bind(("127.0.0.1", 7410 + 250 * domain_id + 2 * place))
+            except OSError:  # the test's own node has it
+                continue
+        yield
+
+
+@pytest.mark.skipif(not may_mount(), reason="needs the right to mount a file system")
+def test_a_node_uses_udp_where_shared_memory_is_scarce_and_says_so(graph):
+    simulation = graph.start("simulation", prefix=[*SMALL_MEMORY, "8M", "0"], start_paused=True)
+    graph.diagnosis("simulation", DiagnosticStatus.WARN, "so this process uses UDP alone")
+    optimizer = graph.start("trajectory_optimizer")
+    graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK)
+    graph.spin_for(1.5)
+    optimizer.kill()  # which only one that has heard it before misses
+    graph.diagnosis("simulation", DiagnosticStatus.WARN, "/trajectory_optimizer has been silent")
+    assert simulation.end() == 0
+
+
+@pytest.mark.skipif(not may_mount(), reason="needs the right to mount a file system")
+def test_a_node_ends_with_a_sentence_where_there_is_no_shared_memory_at_all(graph):
+    node = graph.start("simulation", prefix=[*SMALL_MEMORY, "1M", "1M"])
+    assert node.wait() == 1
+    assert "/dev/shm has 0 bytes free" in node.output
+    assert "Traceback" not in node.output
+
+
+def test_nodes_find_each_other_beside_thirty_processes_of_others(graph, tmp_path):
+    with strangers(graph.domain_id, 30):
+        graph.start("recorder", output=tmp_path / "bag")
+        graph.start("simulation", start_paused=True)
+
+        def records_the_simulation():
+            status = graph.diagnosis("recorder", DiagnosticStatus.OK)
+            values = {value.key: value.value for value in status.values}
+            return int(values.get("topics", 0)) > 4  # those that every node has, and more
+
+        graph.spin_until(records_the_simulation)
+
+
+def test_a_node_for_which_the_domain_has_no_port_left_says_so(graph):
+    with strangers(graph.domain_id, ALL + 1):
+        node = graph.start("simulation", start_paused=True)
+        graph.spin_until_output(node, f"none of the {ALL} places of domain {graph.domain_id}")
