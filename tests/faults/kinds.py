@@ -7,6 +7,7 @@ whether anything was lost, is checked for all kinds alike by the campaign.
 
 import resource
 import signal
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -14,7 +15,7 @@ from functools import partial
 import numpy as np
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -23,13 +24,17 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.faults.listener import RESENT
-from tests.faults.system import NODES, NOTICED, System
+from tests.faults.strangers import THERE
+from tests.faults.system import BACK, NODES, NOTICED, System
+from tests.nodes.conftest import SMALL_MEMORY, Process, may_mount
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.tasks import make_task
 
 Fault = Callable[[System], None]
+
+GROWTH = 600.0  # of a node's memory under a flood, most of which it gives back afterwards [MB]
 
 
 def killed(name: str, system: System) -> None:
@@ -156,6 +161,50 @@ def impossible_step(system: System) -> None:
     assert answer.result.error_message
 
 
+def hostile_rates(system: System) -> None:
+    """A stranger floods the topics: no node's memory grows far, and all answer again."""
+    before = {name: process.memory for name, process in system.processes.items()}
+    strangers = _strangers(system, "flood", 5)
+    while strangers.running:
+        system.spin(0.2)
+        for name, process in system.processes.items():
+            grown = process.memory - before[name]
+            if grown > GROWTH:
+                strangers.kill()
+            assert grown <= GROWTH, f"{name} grew by {grown:.0f} MB under a flood."
+    assert strangers.wait() == 0, strangers.output
+    name = system.rng.choice(NODES)
+    request = GetParameters.Request(names=["peer_timeout"])
+    system.graph.call(GetParameters, f"{name}/get_parameters", request, BACK)
+
+
+def crowd(system: System) -> None:
+    """A node that is started beside thirty strange participants finds the others.
+
+    The recorder is left out, which docs/reliability.md explains.
+    """
+    strangers = _strangers(system, "crowd", 30)
+    system.wait_for(lambda: THERE in strangers.output, "thirty strangers")
+    ended(system.rng.choice([name for name in NODES if name != "recorder"]), system)
+    system.wait_until_it_works()
+    assert strangers.end() == 0, strangers.output
+
+
+def full_memory(system: System) -> None:
+    """A node that finds /dev/shm full works through UDP."""
+    name = system.rng.choice(("recorder", "visualizer"))
+    system.end(name)
+    system.start(name, (*SMALL_MEMORY, "8M", "1M"))
+    system.wait_for_word("uses UDP alone")
+    system.wait_until_it_works()
+    ended(name, system)
+
+
+def _strangers(system: System, what: str, number: int) -> Process:
+    command = [sys.executable, "-m", "tests.faults.strangers", what, str(number)]
+    return system.graph.start_command("strangers", command)
+
+
 def _publish(
     system: System,
     kind: type,
@@ -197,4 +246,8 @@ FAULTS: dict[str, Fault] = {
     "bad parameter": bad_parameter,
     "time jumps back": reset,
     "impossible step": impossible_step,
+    "hostile rates": hostile_rates,
+    "30 strangers, a node started anew": crowd,
 }
+if may_mount():
+    FAULTS["/dev/shm full, a node started anew"] = full_memory

@@ -7,7 +7,7 @@ compared with what the bags hold and with what the same training gives undisturb
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from random import Random
 from typing import Any
 
@@ -65,8 +65,8 @@ class System:
         self.play()
         self.wait_until_it_works()
 
-    def start(self, name: str) -> None:
-        """Starts a node, for the first time or again."""
+    def start(self, name: str, prefix: Sequence[str] = ()) -> None:
+        """Starts a node, for the first time or again, as a prefix says; see `Graph.start`."""
         parameters: dict[str, Any] = {"task": self.task}
         self.listener.started(name)
         if name == "simulation":
@@ -79,7 +79,7 @@ class System:
             parameters = {"output": self.recordings[-1].path}
         elif name == "visualizer":
             parameters = {"output": self.graph.folder / f"run_{len(self.graph.processes)}.rrd"}
-        self.processes[name] = self.graph.start(name, **parameters)
+        self.processes[name] = self.graph.start(name, prefix=prefix, **parameters)
 
     def play(self) -> None:
         """Lets the simulation run, once it is there; a killed one seems to be for a while."""
