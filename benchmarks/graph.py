@@ -18,9 +18,12 @@ from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
+from vgps_ros.programs.export import metadata
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
-from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.storage.onnx_file import parsed
+from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
+from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import Task, make_task
 
 LOOPS = 3000  # of each lock-step run
@@ -36,7 +39,8 @@ def lock_step() -> Iterator[Comparison]:
     task = make_task("swimmer")
     with TemporaryDirectory() as folder:
         policy = policy_file(task, Path(folder))
-        pongs, answers, loops = [], [], []
+        network = network_file(task, Path(folder))
+        pongs, answers, loops, of_others = [], [], [], []
         for _ in range(ROUNDS):
             with bench() as graph:
                 graph.start_module("benchmarks.pong")
@@ -48,12 +52,23 @@ def lock_step() -> Iterator[Comparison]:
                 graph.start("simulation", start_paused="true")
                 graph.start("policy_executor", policy_file=policy)
                 loops.append(_loop_rate(graph))
+            with bench() as graph:
+                graph.start("simulation", start_paused="true")
+                graph.start("policy_executor", policy_file=network)
+                of_others.append(_loop_rate(graph))
     pong_rate = statistics.median(1.0 / statistics.fmean(run) for run in pongs)
     yield Comparison(
         "lock-step loop: simulation and executor / bare ping-pong",
         statistics.median(loops),
         pong_rate,
         0.7,
+        unit="loops/s",
+    )
+    yield Comparison(
+        "lock-step loop: policy in onnxruntime / the same policy, ours",
+        statistics.median(of_others),
+        statistics.median(loops),
+        0.9,
         unit="loops/s",
     )
     for name, share in (("median", 0.5), ("p99", 0.99)):
@@ -72,6 +87,17 @@ def policy_file(task: Task, folder: Path) -> Path:
     policy = GaussianPolicy(shape, parameters, np.ones(task.dynamics.control_dim))
     save_policy(policy, task.name, folder / "policy.json")
     return folder / "policy.json"
+
+
+def network_file(task: Task, folder: Path) -> Path:
+    """Writes the same policy as a network of others, which onnxruntime executes."""
+    policy, _ = load_policy(policy_file(task, folder))
+    exported = ExportedPolicy(policy, task.dynamics.control_limits, "float32")
+    content = to_onnx(exported, metadata(task, policy, folder))
+    model = parsed(content, "The policy")
+    model.graph.name = "network of others"
+    (folder / "network.onnx").write_bytes(model.SerializeToString())
+    return folder / "network.onnx"
 
 
 def _round_trips(graph: Bench, task: Task) -> list[float]:

@@ -81,11 +81,26 @@ def five_units_block(figures: Figures) -> str:
     return "\n".join(table)
 
 
+def exported_block(figures: Figures) -> str:
+    """Makes the table of how exactly ONNX files compute."""
+    table = [
+        "| robot | readings | hidden units | float32 | float64 |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    table += [
+        f"| {name} | {row['readings']} | {', '.join(map(str, row['units']))} | "
+        f"{row['float32']:.1e} | {row['float64']:.1e} |"
+        for name, row in figures["exported"].items()
+    ]
+    return "\n".join(table)
+
+
 BLOCKS: dict[str, Callable[[Figures], str]] = {
     "swimmer": swimmer_block,
     "demo": demo_block,
     "walker": walker_block,
     "five_units": five_units_block,
+    "exported": exported_block,
 }
 
 

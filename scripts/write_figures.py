@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from onnx_parity import parity
 from page_blocks import ROOT, Figures, pages, with_figures
 from PIL import Image, ImageSequence
 
@@ -31,8 +32,10 @@ from vgps_ros.programs.evaluate import evaluate
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.driving import driver_of
 from vgps_ros.tasks.walker.simbicon import GAIT, walk
 from vgps_ros.views.filmstrip import filmstrip
 from vgps_ros.views.plots import phase_portrait, save
@@ -139,11 +142,12 @@ def save_picture(
 
 def walker_trials(path: Path) -> Figures:
     """Returns the shares of rollouts that do not fall, and how far the policy goes in 60 s."""
-    task, (policy, _) = make_task("walker"), load_policy(path)
+    task = make_task("walker")
+    driver = driver_of(task, open_policy(path))
 
     def trial(seconds: float, rollouts: int, sd: float, *, stochastic: bool = False) -> Figures:
         return evaluate(
-            task, policy, seconds=seconds, rollouts=rollouts, perturbation=sd, seed=5,
+            task, driver, seconds=seconds, rollouts=rollouts, perturbation=sd, seed=5,
             stochastic=stochastic,
         )  # fmt: skip
 
@@ -181,10 +185,22 @@ def write_small_gif(source: Path, target: Path) -> None:
     first.save(target, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
 
 
+def exported(output: Path, seeds: int) -> Figures:
+    """Trains a policy for each of a few robots and compares it with its ONNX files."""
+    rows = {}
+    for name in ("swimmer", "walker", "quadruped"):
+        folder = output / f"exported-{name}"
+        few = ("--iterations", 2, "--initial-ddp-iterations", 5, "--evaluation-rollouts", 2)
+        train(folder, "--task", name, "--seed", 0, *few)
+        rows[name] = parity(make_task(name), load_policy(folder / "policy.json")[0])
+    return rows
+
+
 PARTS: dict[str, Callable[[Path, int], Any]] = {
     "swimmer": swimmer,
     "demo": demo,
     "demonstration": demonstration,
+    "exported": exported,
     "walker": ten_units,
     "walker_five_units": lambda output, seeds: walker(
         output, seeds, 5, 130, "--params-file", FIVE_UNITS

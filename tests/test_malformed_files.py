@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
+from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
+from vgps_ros.programs.export import metadata
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
+from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
+from vgps_ros.storage.policy_file import policy_of
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, write_motion
@@ -32,6 +36,27 @@ def write_policy(folder):
     save_policy(
         GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(1)), "rotor", folder / "file"
     )
+
+
+def write_onnx(folder):
+    shape = Architecture(ROTOR.observation.names, (2,), 1)
+    policy = GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(1))
+    exported = ExportedPolicy(policy, ROTOR.dynamics.control_limits, "float64")
+    (folder / "file").write_bytes(to_onnx(exported, metadata(ROTOR, policy, folder)))
+
+
+def write_onnx_of_others(folder):
+    names = ROTOR.observation.names
+    says = {
+        "joint_names": ",".join(ROTOR.actuated_joint_names), "observation_names": ",".join(names)
+    }  # fmt: skip
+    made = elu_model(elu_layers(len(names), 1, hidden=(3,)), says)
+    (folder / "file").write_bytes(made.SerializeToString())
+
+
+def read_onnx(path):
+    policy = policy_of(path.read_bytes(), "The file").policy(ROTOR.actuated_joint_names)
+    policy.mean(np.zeros(len(policy.observed)))
 
 
 def write_demonstration(folder):
@@ -60,6 +85,8 @@ def read_result(path):
 
 KINDS = {
     "policy": (write_policy, load_policy),
+    "onnx policy": (write_onnx, read_onnx),
+    "onnx policy of others": (write_onnx_of_others, read_onnx),
     "demonstration": (write_demonstration, lambda path: load_demonstration(ROTOR, path)),
     "model": (write_model, lambda path: changed_spec(path, {}, {})),
     "model as text": (write_model, lambda path: compile_model(path.read_text(errors="replace"))),

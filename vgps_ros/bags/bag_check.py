@@ -8,7 +8,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.manifest import check_manifest, signer
 from vgps_ros.bags.policy_check import check_policies
 from vgps_ros.bags.torque_check import TOLERANCE, TorqueCheck, check_torques
-from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.storage.policy_file import PolicyFile
 
 
 @dataclass
@@ -30,7 +30,7 @@ class BagCheck:
 
 def check_bag(
     path: Path,
-    trusted: GaussianPolicy | None = None,
+    trusted: PolicyFile | None = None,
     signers: Path | None = None,
     namespace: str | None = None,
 ) -> BagCheck:
@@ -66,8 +66,8 @@ def check_bag(
 
 def _judge_torques(found: BagCheck) -> None:
     torques = found.torques
-    exact = torques.deterministic + torques.stochastic
-    explained = exact + torques.safe + torques.last
+    agreeing = torques.deterministic + torques.stochastic + torques.close
+    explained = agreeing + torques.safe + torques.last
     total = explained + torques.rounded + torques.unchecked + torques.stateless
     total += torques.unexplained + torques.different
     if explained:

@@ -5,10 +5,11 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from vgps_ros.bags.reader import BagReader
+from vgps_ros.bags.recorded_policies import onnx_content, policy_messages
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.storage.policy_digest import policy_digest
+from vgps_ros.storage.policy_file import PolicyFile
 
 
 @dataclass
@@ -26,7 +27,7 @@ class PolicyCheck:
     altered: list[int]
 
 
-def check_policies(bag: BagReader, trusted: GaussianPolicy | None = None) -> PolicyCheck:
+def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyCheck:
     """Compares each policy with the chain of digests in `learning_progress`.
 
     Args:
@@ -44,8 +45,13 @@ def check_policies(bag: BagReader, trusted: GaussianPolicy | None = None) -> Pol
         if digest:
             said[message.task, message.iteration].add(digest)
     found = PolicyCheck(0, 0, [])
-    trusted_digest = policy_digest(trusted) if trusted else ""
-    for _, message in bag.decoded(bag.needed_topic("policy")):
+    trusted_digest = policy_digest(trusted.gaussian) if trusted and trusted.gaussian else ""
+    for _, message in policy_messages(bag):
+        if (content := onnx_content(message)) is not None:
+            is_trusted = trusted is not None and content == trusted.content
+            found.proven += is_trusted
+            found.unproven += not is_trusted
+            continue
         k = int(message.iteration)
         wanted = said[message.task, k]
         before = said[message.task, k - 1] if k > 1 else {""}

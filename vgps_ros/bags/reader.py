@@ -19,7 +19,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
 
 # What a graph has once for each robot.
-_OF_A_ROBOT = {"joint_states", "joint_command", "policy", MJCF, URDF}
+_OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import Policy
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
@@ -96,9 +97,9 @@ class RecordedExecutor:
         observed = tuple(names[n] if isinstance(n, int) else n for n in given)
         return replace(policy, architecture=replace(policy.architecture, observed=observed))
 
-    def inputs(self, policy: GaussianPolicy, state: Array) -> Array:
+    def inputs(self, policy: Policy, state: Array) -> Array:
         """Returns what the policy reads of a state, shape (n_o,)."""
-        names = policy.architecture.observed
+        names = policy.observed
         if names not in self._readings:
             self._readings[names] = Readings(self._simulations, names)
         return self._readings[names](state)

@@ -3,7 +3,9 @@
 
 The torques are computed again with the limits from the executor's recorded parameters. Those of the
 safe action count only where the executor's diagnostics say that it drove, and zero torques also at
-the end of its activity. Each state that came while a policy drove must have its answer.
+the end of its activity. Each state that came while a policy drove must have its answer. A network
+of others, which onnxruntime executes, is computed again within a tolerance only, since its
+arithmetic depends on the machine.
 
 A torque answers the state that has the same stamp. The topics reach a recorder independently, so
 the bag may hold a state or a policy somewhat later than the torque that was computed from it.
@@ -13,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgps_ros.bags import BagReader
+from vgps_ros.bags import BagReader, recorded_policies
 from vgps_ros.bags.answered_states import AnsweredStates
 from vgps_ros.bags.executor_log import Counted, ExecutorLog
 from vgps_ros.bags.recorded_executor import RecordedExecutor
+from vgps_ros.bags.recorded_policies import onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK, Timeline
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import Array
@@ -28,8 +31,10 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
+from vgps_ros.storage import onnx_policy
+from vgps_ros.storage.onnx_policy import OnnxPolicy
 
-_NEEDED = ("policy", "joint_states", "joint_command")
+_NEEDED = ("joint_states", "joint_command")
 # Between the torques of two BLAS kernels, relative to the largest torque. Versions whose executors
 # did not count their commands computed torques by BLAS.
 TOLERANCE = 1e-9
@@ -42,6 +47,7 @@ class TorqueCheck:
     Attributes:
         deterministic: torques that equal the policy's mean.
         stochastic: torques that equal the policy's mean plus the noise of the recorded seed.
+        close: torques of an ONNX network that equal its output within `onnx_policy.TOLERANCE`.
         rounded: torques of an old version that equal one of these within `TOLERANCE`.
         clipped: torques among these kinds that are at a limit of their size.
         rate_limited: torques among these kinds that are at a limit of their change.
@@ -60,6 +66,7 @@ class TorqueCheck:
 
     deterministic: int = 0
     stochastic: int = 0
+    close: int = 0
     rounded: int = 0
     clipped: int = 0
     rate_limited: int = 0
@@ -85,7 +92,7 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     model = compile_model(bag.mjcf())
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
     executor, actuated = RecordedExecutor(bag, model), actuated_joint_names(model)
-    policies, marginals = _policies(bag, topics["policy"], executor), _marginals(bag, executor)
+    policies, marginals = _policies(bag, executor, actuated), _marginals(bag, executor)
     states, log = AnsweredStates(bag, model), ExecutorLog(bag)
     found = TorqueCheck(unusable=states.unusable)
     commands: list[int] = []
@@ -145,15 +152,10 @@ def _compare(
                 inputs = executor.inputs(policy.policy, state)
                 wanted = policy.control(inputs, sent.stamp, seed)
                 expected = limiter.limited(wanted, sent.stamp)
-                if np.array_equal(sent.torques, expected):
-                    if seed is None:
-                        found.deterministic += 1
-                    else:
-                        found.stochastic += 1
-                elif not log.counts and _is_close(sent.torques, expected):
-                    found.rounded += 1
-                else:
+                kind = _agreement(sent.torques, expected, policy, seed, is_old=not log.counts)
+                if not kind:
                     continue
+                setattr(found, kind, getattr(found, kind) + 1)
                 clipped = limiter.clipped(wanted)
                 found.clipped += not np.array_equal(clipped, wanted)
                 found.rate_limited += not np.array_equal(clipped, expected)
@@ -194,17 +196,39 @@ def _counts_safe(found: TorqueCheck, sent: _Sent, log: ExecutorLog) -> bool:
     return True
 
 
-def _is_close(torques: Array, expected: Array) -> bool:
-    allowed = TOLERANCE * max(1.0, float(np.abs(expected).max()))
-    return bool((np.abs(torques - expected) <= allowed).all())
+def _agreement(
+    torques: Array, expected: Array, policy: ExecutedPolicy, seed: int | None, *, is_old: bool
+) -> str:
+    """Returns how recorded torques agree with the policy's, as the name of a count; empty if not.
+
+    Args:
+        torques: the recorded torques.
+        expected: those of the policy, within the limits.
+        policy: the policy.
+        seed: of the noise in them; None without noise.
+        is_old: whether the executor was one that computed torques by BLAS.
+    """
+    if np.array_equal(torques, expected):
+        return "deterministic" if seed is None else "stochastic"
+    is_onnx = isinstance(policy.policy, OnnxPolicy)
+    allowed = onnx_policy.TOLERANCE if is_onnx else TOLERANCE if is_old else 0.0
+    allowed *= max(1.0, float(np.abs(expected).max()))
+    if not (np.abs(torques - expected) <= allowed).all():
+        return ""
+    return "close" if is_onnx else "rounded"
 
 
-def _policies(bag: BagReader, topic: str, executor: RecordedExecutor) -> Timeline:
+def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> Timeline:
     """Reads the policies, each with its iteration."""
     timeline = Timeline()
-    for received, message in bag.decoded(topic):
-        policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
-        timeline.add(received, (message.iteration, policy))
+    for received, message in policy_messages(bag):
+        content = onnx_content(message)
+        if content is None:
+            policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
+            timeline.add(received, (message.iteration, policy))
+        else:
+            network = recorded_policies.onnx_policy(content, joints)
+            timeline.add(received, (0, ExecutedPolicy(network)))
     return timeline
 
 

@@ -167,6 +167,11 @@ class GaussianPolicy:
                 f"policies read {', '.join(observed)}; use a policy that was learned for this task."
             )
 
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """Names of what the network reads, its inputs."""
+        return self.architecture.observed
+
     @cached_property
     def layers(self) -> list[tuple[Any, Any]]:
         """Weight, shape (n_out, n_in), and bias, shape (n_out,) or 0.0, of each layer."""

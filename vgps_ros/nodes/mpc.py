@@ -7,6 +7,7 @@ before it in use; where that one becomes too old, the safe action drives until a
 
 from vgps_msgs.msg import Plan as PlanMsg
 
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
@@ -60,6 +61,7 @@ class Mpc(Controller):
         step = round(stamp * 1e-9 / self.task.dynamics.time_step)
         executed = self.training.policy
         policy = executed.policy if executed else None
+        assert policy is None or isinstance(policy, GaussianPolicy)  # others are refused
         try:
             torques, age = self._horizon.control(state, step, policy)
         finally:

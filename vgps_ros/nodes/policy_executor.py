@@ -31,7 +31,7 @@ class PolicyExecutor(Controller):
         policy = self.training.policy
         assert policy is not None  # no state comes here before
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
-        return policy.control(self.task.observation(state), stamp, seed)
+        return policy.control(self.training.observation(state), stamp, seed)
 
 
 def main() -> int:

@@ -76,9 +76,9 @@ def check(arguments: argparse.Namespace) -> None:
     The last line says how much is proven, and of what.
     """
     from vgps_ros.bags.bag_check import check_bag
-    from vgps_ros.storage.run_folder import load_policy
+    from vgps_ros.storage.policy_file import open_policy
 
-    trusted = load_policy(arguments.policy)[0] if arguments.policy else None
+    trusted = open_policy(arguments.policy) if arguments.policy else None
     found = check_bag(arguments.bag, trusted, arguments.signers, arguments.namespace)
     torques = found.torques
     print(
@@ -87,6 +87,7 @@ def check(arguments: argparse.Namespace) -> None:
         "the noise of the seed."
     )
     for count, sentence in (
+        (torques.close, "other torques are those of an ONNX network within its rounding."),
         (torques.clipped, "of them are clipped to torque_limits or the robot's own."),
         (torques.rate_limited, "of them are held back by torque_rate_limit."),
         (torques.safe, "other torques are those of the safe action, while it drove."),
@@ -200,7 +201,7 @@ def add_arguments(parser: Parser) -> None:
             command.add_argument("--json", action="store_true", help="print JSON instead of tables")
         elif action is check:
             command.add_argument(
-                "--policy", type=Path, help="policy.json that the executor was started with"
+                "--policy", type=Path, help="file that was policy_file of the executor"
             )
             command.add_argument(
                 "--signers", type=Path, help="trusted signers, of whom one must have signed the bag"

@@ -19,10 +19,13 @@ from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
-from vgps_ros.storage.run_folder import RunFolder, load_policy
+from vgps_ros.storage.policy_file import open_policy
+from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
+    from vgps_ros.core.executed_control import Policy
     from vgps_ros.tasks import Task
+    from vgps_ros.tasks.driving import Driver
 
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
 SPREAD: dict[str, Callable[[Array], Any]] = {
@@ -37,7 +40,7 @@ FIGURES["cost_per_step"] = "cost per step"
 
 def evaluate(
     task: "Task",
-    policy: GaussianPolicy,
+    driver: "Driver",
     *,
     seconds: float,
     rollouts: int,
@@ -51,7 +54,7 @@ def evaluate(
 
     Args:
         task: dynamics, cost, x_1 and what falling is.
-        policy: π_θ.
+        driver: the policy, with what it reads.
         seconds: length of each rollout [s].
         rollouts: their number.
         perturbation: standard deviation of the joints' angles in x_1 [rad]; that of their
@@ -60,19 +63,22 @@ def evaluate(
         stochastic: whether the policy's noise is drawn.
 
     Raises:
-        InvalidInputError: the rollouts have too many steps.
+        InvalidInputError: the rollouts have too many steps, or the policy has no noise to draw.
     """
     steps = max(1, round(seconds / task.dynamics.time_step))
     if rollouts * steps > STEPS:
         raise InvalidInputError(
             f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
         )
+    noise_std = driver.policy.noise_std
+    if stochastic and not noise_std.any():
+        raise InvalidInputError("The policy has no noise to draw; leave out --stochastic.")
     rng = generator(seed, Stream.EVALUATION, 0)
     starts = _perturbed_starts(task, perturbation, rollouts, rng)
 
     def control_law(_: int, x: Array) -> Array:
-        mean = policy.mean(task.observation(x))
-        return mean + policy.noise_std * rng.standard_normal(mean.shape) if stochastic else mean
+        mean = driver.mean(x)
+        return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
     states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
@@ -108,7 +114,7 @@ def _perturbed_starts(
     return space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
 
 
-def tried(task: "Task", policy: GaussianPolicy, arguments: argparse.Namespace) -> dict[str, Any]:
+def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict[str, Any]:
     """Tries the disturbances that the arguments name; returns the survival by kind."""
     from vgps_ros.search.robustness import KINDS, Trials, robustness
     from vgps_ros.tasks.disturbance import DisturbanceSettings
@@ -116,6 +122,11 @@ def tried(task: "Task", policy: GaussianPolicy, arguments: argparse.Namespace) -
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
     if not values:
         return {}
+    if not isinstance(policy, GaussianPolicy):
+        raise InvalidInputError(
+            f"--{next(iter(values))} needs a policy of vgps_ros, but this is a network of others; "
+            "leave it out."
+        )
     steps = max(1, round(arguments.seconds / task.dynamics.time_step))
     rng = generator(arguments.seed, Stream.EVALUATION, 1)
     starts = _perturbed_starts(task, arguments.perturbation, arguments.rollouts, rng)
@@ -175,7 +186,9 @@ def _show_survival(robustness: dict[str, Any]) -> None:
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    parser.add_argument("run", type=Path, nargs="?", help="folder of a run, or a policy.json")
+    parser.add_argument(
+        "run", type=Path, nargs="?", help="folder of a run, a policy.json or an ONNX file"
+    )
     parser.add_argument("--policy", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     perturbation = (
@@ -217,20 +230,23 @@ def run(arguments: argparse.Namespace) -> None:
     """Evaluates the policy that the arguments name."""
     path = arguments.run or arguments.policy
     if path is None:
-        arguments.parser.error("name the folder of a run, or a policy.json")
+        arguments.parser.error("name the folder of a run, a policy.json or an ONNX file")
     prints = arguments.json == Path("-")
     files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
     refuse_existing(files, overwrite=arguments.overwrite)
     if path.is_dir():
         path = RunFolder(path).policy
-    policy, name = load_policy(path)
+    file = open_policy(path)
+    if not (arguments.task or file.task):
+        raise InvalidInputError(f"{file.name} names no task; give --task.")
     from vgps_ros.tasks import make_task, recorded_task
+    from vgps_ros.tasks.driving import driver_of
 
-    task = make_task(arguments.task) if arguments.task else recorded_task(name)
-    policy.check_fits(task.observation.names, task.dynamics.control_dim)
+    task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
-    result = evaluate(task, policy, **{name: getattr(arguments, name) for name in own})
-    if found := tried(task, policy, arguments):
+    driver = driver_of(task, file)
+    result = evaluate(task, driver, **{name: getattr(arguments, name) for name in own})
+    if found := tried(task, driver.policy, arguments):
         result["robustness"] = found
     if arguments.plot:
         if not found:

@@ -1,18 +1,19 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The results of a training for the node that executes its policy, from topics or from files."""
 
+from array import array
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
+from std_msgs.msg import UInt8MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import ExecutedPolicy
-from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
@@ -28,11 +29,15 @@ from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.storage.run_folder import load_distributions, load_policy
+from vgps_ros.storage.policy_file import PolicyFile, open_policy
+from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.driving import Driver, driver_of
 
 POLICY_FILE = Setting(
-    "policy_file", "", "policy.json of a training to start with; empty: wait for the topic policy"
+    "policy_file",
+    "",
+    "policy.json of a training, or an ONNX file, to start with; empty: wait for the topic policy",
 )
 DISTRIBUTION_FILE = Setting(
     "distribution_file",
@@ -56,10 +61,11 @@ class TrainingResults:
         health: the node's diagnostics.
         take_marginals: called with the trajectory's index and its marginals; None if they are not
             needed.
-        needs_policy: whether the node waits for a policy.
+        needs_policy: whether the node waits for a policy, which may be a network of others.
 
     Attributes:
         policy: the latest one, ready to drive, or None.
+        observation: what it reads of a state.
 
     Raises:
         InvalidInputError: a file that the node was started with is wrong.
@@ -75,11 +81,12 @@ class TrainingResults:
         needs_policy: bool,
     ):
         self.policy: ExecutedPolicy | None = None
+        self.observation = task.observation
         self._node = node
         self._task = task
         self._health = health
         self._take_marginals = take_marginals or (lambda *_: None)
-        self._waits_for_policy = needs_policy
+        self._needs_policy = needs_policy
         self._waits_for_distribution = take_marginals is not None
         subscribe = partial(health.inbox.subscribe, qos=LATCHED, largest=LARGEST_RECORD)
         subscribe(GaussianPolicyMsg, "policy", self._take_policy)
@@ -93,7 +100,7 @@ class TrainingResults:
 
     def wait(self) -> None:
         """Says what is still missing."""
-        if self._waits_for_policy and self.policy is None:
+        if self._needs_policy and self.policy is None:
             self._health.wait_for(POLICY, meanwhile=TRAINING)
         if self._waits_for_distribution:
             self._health.wait_for(DISTRIBUTION, meanwhile=TRAINING)
@@ -104,15 +111,20 @@ class TrainingResults:
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
-            policy = ExecutedPolicy(self._checked(policy_from_msg(message), message.task))
+            one_of("the policy's task", message.task, [self._task.name])
+            file = PolicyFile("The policy", message.task, policy_from_msg(message))
+            driver = driver_of(self._task, file)
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
             self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
             return
-        self.policy = policy
+        self._drive_by(driver, message.iteration)
+
+    def _drive_by(self, driver: Driver, iteration: int) -> None:
+        self.policy, self.observation = ExecutedPolicy(driver.policy), driver.observation
         self._health.arrived(POLICY)
         self._health.clear("policy")
-        self._health.set_value(POLICY_OF_ITERATION, message.iteration)
+        self._health.set_value(POLICY_OF_ITERATION, iteration)
 
     def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
         try:
@@ -124,10 +136,24 @@ class TrainingResults:
         self._health.clear("distribution")
 
     def _publish_policy(self, path: Path) -> None:
-        policy, task = load_policy(path)
-        self._checked(policy, task)
-        publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
-        publisher.publish(policy_to_msg(policy, task, 0, self._node.get_clock().now().to_msg()))
+        file = open_policy(path)
+        if file.gaussian or file.task:
+            one_of("the policy's task", file.task, [self._task.name])
+        driver = driver_of(self._task, file)
+        if file.gaussian:
+            stamp = self._node.get_clock().now().to_msg()
+            publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
+            publisher.publish(policy_to_msg(file.gaussian, file.task, 0, stamp))
+        elif self._needs_policy:
+            self._drive_by(driver, 0)
+            # For whoever checks the torques. No node takes it: networks come from files alone.
+            publisher = self._node.create_publisher(UInt8MultiArray, "onnx_policy", LATEST)
+            publisher.publish(UInt8MultiArray(data=array("B", file.content)))
+        else:
+            raise InvalidInputError(
+                f"{file.name} is a network of others, which only policy_executor can execute; name "
+                "the policy.json of a run."
+            )
 
     def _publish_distributions(self, path: Path) -> None:
         distributions, task = load_distributions(path)
@@ -139,11 +165,6 @@ class TrainingResults:
             self._prepare(index, q, task)
             stamp = self._node.get_clock().now().to_msg()
             publisher.publish(distribution_to_msg(q, self._task, index, 0, stamp))
-
-    def _checked(self, policy: GaussianPolicy, task: str) -> GaussianPolicy:
-        one_of("the policy's task", task, [self._task.name])
-        policy.check_fits(self._task.observation.names, self._task.dynamics.control_dim)
-        return policy
 
     def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
         """Hands on the marginals of the steps that a policy is trained on."""

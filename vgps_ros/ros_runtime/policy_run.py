@@ -12,6 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from simulation_interfaces.msg import Result, SimulationState
 from simulation_interfaces.srv import ResetSimulation, SetSimulationState, StepSimulation
+from std_msgs.msg import UInt8MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from vgps_ros.core.errors import VgpsError
@@ -43,11 +44,12 @@ class PolicyRun(Node):
         self._timeout = timeout
         self._states: dict[int, Array] = {}  # by stamp [ns]
         self._controls: dict[int, Array] = {}
-        self._policies: list[GaussianPolicyMsg] = []
+        self._policies: list[Any] = []
         self._messages = StateMessages(task.dynamics.model)
         subscribe_to_states(self.create_subscription, self._messages, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
-        self.create_subscription(GaussianPolicyMsg, "policy", self._policies.append, LATCHED)
+        for kind, topic in ((GaussianPolicyMsg, "policy"), (UInt8MultiArray, "onnx_policy")):
+            self.create_subscription(kind, topic, self._policies.append, LATCHED)
         name = f"{simulation}/set_simulation_state"
         self._set_state = self.create_client(SetSimulationState, name)
         self._reset = self.create_client(ResetSimulation, f"{simulation}/reset_simulation")

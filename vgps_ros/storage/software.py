@@ -40,7 +40,7 @@ def environment() -> str:
     """Returns versions, commit and machine as YAML."""
     return yaml.safe_dump(
         {
-            "commit": _commit(),
+            "commit": commit(),
             "python": platform.python_version(),
             "platform": platform.platform(),
             "arithmetic": arithmetic(),
@@ -86,7 +86,7 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _commit() -> str:
+def commit() -> str:
     """Returns the commit of the running source, with "-dirty" if files were changed since."""
     try:
         described = subprocess.run(

@@ -18,7 +18,8 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
 
     Args:
         reference: a name, a task file or its folder, or FILE.py:FUNCTION, whose code is run.
-        demonstration: file of a recorded demonstration to use; empty for the task's own start.
+        demonstration: table of a recorded motion, or a policy whose motion it is; empty for the
+            task's own start.
 
     Raises:
         InvalidInputError: there is no such task, and the message has the names; the task is wrong;

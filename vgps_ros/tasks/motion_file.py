@@ -21,6 +21,8 @@ from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.model import actuated_joint_names, state_names
+from vgps_ros.storage.policy_file import is_policy_file
+from vgps_ros.tasks.driving import demonstrated_by
 from vgps_ros.tasks.table import read_rows
 from vgps_ros.tasks.task import Task
 
@@ -28,11 +30,16 @@ RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
 
 
 def with_demonstration(task: Task, path: Path) -> Task:
-    """Returns the task with a recorded demonstration, from whose first state it starts.
+    """Returns the task with the demonstration of a file.
+
+    It starts from the first state of a recorded motion. A policy drives it from its own start.
 
     Raises:
-        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task.
+        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task; or it
+            is a policy that does not fit the robot, or whose motion diverges.
     """
+    if is_policy_file(path):
+        return demonstrated_by(task, path)
     recorded = load_demonstration(task, path)
     return replace(
         task,

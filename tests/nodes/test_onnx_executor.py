@@ -1,0 +1,137 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Policies in ONNX files drive the robot through the graph, and their bags are checked."""
+
+import signal
+
+import numpy as np
+import onnx
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from tests.onnx_models import elu_layers, elu_model
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.bags.episode import last_episode
+from vgps_ros.messages.conversions import policy_to_msg
+from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.storage.policy_file import open_policy
+from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks.driving import driver_of
+
+STEPS = 60
+
+
+def drive(graph, folder, policy, limit):
+    """Lets the policy of a file drive the swimmer, with narrow limits; returns the bag."""
+    recorder = graph.start("recorder", output=folder / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.start("simulation", start_paused=True)
+    limits = [limit, limit]
+    graph.start("policy_executor", policy_file=policy, torque_limits=limits, safe_action="damping")
+    for topic in ("joint_states", "joint_command"):
+        count = graph.node.count_subscribers
+        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
+    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 1)
+    program = graph.start("execute_policy", "--steps", str(STEPS))
+    graph.spin_until(lambda: not program.running)
+    assert program.wait() == 0, program.output
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    return folder / "bag"
+
+
+def motion_of(bag_path, task):
+    with BagReader(bag_path) as bag:
+        episode = last_episode(bag, task.dynamics.model)
+    return episode.states[: STEPS + 1], episode.controls[1 : STEPS + 1]
+
+
+def rollout(task, law, limit):
+    limited = task.dynamics.rollout(
+        task.initial_state, lambda _, x: np.clip(law(x), -limit, limit), STEPS
+    )
+    assert (np.abs(limited.controls) == limit).any()
+    assert (np.abs(limited.controls) < limit).any()
+    return limited
+
+
+def test_our_own_file_drives_to_the_same_bits_as_the_policy(
+    graph, swimmer, random_policy, tmp_path
+):
+    policy, path = random_policy(5), tmp_path / "policy.onnx"
+    save_policy(policy, "swimmer", tmp_path / "policy.json")
+    words = [str(tmp_path / "policy.json"), "--output", str(path), "--precision", "float64"]
+    vgps(["export", *words])
+    bag = drive(graph, tmp_path, path, limit=1.5)
+    states, controls = motion_of(bag, swimmer)
+    expected = rollout(swimmer, lambda x: policy.mean(swimmer.observation(x)), 1.5)
+    np.testing.assert_allclose(controls, expected.controls, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(states, expected.states, rtol=1e-9, atol=1e-12)
+    for file in (path, tmp_path / "policy.json"):
+        found = check_bag(bag, open_policy(file))
+        assert found.wrong == found.unproven == []
+        assert found.torques.deterministic >= STEPS
+    assert check_bag(bag).unproven == ["1 policies, of which no learner says a digest"]
+
+
+@pytest.fixture
+def foreign(swimmer, tmp_path):
+    """Writes a network of others with torques beyond the limits, in another order of the joints."""
+
+    def write(name, seed=0):
+        layers = elu_layers(len(swimmer.observation.names), 2, seed=seed)
+        metadata = {
+            "joint_names": "back_joint,front_joint",
+            "observation_names": ",".join(swimmer.observation.names),
+            "action_scale": "5.0",
+        }
+        onnx.save(elu_model(layers, metadata), tmp_path / name)
+        return tmp_path / name
+
+    return write
+
+
+def test_a_network_of_others_drives_within_the_limits_and_its_bag_is_checked(
+    graph, swimmer, foreign, tmp_path
+):
+    path = foreign("policy.onnx")
+    bag = drive(graph, tmp_path, path, limit=0.55)
+    states, controls = motion_of(bag, swimmer)
+    expected = rollout(swimmer, driver_of(swimmer, open_policy(path)).mean, 0.55)
+    np.testing.assert_allclose(controls, expected.controls, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(states, expected.states, rtol=1e-6, atol=1e-6)
+    found = check_bag(bag, open_policy(path))
+    assert found.wrong == found.unproven == []
+    assert found.torques.deterministic + found.torques.close >= STEPS
+    assert found.torques.clipped > 0
+    other = check_bag(bag, open_policy(foreign("other.onnx", seed=1)))
+    assert other.unproven == ["1 policies, of which no learner says a digest"]
+
+
+def test_a_wrong_file_ends_the_start_with_a_sentence(graph, foreign, tmp_path):
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(foreign("whole.onnx").read_bytes()[:-40])
+    executor = graph.start("policy_executor", policy_file=path)
+    assert executor.wait() == 1
+    assert "is not an ONNX model, or is damaged" in executor.output
+    assert "Traceback" not in executor.output
+    planner = graph.start("mpc", policy_file=tmp_path / "whole.onnx")
+    assert planner.wait() == 1
+    assert "a network of others, which only policy_executor can execute" in planner.output
+
+
+def test_a_policy_of_the_topic_takes_over_from_the_file(graph, swimmer, foreign, random_policy):
+    graph.start("policy_executor", policy_file=foreign("policy.onnx"))
+    status = graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
+    values = {pair.key: pair.value for pair in status.values}
+    assert values["policy of iteration"] == "0"
+    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(random_policy(1), "swimmer", 7, Time()))
+
+    def takes_over():
+        status = graph.diagnosis("policy_executor", DiagnosticStatus.OK)
+        return {pair.key: pair.value for pair in status.values}["policy of iteration"] == "7"
+
+    graph.spin_until(takes_over)

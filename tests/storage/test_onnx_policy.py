@@ -1,0 +1,206 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Networks of others: what they compute, and which are refused, in bounded time and memory."""
+
+import resource
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from tests.onnx_models import elu_layers, elu_mean, elu_model, model
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.storage import onnx_policy
+from vgps_ros.storage.onnx_policy import OnnxPolicy
+from vgps_ros.storage.policy_file import open_policy
+
+JOINTS = ("hip", "knee")
+READ = ("hip/position", "knee/position", "hip/velocity", "knee/velocity", "up")
+NAMES = {"joint_names": ",".join(JOINTS), "observation_names": ",".join(READ)}
+LAYERS = elu_layers(5, 2)
+
+
+def policy(made, joints=JOINTS):
+    return OnnxPolicy(made.SerializeToString(), "The file", joints)
+
+
+def test_it_computes_what_the_network_does_for_one_observation_and_for_many(rng):
+    inputs = rng.standard_normal((4, 30, 5))
+    expected = elu_mean(LAYERS, inputs)
+    for rows in (1, "batch"):
+        found = policy(elu_model(LAYERS, NAMES, rows=rows))
+        assert found.observed == READ
+        np.testing.assert_allclose(found.mean(inputs), expected, atol=1e-6)
+        np.testing.assert_allclose(found.mean(inputs[0, 0]), expected[0, 0], atol=1e-6)
+
+
+def test_torques_come_in_the_order_of_the_robots_controls(rng):
+    inputs = rng.standard_normal((3, 5))
+    turned = policy(elu_model(LAYERS, NAMES), joints=JOINTS[::-1])
+    np.testing.assert_array_equal(
+        turned.mean(inputs), policy(elu_model(LAYERS, NAMES)).mean(inputs)[:, ::-1]
+    )
+
+
+def test_gains_make_its_actions_targets_of_positions_as_mjlab_means_them(rng):
+    """The torque is k_p (p_0 + s a − p) − k_d v, and joint_pos is read from p_0 on."""
+    says = {
+        "joint_names": "hip,knee",
+        "observation_names": "joint_pos,joint_vel,up",
+        "action_scale": "0.5",
+        "default_joint_pos": "0.1,-0.2",
+        "joint_stiffness": "20.0,30.0",
+        "joint_damping": "1.0,2.0",
+    }
+    found = policy(elu_model(LAYERS, says))
+    felt = ("hip/position", "knee/position", "hip/velocity", "knee/velocity")
+    assert found.observed == (*felt, "up", *felt)
+    p, v, up = rng.standard_normal((6, 2)), rng.standard_normal((6, 2)), np.ones((6, 1))
+    zero = np.array([0.1, -0.2])
+    action = elu_mean(LAYERS, np.hstack([p - zero, v, up]))
+    expected = np.array([20.0, 30.0]) * (zero + 0.5 * action - p) - np.array([1.0, 2.0]) * v
+    torques = found.mean(np.hstack([p, v, up, p, v]))
+    np.testing.assert_allclose(torques, expected, rtol=1e-5, atol=1e-5)
+
+
+def changed(**changes):
+    return elu_model(LAYERS, {**NAMES, **changes})
+
+
+def without(key):
+    return elu_model(LAYERS, {k: v for k, v in NAMES.items() if k != key})
+
+
+def external():
+    made = elu_model(LAYERS, NAMES)
+    made.graph.initializer[0].data_location = TensorProto.EXTERNAL
+    entry = made.graph.initializer[0].external_data.add()
+    entry.key, entry.value = "location", "../../../../etc/hostname"
+    return made
+
+
+def external_in_a_constant():
+    made = model([helper.make_node("Constant", [], ["actions"])], 5, 2, metadata=NAMES)
+    tensor = TensorProto(data_type=1, dims=[1, 2], data_location=TensorProto.EXTERNAL)
+    made.graph.node[0].attribute.append(helper.make_attribute("value", tensor))
+    return made
+
+
+def endless():
+    value = helper.make_tensor_value_info
+    body = helper.make_graph(
+        [helper.make_node("Identity", [a], [b]) for a, b in (("go", "on"), ("x", "y"))],
+        "body",
+        [value("i", TensorProto.INT64, []), value("go", TensorProto.BOOL, []),
+         value("x", TensorProto.FLOAT, [1, 5])],
+        [value("on", TensorProto.BOOL, []), value("y", TensorProto.FLOAT, [1, 5])],
+    )  # fmt: skip
+    node = helper.make_node("Loop", ["", "true", "obs"], ["actions"], body=body)
+    return model([node], 5, 5, [("true", np.array(True))], NAMES)
+
+
+def outer_products(count=4):
+    """A few nodes, each of which squares the size of what came before."""
+    nodes, last = [], "obs"
+    for i in range(count):
+        nodes += [
+            helper.make_node("Reshape", [last, shape], [f"{shape}{i}"])
+            for shape in ("column", "row")
+        ]
+        nodes.append(helper.make_node("MatMul", [f"column{i}", f"row{i}"], [last := f"product{i}"]))
+    nodes.append(helper.make_node("ReduceSum", [last], ["actions"]))
+    shapes = [("column", np.array([-1, 1])), ("row", np.array([1, -1]))]
+    return model(nodes, 5, 1, shapes, NAMES)
+
+
+def huge_constant():
+    """A tensor that says to have 4 TB, of which there is not one byte."""
+    made = elu_model(LAYERS, NAMES)
+    made.graph.initializer[0].dims[:] = [1_000_000, 1_000_000]
+    made.graph.initializer[0].raw_data = b""
+    return made
+
+
+def two_inputs():
+    inputs = [
+        helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, 5]) for n in ("obs", "hidden")
+    ]
+    return model([helper.make_node("Add", ["obs", "hidden"], ["actions"])], 5, 5,
+                 metadata=NAMES, inputs=inputs)  # fmt: skip
+
+
+def of_integers():
+    inputs = [helper.make_tensor_value_info("obs", TensorProto.INT64, [1, 5])]
+    cast = helper.make_node("Cast", ["obs"], ["actions"], to=TensorProto.FLOAT)
+    return model([cast], 5, 5, metadata=NAMES, inputs=inputs)
+
+
+def of_a_stranger():
+    made = elu_model(LAYERS, NAMES)
+    made.graph.node[0].domain = "com.example"
+    made.opset_import.append(helper.make_opsetid("com.example", 1))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: without("joint_names"), "has no metadata 'joint_names'"),
+        (lambda: without("observation_names"), "has no metadata 'observation_names'"),
+        (lambda: changed(joint_names="hip,toe"), "but the robot's controls drive hip, knee"),
+        (lambda: changed(joint_names="hip"), r"drives \['hip'\], but"),
+        (lambda: changed(observation_names="hip/position"), "reads 5 numbers, but .* names 1"),
+        (lambda: changed(action_scale="1,2,3"), "'action_scale' .* has 3 values"),
+        (lambda: changed(action_scale="nan"), "must be finite"),
+        (lambda: changed(joint_damping="much"), "must hold numbers only"),
+        (lambda: elu_model(elu_layers(5, 3), NAMES), "gives 3 actions, but .* 2 joints"),
+        (lambda: elu_model(LAYERS, NAMES, opset=99), "Opset 99 is under development"),
+        (two_inputs, "has the inputs obs, hidden, but it must have one"),
+        (of_integers, r"reads a tensor\(int64\)"),
+        (of_a_stranger, "the operator 'Gemm' of 'com.example'"),
+        (external, "keeps the tensor 'w0' in another file"),
+        (external_in_a_constant, "in another file"),
+        (endless, "without loops"),
+        (outer_products, "cannot be executed: .*[Aa]vailable memory"),
+        (huge_constant, "cannot be executed"),
+        (onnx.ModelProto, "has no graph"),
+    ],
+)
+def test_a_file_that_does_not_fit_or_harms_is_refused_with_a_sentence(make, sentence):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InvalidInputError, match=sentence) as refused:
+        policy(make())
+    assert "\n" not in str(refused.value)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # [kB]
+
+
+def test_a_network_that_takes_too_long_is_refused(monkeypatch):
+    monkeypatch.setattr(onnx_policy, "_LONGEST", 0.2)
+    nodes = [
+        helper.make_node("MatMul", ["column of ones", "row of ones"], ["m0"]),
+        *(helper.make_node("MatMul", [f"m{i}", "m0"], [f"m{i + 1}"]) for i in range(200)),
+        helper.make_node("ReduceMax", ["m200"], ["actions"]),
+    ]
+    tensors = [
+        ("column of ones", np.ones((1500, 1), np.float32)),
+        ("row of ones", np.ones((1, 1500), np.float32)),
+    ]
+    with pytest.raises(InvalidInputError, match=r"takes more than 0\.2 s for one observation"):
+        policy(model(nodes, 5, 1, tensors, NAMES))
+
+
+def test_files_that_hold_no_policy_are_refused_before_they_are_read(tmp_path):
+    path = tmp_path / "policy.onnx"
+    with pytest.raises(InvalidInputError, match="is no file"):
+        open_policy(path)
+    with path.open("wb") as file:
+        file.truncate(2 << 30)  # 2 GB, of which the disk holds nothing
+    with pytest.raises(InvalidInputError, match=r"has 2147 MB, but .* at most 67 MB"):
+        open_policy(path)
+    path.write_bytes(b"\x00 this is no ONNX")
+    with pytest.raises(InvalidInputError, match="is not an ONNX model, or is damaged"):
+        open_policy(path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(InvalidInputError, match="is no file"):
+        open_policy(path)

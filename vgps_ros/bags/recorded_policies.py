@@ -1,0 +1,35 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The policies of a bag: those of a learner, and networks of others as ONNX files."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.storage.onnx_policy import OnnxPolicy
+
+ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
+
+
+def policy_messages(bag: BagReader) -> Iterator[tuple[int, Any]]:
+    """Yields the time of receipt [ns] and the message of each policy, in their order.
+
+    Raises:
+        InvalidInputError: the bag has no policy, or a message is none.
+    """
+    topics = [bag.filled_topics[name] for name in ("policy", ONNX) if name in bag.filled_topics]
+    for message in bag.messages(topics or [bag.needed_topic("policy")]):
+        yield message.stamp, bag.decode(message)
+
+
+def onnx_content(message: Any) -> bytes | None:
+    """Returns the bytes of an ONNX file, or None if the message is a policy of a learner."""
+    return bytes(message.data) if hasattr(message, "data") else None
+
+
+def onnx_policy(content: bytes, joints: Sequence[str]) -> OnnxPolicy:
+    """Returns the network that a bag holds, for a robot whose controls drive these joints.
+
+    Raises:
+        InvalidInputError: the bytes are no policy of this robot.
+    """
+    return OnnxPolicy(content, f"The message on {ONNX}", joints)

@@ -1,0 +1,98 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Writes a policy as an ONNX file, which other programs and robots execute.
+
+One graph maps what the policy reads to torques within the robot's limits. Its metadata say what the
+numbers mean, and of which robot and commit they are. It needs the package `onnx`: pip install -r
+requirements/onnx.txt.
+"""
+
+import argparse
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import Setting
+from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.storage.run_folder import RunFolder, load_policy
+
+if TYPE_CHECKING:
+    from vgps_ros.core.policy import GaussianPolicy
+    from vgps_ros.tasks import Task
+
+_PRECISION = Setting(
+    "precision",
+    "float32",
+    "of the graph's input and outputs: float32, as most controllers have them, or float64",
+    choices=("float32", "float64"),
+)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    parser.add_argument("run", type=Path, help="folder of a run, or a policy.json")
+    parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
+    parser.add_argument("--task", help="the task; default: the one that the policy's file names")
+    parser.add_settings(_PRECISION)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Exports the policy that the arguments name."""
+    refuse_existing([arguments.output], overwrite=arguments.overwrite)
+    path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
+    policy, name = load_policy(path)
+    from vgps_ros.storage.files import replacing
+    from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
+    from vgps_ros.tasks import make_task, recorded_task
+
+    task = make_task(arguments.task) if arguments.task else recorded_task(name)
+    policy.check_fits(task.observation.names, task.dynamics.control_dim)
+    exported = ExportedPolicy(policy, task.dynamics.control_limits, arguments.precision)
+    content = to_onnx(exported, metadata(task, policy, arguments.run))
+    with replacing(arguments.output) as file:
+        file.write(content)
+    print(
+        f"Wrote {arguments.output}: {len(policy.observed)} readings to "
+        f"{len(policy.noise_std)} controls, in {arguments.precision}."
+    )
+
+
+def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, str]:
+    """Returns what the file says of itself: first by the keys of mjlab, then by our own."""
+    from vgps_ros.simulation.joint_forces import controls_are_forces
+    from vgps_ros.simulation.model import state_names
+    from vgps_ros.storage.software import commit
+
+    joints, states = task.actuated_joint_names, state_names(task.dynamics.model)
+    positions = [f"{joint}/position" for joint in joints]
+    start = [float(task.initial_state[states.index(p)]) if p in states else 0.0 for p in positions]
+    none = [0.0] * len(joints)
+    return {
+        "run_path": str(path),
+        "joint_names": _listed(joints),
+        "joint_stiffness": _listed(none),  # the actions are torques, not targets of positions
+        "joint_damping": _listed(none),
+        "default_joint_pos": _listed(start),
+        "command_names": "",
+        "observation_names": _listed(policy.observed),
+        "action_scale": _listed([1.0] * len(joints)),
+        "action_kind": "joint torque or force [N·m, N]"
+        if controls_are_forces(task.dynamics.model)
+        else "control of the MJCF's actuator",
+        "task": task.name,
+        "noise_std": _listed(policy.noise_std.tolist()),
+        "control_period": repr(task.dynamics.time_step),
+        "mjcf_sha256": hashlib.sha256(task.mjcf.encode()).hexdigest(),
+        "vgps_ros_commit": commit(),
+    }
+
+
+def _listed(values: "list[str] | list[float] | tuple[str, ...]") -> str:
+    """Returns values separated by commas, numbers with the digits that read back to their bits."""
+    for value in values:
+        if "," in str(value):
+            raise InvalidInputError(
+                f"The name '{value}' has a comma, but names in ONNX metadata are separated by "
+                "commas: rename it in the MJCF."
+            )
+    return ",".join(map(str, values))

@@ -1,0 +1,168 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A policy of ours as an ONNX graph, and back without loss.
+
+The graph maps `obs`, shape (batch, n_o), to
+
+    mean     μ_θ(o), shape (batch, n_u)
+    actions  the mean within the robot's limits, shape (batch, n_u)
+    std      σ, shape (n_u,)
+
+all in the units of the robot. `obs` and the outputs are float32 or float64. Between them all is
+float64: where large terms nearly cancel, float32 would lose up to 6e-5 of the largest torque. So
+the file keeps every bit of the policy. Its operators are few and old, so every runtime has them.
+Softplus is written as max(z, 0) + log(1 + exp(−|z|)), since onnxruntime has it for float32 alone.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.storage.onnx_file import metadata_of, names_of, package, parsed
+
+OPSET, IR_VERSION = 17, 8  # of 2022, which the runtimes on robots read too
+PRECISIONS = {"float32": np.float32, "float64": np.float64}
+
+
+@dataclass(frozen=True)
+class ExportedPolicy:
+    """A policy with what its graph needs beside it.
+
+    Attributes:
+        policy: π_θ.
+        limits: the lowest and the highest control, shapes (n_u,), [N·m]; ∓inf for none.
+        precision: float32 or float64, of the graph's input and outputs.
+    """
+
+    policy: GaussianPolicy
+    limits: tuple[Array, Array]
+    precision: str
+
+
+def to_onnx(exported: ExportedPolicy, metadata: dict[str, str]) -> bytes:
+    """Returns the bytes of an ONNX file."""
+    helper = package("onnx.helper")
+    model = helper.make_model(
+        _graph(exported),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="vgps_ros",
+    )
+    shape = exported.policy.architecture
+    helper.set_model_props(model, metadata | {"activation": shape.activation})
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def from_onnx(content: bytes, name: str) -> ExportedPolicy | None:
+    """Returns the policy from which `to_onnx` wrote these bytes, or None if it did not.
+
+    It did if it writes the same graph again.
+
+    Raises:
+        InvalidInputError: the bytes are no ONNX model that may be read.
+    """
+    model = parsed(content, name)
+    try:
+        exported = _read(model, name)
+        return exported if _graph(exported) == model.graph else None
+    except (InvalidInputError, ArithmeticError, LookupError, TypeError, ValueError):
+        return None  # a graph of others
+
+
+class _Builder:
+    """Collects the nodes and constants of a graph."""
+
+    def __init__(self, precision: str):
+        self.kind = np.dtype(PRECISIONS[precision])
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+        self._helper = package("onnx.helper")
+
+    def constant(self, name: str, values: ArrayLike) -> str:
+        """Adds a constant and returns its name."""
+        array = np.asarray(values, dtype=np.float64)
+        self.constants.append(package("onnx.numpy_helper").from_array(array, name))
+        return name
+
+    def node(self, operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        """Adds a node and returns the name of its output."""
+        output = output or f"{operator.lower()}_{len(self.nodes)}"
+        self.nodes.append(self._helper.make_node(operator, inputs, [output], **attributes))
+        return output
+
+    def activation(self, name: str, z: str) -> str:
+        """Adds an activation of z."""
+        if name != "softplus":
+            return self.node(name.capitalize(), z)
+        e = self.node("Exp", self.node("Neg", self.node("Abs", z)))
+        logarithm = self.node("Log", self.node("Add", e, "one"))
+        return self.node("Add", self.node("Relu", z), logarithm)
+
+    def declared(self, name: str, *sizes: int | str) -> Any:
+        """Returns the declaration of an input or an output."""
+        return self._helper.make_tensor_value_info(name, self.element(self.kind), sizes)
+
+    def element(self, kind: np.dtype) -> int:
+        """Returns ONNX's number of a type of numbers."""
+        number: int = self._helper.np_dtype_to_tensor_dtype(kind)
+        return number
+
+    def give(self, value: str, name: str) -> None:
+        """Adds an output."""
+        self.node("Cast", value, output=name, to=self.element(self.kind))
+
+    def graph(self, inputs: list[Any], outputs: list[Any]) -> Any:
+        """Returns the graph."""
+        return self._helper.make_graph(self.nodes, "policy", inputs, outputs, self.constants)
+
+
+def _graph(exported: ExportedPolicy) -> Any:
+    policy, build = exported.policy, _Builder(exported.precision)
+    shape, last = policy.architecture, len(policy.layers) - 1
+    build.constant("one", 1.0)
+    a = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
+    for i, (weight, bias) in enumerate(policy.layers):
+        inputs = [a, build.constant(f"weight_{i}", weight)]
+        if shape.biased[i]:
+            inputs.append(build.constant(f"bias_{i}", bias))
+        a = build.node("Gemm", *inputs, transB=1)
+        if i < last:
+            a = build.activation(shape.activation, a)
+    low, high = (
+        build.constant(*limit) for limit in zip(("lowest", "highest"), exported.limits, strict=True)
+    )
+    build.give(build.node("Min", build.node("Max", a, low), high), "actions")
+    build.give(a, "mean")
+    build.give(build.constant("noise_std", policy.noise_std), "std")
+    outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
+    outputs.append(build.declared("std", shape.control_dim))
+    return build.graph([build.declared("obs", "batch", len(shape.observed))], outputs)
+
+
+def _read(model: Any, name: str) -> ExportedPolicy:
+    """Returns what a model of ours holds; of another model, anything."""
+    metadata, to_array = metadata_of(model), package("onnx.numpy_helper").to_array
+    arrays = {tensor.name: to_array(tensor) for tensor in model.graph.initializer}
+    element = model.graph.input[0].type.tensor_type.elem_type
+    elements = {name: _Builder(name).element(np.dtype(kind)) for name, kind in PRECISIONS.items()}
+    layers = sum(key.startswith("weight_") for key in arrays)
+    shape = Architecture(
+        names_of(metadata, "observation_names", name),
+        tuple(arrays[f"weight_{i}"].shape[0] for i in range(layers - 1)),
+        len(arrays["noise_std"]),
+        activation=metadata["activation"],
+        hidden_bias="bias_0" in arrays or layers == 1,
+        output_bias=f"bias_{layers - 1}" in arrays,
+    )
+    parts = [arrays.get(f"{part}_{i}") for i in range(layers) for part in ("weight", "bias")]
+    parameters = np.concatenate([part.ravel() for part in parts if part is not None])
+    return ExportedPolicy(
+        GaussianPolicy(shape, parameters, arrays["noise_std"]),
+        (arrays["lowest"], arrays["highest"]),
+        next(name for name, number in elements.items() if number == element),
+    )

@@ -1,0 +1,227 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A network of others as a policy: any ONNX graph without loops, which onnxruntime executes.
+
+Its metadata say what its numbers mean, by the keys that mjlab writes (docs/export.md):
+
+    joint_names         the joints that its actions drive, in their order
+    observation_names   what it reads; joint_pos and joint_vel stand for one number of each joint
+    action_scale        s, 1 if it is left out
+    default_joint_pos   p_0, 0 if it is left out
+    joint_stiffness     k_p, joint_damping k_d: of a controller of positions
+
+An action a is a torque s a. Where k_p is not zero, it is the target of a position controller:
+the torque is k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v.
+"""
+
+import re
+import threading
+from collections.abc import Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.storage.onnx_file import metadata_of, names_of, numbers_of, package, parsed
+
+MEMORY = 256 << 20  # of all networks of a process [bytes]
+_LONGEST = 5.0  # time for one observation, at the first time [s]
+_OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
+_KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+# Of the torques of float32 networks on two machines, relative to the largest torque.
+TOLERANCE = 1e-5
+
+
+class OnnxPolicy:
+    """μ(o) of a network in an ONNX file, for a robot. It has no noise.
+
+    Args:
+        content: bytes of the file.
+        name: what the sentence of an error calls it.
+        joints: the joints that the robot's controls drive, in the order of the controls.
+
+    Attributes:
+        content: bytes of the file.
+        task: name of the task in its metadata; empty if there is none.
+        observed: names of what it reads.
+        noise_std: zero, shape (n_u,).
+
+    Raises:
+        InvalidInputError: the bytes are no ONNX model that may be read; or its inputs, outputs or
+            metadata do not fit each other or the robot.
+    """
+
+    def __init__(self, content: bytes, name: str, joints: Sequence[str]):
+        metadata = metadata_of(parsed(content, name))
+        self.content, self.task = content, metadata.get("task", "")
+        self._name = name
+        driven = names_of(metadata, "joint_names", name)
+        if sorted(driven) != sorted(joints):
+            raise InvalidInputError(
+                f"{name} drives {quoted(list(driven))}, but the robot's controls drive "
+                f"{', '.join(joints)}; use a policy of this robot."
+            )
+        self._order = [driven.index(joint) for joint in joints]
+        self.noise_std = np.zeros(len(joints))
+
+        def of_joints(key: str, default: float) -> Array:
+            return numbers_of(metadata, key, default, len(driven), name)
+
+        self._scale = of_joints("action_scale", 1.0)
+        self._default = of_joints("default_joint_pos", 0.0)
+        self._stiffness = of_joints("joint_stiffness", 0.0)
+        self._damping = of_joints("joint_damping", 0.0)
+        terms = names_of(metadata, "observation_names", name)
+        read, offsets = _expanded(terms, driven, self._default)
+        self._offsets = offsets
+        self._count = len(read)
+        felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
+        self.observed = (*read, *felt) if self._stiffness.any() else read
+        self._session, self._input, self._output = _session(content, name, self._count)
+        self._kind = _KINDS[self._input.type]
+        is_single = isinstance(self._input.shape[0], int) or len(self._input.shape) == 1
+        self._most = 1 if is_single else None  # rows at once
+        with _limited(name) as options:
+            self._check(self._outputs(np.zeros((1, self._count)), options))
+
+    @property
+    def control_dim(self) -> int:
+        """n_u."""
+        return len(self._order)
+
+    def mean(self, inputs: Array) -> Array:
+        """Returns μ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o)."""
+        rows = inputs.reshape(-1, inputs.shape[-1])
+        read = rows[:, : self._count] - self._offsets
+        step = self._most or max(1, len(rows))
+        parts = [self._outputs(read[i : i + step]) for i in range(0, len(rows), step)]
+        torques = self._scale * np.concatenate([*parts, np.empty((0, self.control_dim))])
+        if self._stiffness.any():
+            position, velocity = np.split(rows[:, self._count :], 2, axis=1)
+            target = self._default + torques
+            torques = self._stiffness * (target - position) - self._damping * velocity
+        ordered: Array = torques[:, self._order]
+        return ordered.reshape(*inputs.shape[:-1], self.control_dim)
+
+    def _outputs(self, rows: Array, options: Any = None) -> Array:
+        """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
+        given = rows.astype(self._kind).reshape(-1) if len(self._input.shape) == 1 else rows
+        try:
+            (found,) = self._session.run(
+                [self._output.name], {self._input.name: given.astype(self._kind)}, options
+            )
+        except Exception as error:  # of onnxruntime, which has no common class for its errors
+            raise InvalidInputError(
+                f"{self._name} cannot be executed: {_sentence(error)}"
+            ) from error
+        return np.asarray(found, dtype=float)
+
+    def _check(self, actions: Array) -> None:
+        if actions.size != self.control_dim:
+            raise InvalidInputError(
+                f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
+                f"{self.control_dim} joints."
+            )
+
+
+def _expanded(
+    terms: tuple[str, ...], joints: tuple[str, ...], default: Array
+) -> tuple[tuple[str, ...], Array]:
+    """Returns the names of what a network reads, and what is subtracted from each of them."""
+    names: list[str] = []
+    offsets: list[float] = []
+    for term in terms:
+        found = [f"{j}/{_OF_JOINTS[term]}" for j in joints] if term in _OF_JOINTS else [term]
+        names += found
+        offsets += default.tolist() if term == "joint_pos" else [0.0] * len(found)
+    return tuple(names), np.array(offsets)
+
+
+def _session(content: bytes, name: str, count: int) -> tuple[Any, Any, Any]:
+    """Returns a session of onnxruntime, its input and its output.
+
+    Raises:
+        InvalidInputError: onnxruntime refuses the model, or it has no input of `count` numbers.
+    """
+    runtime = _runtime()
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # No graph is rewritten, so that all versions do the same operations in the same order.
+    options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    try:
+        session = runtime.InferenceSession(
+            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except Exception as error:  # see above
+        raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
+    given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
+    if len(given) != 1:
+        raise InvalidInputError(
+            f"{name} has the inputs {', '.join(i.name for i in given)}, but it must have one, the "
+            "observation; a network with a memory or a clock cannot be executed."
+        )
+    (read,) = given
+    if read.type not in _KINDS or len(read.shape) not in (1, 2):
+        raise InvalidInputError(
+            f"{name} reads a {read.type} of shape {read.shape}, but it must read floats of shape "
+            f"[batch, {count}]."
+        )
+    if read.shape[-1] != count and isinstance(read.shape[-1], int):
+        raise InvalidInputError(
+            f"{name} reads {read.shape[-1]} numbers, but its metadata 'observation_names' names "
+            f"{count}."
+        )
+    return session, read, outputs.get("actions", session.get_outputs()[0])
+
+
+@cache
+def _runtime() -> Any:
+    """Returns onnxruntime, with a limit of the memory that all networks take together."""
+    runtime = package("onnxruntime")
+    kind = runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR
+    memory = runtime.OrtMemoryInfo("Cpu", kind, 0, runtime.OrtMemType.DEFAULT)
+    same_as_requested = 1
+    limits = runtime.OrtArenaCfg({"max_mem": MEMORY, "arena_extend_strategy": same_as_requested})
+    runtime.create_and_register_allocator(memory, limits)
+    return runtime
+
+
+@contextmanager
+def _limited(name: str) -> Any:
+    """Gives options with which a run of a network ends after _LONGEST.
+
+    Raises:
+        InvalidInputError: it took longer.
+    """
+    options = _runtime().RunOptions()
+    ended = threading.Event()
+
+    def end() -> None:
+        ended.set()
+        options.terminate = True
+
+    timer = threading.Timer(_LONGEST, end)
+    timer.start()
+    try:
+        yield options
+    except InvalidInputError as error:
+        if ended.is_set():
+            raise InvalidInputError(
+                f"{name} takes more than {_LONGEST:g} s for one observation; use a smaller network."
+            ) from error
+        raise
+    finally:
+        timer.cancel()
+        timer.join()
+
+
+def _sentence(error: Exception) -> str:
+    """Returns what onnxruntime says, on one line, without its error's number and place in C++."""
+    text = re.sub(r"\[ONNXRuntimeError\] : \d+ : \w+ : ", "", " ".join(str(error).split()))
+    text = re.sub(r"/\S*onnxruntime/\S+:\d+ .*?\)(?: const)? (?=[A-Z])", "", text)
+    return f"{text:.400}".rstrip(".") + "."

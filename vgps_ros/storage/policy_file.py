@@ -1,0 +1,70 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Opens a file with a policy: policy.json of a run, an ONNX file of ours, or one of others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.storage.onnx_file import metadata_of, parsed, read_bytes
+from vgps_ros.storage.onnx_graph import from_onnx
+from vgps_ros.storage.onnx_policy import OnnxPolicy
+from vgps_ros.storage.run_folder import load_policy
+
+Policy = GaussianPolicy | OnnxPolicy
+
+
+@dataclass(frozen=True)
+class PolicyFile:
+    """A policy that was read from a file.
+
+    Attributes:
+        name: what the sentence of an error calls the file.
+        task: the task that the file names; empty if it names none.
+        gaussian: the policy, if vgps_ros wrote the file; None for a network of others.
+        content: bytes of an ONNX file; empty for policy.json.
+    """
+
+    name: str
+    task: str
+    gaussian: GaussianPolicy | None
+    content: bytes = b""
+
+    def policy(self, joints: Sequence[str]) -> Policy:
+        """Returns the policy for a robot.
+
+        Args:
+            joints: the joints that its controls drive, in the order of the controls.
+
+        Raises:
+            InvalidInputError: a network of others does not fit the robot, or cannot be executed.
+        """
+        return self.gaussian or OnnxPolicy(self.content, self.name, joints)
+
+
+def is_policy_file(path: Path) -> bool:
+    """Returns whether a file's name is that of a policy."""
+    return path.suffix in (".onnx", ".json")
+
+
+def open_policy(path: Path) -> PolicyFile:
+    """Opens a policy.json or an ONNX file.
+
+    Raises:
+        InvalidInputError: the file is missing, or holds no policy.
+    """
+    if path.suffix == ".onnx":
+        return policy_of(read_bytes(path), f"'{path}'")
+    policy, task = load_policy(path)
+    return PolicyFile(f"'{path}'", task, policy)
+
+
+def policy_of(content: bytes, name: str) -> PolicyFile:
+    """Returns the policy in the bytes of an ONNX file.
+
+    Raises:
+        InvalidInputError: the bytes are no ONNX model that may be read.
+    """
+    exported = from_onnx(content, name)
+    task = metadata_of(parsed(content, name)).get("task", "")
+    return PolicyFile(name, task, exported.policy if exported else None, content)
