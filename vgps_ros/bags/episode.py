@@ -1,16 +1,18 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Reads the last motion in a bag: the states since time last went back, and their controls."""
+"""Reads the motions in a bag: states, until time goes back, and the controls that led to them."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.states import recorded_states
+from vgps_ros.bags.timeline import SLACK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
@@ -44,41 +46,88 @@ class Episode:
 
 
 def last_episode(bag: BagReader, model: mujoco.MjModel) -> Episode | None:
-    """Reads the last motion of a robot. Repeated states count once.
+    """Returns the last motion of a robot, or None if there are fewer than two states."""
+    found = episodes(bag, model)
+    return found[-1] if found else None
 
-    Returns:
-        The motion, or None if there are fewer than two states.
+
+def episodes(bag: BagReader, model: mujoco.MjModel) -> list[Episode]:
+    """Reads the motions of a robot, each of which ends where time goes back.
+
+    Repeated states count once. Motions of fewer than two states are left out.
     """
     robot_states = StateMessages(model)
-    rows: dict[int, tuple[Array, Any]] = {}  # state and joint_states by stamp
-    for _, messages in recorded_states(bag, robot_states):
+    motions: list[_Motion] = []
+    newest = sys.maxsize
+    for received, messages in recorded_states(bag, robot_states):
         stamp = nanoseconds(messages[JOINTS].header.stamp)
-        if rows and stamp < max(rows):
-            rows = {}
-        rows[stamp] = robot_states.join(messages), messages[JOINTS]
-    if len(rows) < 2:
-        return None
-    stamps = list(rows)
-    states, joints = zip(*rows.values(), strict=True)
-    controls = (
-        _efforts(joints, model) if controls_are_forces(model) else _answers(bag, stamps, model)
-    )
-    return Episode(model, (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), controls)
+        if stamp < newest:
+            motions.append(_Motion(received, {}, {}))
+        newest = stamp
+        motions[-1].states[stamp] = robot_states.join(messages)
+        motions[-1].joints[stamp] = messages[JOINTS]
+    ends = [motion.begin for motion in motions[1:]]
+    controls = _efforts if controls_are_forces(model) else _answers(bag, model)
+    return [
+        Episode(
+            model,
+            (np.array([*motion.states]) - min(motion.states)) * 1e-9,
+            np.array([*motion.states.values()]),
+            controls(motion, end, model),
+        )
+        for motion, end in zip(motions, [*ends, sys.maxsize], strict=False)
+        if len(motion.states) > 1
+    ]
 
 
-def _efforts(joints: Sequence[Any], model: mujoco.MjModel) -> Array:
+class _Motion(NamedTuple):
+    begin: int  # time at which the first state was received [ns]
+    states: dict[int, Array]  # by stamp [ns]
+    joints: dict[int, Any]  # the messages on joint_states
+
+
+def _efforts(motion: _Motion, _end: int, model: mujoco.MjModel) -> Array:
     """Returns the recorded efforts of the driven joints, shape (N, n_u)."""
     names, unknown = actuated_joint_names(model), np.full(model.nu, np.nan)
+    joints = motion.joints.values()
     return np.array([command_from_msg(m, names) if len(m.effort) else unknown for m in joints])
 
 
-def _answers(bag: BagReader, stamps: Sequence[int], model: mujoco.MjModel) -> Array:
-    """Returns the recorded joint_command that answers the state before each, shape (N, n_u)."""
+def _answers(bag: BagReader, model: mujoco.MjModel) -> Callable[..., Array]:
+    """Returns a function that finds the joint_command that answers the state before each."""
     names, unknown = actuated_joint_names(model), np.full(model.nu, np.nan)
     topic = bag.filled_topics.get("joint_command")
-    recorded = [message for _, message in bag.decoded(topic)] if topic else []
-    commands = {nanoseconds(m.header.stamp): command_from_msg(m, names) for m in recorded}
-    return np.array([unknown, *(commands.get(stamp, unknown) for stamp in stamps[:-1])])
+    recorded = list(bag.decoded(topic)) if topic else []
+
+    def find(motion: _Motion, end: int, _model: mujoco.MjModel) -> Array:
+        # Stamps come again after a reset; the topics reach a recorder independently.
+        answers = {
+            nanoseconds(message.header.stamp): command_from_msg(message, names)
+            for received, message in recorded
+            if motion.begin - SLACK <= received < end
+        }
+        return np.array(
+            [unknown, *(answers.get(stamp, unknown) for stamp in [*motion.states][:-1])]
+        )
+
+    return find
+
+
+def motion_of(episode: Episode) -> Trajectory:
+    """Returns the states of a motion, and the control in each but the last.
+
+    Raises:
+        InvalidInputError: some controls are not known.
+    """
+    if not np.isfinite(episode.controls[1:]).all():
+        raise InvalidInputError(
+            "The recorded joint_states have no efforts, but the torques are needed: record a "
+            "simulation or a robot that publishes them."
+            if controls_are_forces(episode.model)
+            else "Some of the recorded states have no joint_command that answers them, but all "
+            "controls are needed: record the robot in lock-step."
+        )
+    return Trajectory(episode.states, episode.controls[1:])
 
 
 def write_table(episode: Episode, path: Path) -> None:
@@ -87,16 +136,7 @@ def write_table(episode: Episode, path: Path) -> None:
     Raises:
         InvalidInputError: the file exists, or some controls of the motion are not known.
     """
-    if not np.isfinite(episode.controls[1:]).all():
-        raise InvalidInputError(
-            "The recorded joint_states have no efforts, but a demonstration needs the torques: "
-            "record a simulation or a robot that publishes them."
-            if controls_are_forces(episode.model)
-            else "Some of the recorded states have no joint_command that answers them, but a "
-            "demonstration needs all controls: record the robot in lock-step."
-        )
-    motion = Trajectory(episode.states, episode.controls[1:])
     try:
-        write_motion(path, episode.model, episode.time, motion)
+        write_motion(path, episode.model, episode.time, motion_of(episode))
     except FileExistsError as error:
         raise InvalidInputError(f"'{path}' exists already; name another file.") from error

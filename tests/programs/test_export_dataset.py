@@ -1,0 +1,145 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The program `export-dataset`, on the real run that the repository ships."""
+
+import io
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from tests.programs.test_bag import SAMPLE, definitions
+from vgps_ros.bags import BagReader, BagWriter, episode
+from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.simulation.model import compile_model
+from vgps_ros.tasks import make_task
+
+FILE = "chunk-000/file-000.parquet"
+
+
+@pytest.fixture(scope="module")
+def motion():
+    with BagReader(SAMPLE) as bag:
+        return episode.last_episode(bag, compile_model(bag.mjcf()))
+
+
+@pytest.fixture
+def written(tmp_path):
+    def run(*arguments):
+        folder = tmp_path / "set"
+        vgps(["export-dataset", *map(str, arguments), "--output", str(folder)])
+        return folder
+
+    return run
+
+
+def rows(table, name):
+    return np.array(table[name].to_pylist())
+
+
+def test_the_table_holds_each_state_with_the_torque_that_was_chosen_in_it(written, motion):
+    table = pq.read_table(written(SAMPLE, SAMPLE) / "motions.parquet")
+    task, steps = make_task("swimmer"), len(motion.time) - 1
+    assert table.num_rows == 2 * steps
+    assert set(table["bag"].to_pylist()) == {"sample"}
+    first = table.filter(np.array(table["episode"]) == 0)
+    states = np.stack([rows(first, name) for name in ("front_joint/position", "root_x/velocity")])
+    np.testing.assert_array_equal(states, motion.states[:-1, [3, 5]].T)
+    torques = np.stack([rows(first, name) for name in ("front_joint/effort", "back_joint/effort")])
+    np.testing.assert_array_equal(torques, motion.controls[1:].T)
+    time_step = task.dynamics.time_step
+    np.testing.assert_allclose(rows(first, "time"), time_step * np.arange(steps))
+    after = task.dynamics.step(motion.states[7], torques[:, 7])
+    np.testing.assert_allclose(after, motion.states[8], atol=1e-9)  # so the torque acted there
+    assert table.schema.metadata[b"mjcf"].decode() == task.mjcf
+
+
+def test_lerobots_files_hold_the_same_motion_and_its_statistics(written, motion):
+    folder, steps = written(SAMPLE, SAMPLE, "--format", "lerobot"), len(motion.time) - 1
+    info = json.loads((folder / "meta" / "info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["robot_type"]) == ("v3.0", 50, "swimmer")
+    assert (info["total_episodes"], info["total_frames"]) == (2, 2 * steps)
+    assert info["features"]["action"]["names"] == ["front_joint/effort", "back_joint/effort"]
+    table = pq.read_table(folder / "data" / FILE)
+    assert set(table.column_names) == set(info["features"])
+    state = rows(table, "observation.state")
+    np.testing.assert_array_equal(state[:steps], motion.states[:-1].astype(np.float32))
+    np.testing.assert_array_equal(rows(table, "action")[steps:], np.float32(motion.controls[1:]))
+    np.testing.assert_allclose(rows(table, "timestamp")[:steps], np.arange(steps) / 50, atol=1e-6)
+    np.testing.assert_array_equal(rows(table, "index"), np.arange(2 * steps))
+    of_episodes = pq.read_table(folder / "meta" / "episodes" / FILE).to_pylist()
+    spans = [(e["dataset_from_index"], e["dataset_to_index"]) for e in of_episodes]
+    assert spans == [(0, steps), (steps, 2 * steps)]
+    assert of_episodes[1]["tasks"] == ["swimmer"]
+    told = json.loads((folder / "meta" / "stats.json").read_text())["observation.state"]
+    for name in ("min", "max", "mean", "std"):
+        np.testing.assert_allclose(told[name], getattr(state, name)(axis=0), atol=1e-5)
+    assert told["count"] == [2 * steps]
+    tasks = pq.read_table(folder / "meta" / "tasks.parquet")
+    index = json.loads(tasks.schema.metadata[b"pandas"])  # by which LeRobot finds a task's name
+    assert index["index_columns"] == ["task"]
+    assert {column["field_name"] for column in index["columns"]} == set(tasks.column_names)
+
+
+@pytest.mark.parametrize("by_efforts", [True, False])
+def test_a_reset_begins_an_episode_with_torques_of_its_own(
+    tmp_path, motion, by_efforts, monkeypatch
+):
+    """The whole run comes twice; torques are read from the states or from what answered them."""
+    monkeypatch.setattr(episode, "controls_are_forces", lambda _: by_efforts)
+    writer = BagWriter(tmp_path / "bag")
+    writer._definitions = SimpleNamespace(find=definitions(SAMPLE).__getitem__)
+    with BagReader(SAMPLE) as bag:
+        model = compile_model(bag.mjcf())
+        for topic in ("/robot_description", "/joint_states", "/joint_command"):
+            writer.add_topic(topic, bag.topics[topic], bag.type_hashes[topic], bag.qos[topic])
+        for later in (0, bag.duration + 10**9):
+            for message in bag.messages(["/joint_states", "/joint_command"]):
+                changed = message.data
+                if later and message.topic == "/joint_command":
+                    changed = half_the_torque(changed)
+                writer.write(message.topic, message.stamp + later, changed)
+    writer.close()
+    with BagReader(tmp_path / "bag") as bag:
+        found = episode.episodes(bag, model)
+    assert [len(each.time) for each in found] == [len(motion.time)] * 2
+    halved = 1.0 if by_efforts else 0.5
+    np.testing.assert_array_equal(found[0].controls[1:], motion.controls[1:])
+    np.testing.assert_array_equal(found[1].controls[1:], halved * motion.controls[1:])
+
+
+def half_the_torque(data):
+    """Returns a recorded command, whose last bytes are its two efforts, with half of each."""
+    return data[:-16] + (0.5 * np.frombuffer(data[-16:])).tobytes()
+
+
+def test_pictures_show_the_robot_in_each_state(written, tmp_path):
+    pytest.importorskip("mujoco.egl", exc_type=(ImportError, AttributeError))
+    folder = written(SAMPLE, "--format", "lerobot", "--pictures", "64x48")
+    pictures = pq.read_table(folder / "data" / FILE)["observation.images.robot"].to_pylist()
+    first, last = (np.asarray(Image.open(io.BytesIO(pictures[i]["bytes"]))) for i in (0, -1))
+    assert first.shape == last.shape == (48, 64, 3)
+    assert np.abs(first.astype(int) - last).max() > 30
+
+
+def test_what_cannot_be_written_is_refused_and_nothing_is_left(written, tmp_path):
+    def fails(sentence, *arguments, code=1):
+        with pytest.raises(SystemExit) as stop:
+            written(*arguments)
+        assert code == stop.value.code if code != 1 else sentence in str(stop.value.code)
+
+    (tmp_path / "set").mkdir()
+    kept = tmp_path / "set" / "kept.txt"
+    kept.write_text("mine")
+    fails("is not an empty folder", SAMPLE)
+    assert [file.name for file in (tmp_path / "set").iterdir()] == ["kept.txt"]
+    kept.unlink()
+    fails("is not a bag", tmp_path / "nothing")
+    fails("", SAMPLE, "--pictures", "64x48", code=2)
+    fails("", SAMPLE, "--format", "lerobot", "--pictures", "1x1", code=2)
+    assert [path.name for path in Path(tmp_path).iterdir()] == ["set"]
+    written(SAMPLE)
+    assert (tmp_path / "set" / "motions.parquet").is_file()

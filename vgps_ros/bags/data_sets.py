@@ -1,0 +1,150 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Data sets of the motions in bags, as one table of Parquet that any data library reads.
+
+Each row is a step: the state, and the control that was chosen in it. A motion's last state has no
+control, and so no row. `lerobot_format` writes the same motions as LeRobot reads them.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from vgps_ros.bags.episode import episodes, motion_of
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.simulation.model import actuated_joint_names, compile_model, state_names
+from vgps_ros.storage.files import part_of
+
+_RATE_TOLERANCE = 0.01  # between the time steps of bags, as a share of them
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Motions of one robot.
+
+    Attributes:
+        mjcf: the robot's MJCF.
+        model: the same, compiled.
+        time_step: time between two states [s].
+        motions: the motions.
+        bags: name of the bag of each motion.
+    """
+
+    mjcf: str
+    model: mujoco.MjModel
+    time_step: float
+    motions: tuple[Trajectory, ...]
+    bags: tuple[str, ...]
+
+    @property
+    def state_names(self) -> list[str]:
+        """Names of the numbers of a state."""
+        return state_names(self.model)
+
+    @property
+    def control_names(self) -> list[str]:
+        """Names of the controls, such as knee/effort."""
+        return [f"{joint}/effort" for joint in actuated_joint_names(self.model)]
+
+    @property
+    def lengths(self) -> list[int]:
+        """Number of steps of each motion."""
+        return [motion.horizon for motion in self.motions]
+
+    def stacked(self) -> tuple[Array, Array]:
+        """Returns the states (N, n_x) and controls (N, n_u) of all steps, motion after motion."""
+        return (
+            np.concatenate([motion.states[:-1] for motion in self.motions]),
+            np.concatenate([motion.controls for motion in self.motions]),
+        )
+
+
+def read_data_set(bags: Sequence[Path], namespace: str | None = None) -> DataSet:
+    """Reads all motions of bags.
+
+    Args:
+        bags: folders of bags of one robot.
+        namespace: of the robot that is meant, for bags of several.
+
+    Raises:
+        InvalidInputError: a bag cannot be read, has no motion, or is of another robot or rate.
+    """
+    found: DataSet | None = None
+    for path in bags:
+        with BagReader(path, namespace) as bag:
+            mjcf = bag.mjcf()
+            model = compile_model(mjcf)
+            read = episodes(bag, model)
+        if not read:
+            raise InvalidInputError(f"'{path}' has no motion: it needs two states at least.")
+        step = float(np.median([episode.time_step for episode in read]))
+        motions = tuple(motion_of(episode) for episode in read)
+        one = DataSet(mjcf, model, step, motions, (path.name,) * len(motions))
+        found = _joined(found, one, path) if found else one
+    assert found is not None
+    return found
+
+
+def _joined(first: DataSet, other: DataSet, path: Path) -> DataSet:
+    names = [set_.state_names + set_.control_names for set_ in (first, other)]
+    if names[0] != names[1]:
+        strange = next(iter(set(names[0]) ^ set(names[1])), "the order of its joints")
+        raise InvalidInputError(
+            f"'{path}' is of another robot than the bag before it, by {quoted(strange)}; put the "
+            "motions of each robot into a data set of their own."
+        )
+    if abs(other.time_step / first.time_step - 1) > _RATE_TOLERANCE:
+        raise InvalidInputError(
+            f"'{path}' has a state each {other.time_step:g} s, but the bag before it each "
+            f"{first.time_step:g} s; put them into data sets of their own."
+        )
+    motions, bags = first.motions + other.motions, first.bags + other.bags
+    return DataSet(first.mjcf, first.model, first.time_step, motions, bags)
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Gives a folder to write into, which is put in its place when the `with` statement ends well.
+
+    Args:
+        folder: a folder that is empty, or does not exist.
+
+    Raises:
+        InvalidInputError: the folder holds something already.
+    """
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InvalidInputError(f"'{folder}' is not an empty folder; name another one.")
+    part = part_of(folder.resolve())
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        part.mkdir(parents=True)
+        yield part
+        os.replace(part, folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def write_parquet(data: DataSet, folder: Path) -> None:
+    """Writes motions.parquet: bag, episode, time [s], the state, and the controls, in float64."""
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    states, controls = data.stacked()
+    columns = {
+        "bag": np.repeat(data.bags, data.lengths),
+        "episode": np.repeat(np.arange(len(data.motions)), data.lengths),
+        "time": np.concatenate([data.time_step * np.arange(n) for n in data.lengths]),
+        **dict(zip(data.state_names, states.T, strict=True)),
+        **dict(zip(data.control_names, controls.T, strict=True)),
+    }
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    about = {"mjcf": data.mjcf, "time_step": repr(data.time_step)}
+    pa.parquet.write_table(table.replace_schema_metadata(about), folder / "motions.parquet")

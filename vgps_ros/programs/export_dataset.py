@@ -1,0 +1,64 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Writes the motions of bags as a data set, for learning from them elsewhere.
+
+Each row is a step: the state, and the control that was chosen in it. Every reset begins an episode.
+"""
+
+import argparse
+import re
+from pathlib import Path
+
+from vgps_ros.core.settings import Setting
+from vgps_ros.experiments.command_line import Parser
+
+_FORMAT = Setting(
+    "format",
+    "parquet",
+    "parquet: one table, motions.parquet, in float64; lerobot: a LeRobotDataset of version 3",
+    choices=("parquet", "lerobot"),
+)
+_LARGEST = 4096  # width or height of a picture [pixels]
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folders of bags")
+    parser.add_argument(
+        "--output", type=Path, required=True, help="folder to write, which must be empty or new"
+    )
+    parser.add_settings(_FORMAT)
+    parser.add_argument(
+        "--pictures",
+        type=_size,
+        metavar="WIDTHxHEIGHT",
+        help="render a picture of each state, of this size, such as 320x240; lerobot only",
+    )
+    parser.add_namespace("of the robot that is meant, for bags of several")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Writes the data set."""
+    if arguments.pictures and arguments.format != "lerobot":
+        arguments.parser.error("--pictures needs --format lerobot")
+    from vgps_ros.bags.data_sets import new_folder, read_data_set, write_parquet
+    from vgps_ros.bags.lerobot_format import write_lerobot
+
+    with new_folder(arguments.output) as folder:
+        data = read_data_set(arguments.bags, arguments.namespace)
+        if arguments.format == "parquet":
+            write_parquet(data, folder)
+        else:
+            write_lerobot(data, folder, arguments.pictures)
+    print(
+        f"Wrote {len(data.motions)} episodes with {sum(data.lengths)} steps in all to "
+        f"{arguments.output}."
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text)
+    if not found or not all(16 <= int(n) <= _LARGEST for n in found.groups()):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' must be a width and a height in pixels, from 16 to {_LARGEST}, as 320x240"
+        )
+    return int(found[1]), int(found[2])
