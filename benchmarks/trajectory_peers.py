@@ -2,14 +2,17 @@
 """Benchmark of whole solves against crocoddyl's, on the same problems."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.crocoddyl_problems import Shared, arm, cart_pole
-from benchmarks.timing import Comparison, compare
+from benchmarks.timing import Comparison, compare, seconds
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.optimizer_settings import DdpSettings
+from vgps_ros.core.records import Array
 
 _MOST = 300  # iterations
 _CLOSE = 1.001  # a solve is done when its cost is within .1 % of the higher one of both ends
@@ -31,13 +34,38 @@ def trajectory_peers() -> Iterator[Comparison]:
             def its(shared: Shared = shared, peer: str = peer, m: int = m) -> None:
                 _their_costs(shared, peer, m)
 
-            yield compare(
-                f"{name}: solve to equal cost, one thread / crocoddyl's {peer}",
-                mine,
-                its,
-                0.8,
-                remark=f"{n} iterations against {m}; ends {ours[-1]:.4g} and {theirs[-1]:.4g}",
+            row = compare(
+                f"{name}: solve to equal cost, one thread / crocoddyl's {peer}", mine, its, 0.8
             )
+            a, b = (1e3 * n * each for each in _derivatives(shared))
+            yield replace(
+                row,
+                remark=f"{n} iterations against {m}; ends {ours[-1]:.4g} and {theirs[-1]:.4g}; "
+                f"f_x and f_u take {a:.3g} ms of ours, and would take {b:.3g} ms by pinocchio: "
+                f"then {(row.ours - a + b) / row.peer:.2f}",
+            )
+
+
+def _derivatives(shared: Shared) -> tuple[float, float]:
+    """Returns how long derivatives along a motion take us, and crocoddyl with the cost's [s]."""
+    motion, problem = shared.start, shared.peer
+    states, controls = list(motion.states), list(_all_controls(shared))
+    problem.calc(states, controls)
+    own, other = (
+        min(seconds(work) for _ in range(31))
+        for work in (
+            partial(shared.dynamics.linearize, motion),
+            partial(problem.calcDiff, states, controls),
+        )
+    )
+    return own, other
+
+
+def _all_controls(shared: Shared) -> Array:
+    """Returns the start's controls with those of the joints that have no motor."""
+    controls = np.zeros((shared.start.horizon, shared.peer.runningModels[0].nu))
+    controls[:, : shared.dynamics.control_dim] = shared.start.controls
+    return controls
 
 
 def _our_costs(shared: Shared, iterations: int) -> list[float]:
@@ -50,11 +78,8 @@ def _their_costs(shared: Shared, solver: str, iterations: int) -> list[float]:
     """Returns the cost after each iteration of one of crocoddyl's solvers."""
     import crocoddyl
 
-    problem = shared.peer
-    controls = np.zeros((shared.start.horizon, problem.runningModels[0].nu))
-    controls[:, : shared.dynamics.control_dim] = shared.start.controls
-    found: Any = getattr(crocoddyl, f"Solver{solver}")(problem)
+    found: Any = getattr(crocoddyl, f"Solver{solver}")(shared.peer)
     logger = crocoddyl.CallbackLogger()
     found.setCallbacks([logger])
-    found.solve(list(shared.start.states), list(controls), iterations, True)
+    found.solve(list(shared.start.states), list(_all_controls(shared)), iterations, True)
     return [float(cost) for cost in logger.costs]

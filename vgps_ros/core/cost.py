@@ -119,7 +119,7 @@ class FeatureCost:
         """
         found = []
         for values in (self.targets, self.weights):
-            if values.ndim == 2:
+            if values.ndim == 2 and (first, steps) != (0, len(values)):
                 at, count = np.arange(first, first + steps), len(values)
                 values = values[np.where(at < count, at, max(count - 2, 0))]  # noqa: PLW2901
             found.append(values)

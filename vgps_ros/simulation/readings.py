@@ -74,9 +74,18 @@ class Readings:
             controls: shape (..., n_u); zero if they are left out.
         """
         x, u = self._rows(states, controls)
-        n, r = len(x), len(self.names)
+        n, r, n_dx = len(x), len(self.names), self.space.tangent_dim
+        leading = states.shape[:-1]
+        if self._is_linear:
+            one = np.eye(n_dx)[self._plan.tangent]
+            shape = (*leading, r)
+            return (
+                self(states),
+                np.broadcast_to(one, (*shape, n_dx)),
+                np.zeros((*shape, u.shape[1])),
+            )
         out = np.empty((n, r))
-        by_state = np.empty((n, r, self.space.tangent_dim))
+        by_state = np.empty((n, r, n_dx))
         by_control = np.empty((n, r, u.shape[1]))
         self._simulations.in_threads(
             n,
@@ -85,7 +94,6 @@ class Readings:
                 *(out[part], by_state[part], by_control[part]),
             ),
         )
-        leading = states.shape[:-1]
         return tuple(a.reshape(*leading, *a.shape[1:]) for a in (out, by_state, by_control))  # type: ignore[return-value]
 
     def pull_back(self, jacobians: Array, states: Array) -> Array:

@@ -79,10 +79,11 @@ class Problem:
         expansion = self.cost.expand(trajectory)
         for record, what in ((expansion, "cost"), (linear, "dynamics")):
             for name, values in vars(record).items():
-                bad = np.argwhere(~np.isfinite(values))
-                if bad.size:
+                is_finite = np.isfinite(values)
+                if not is_finite.all():
                     raise DivergenceError(
-                        f"The {what} has a {name} that is not finite, at step {bad[0][0]}: start "
+                        f"The {what} has a {name} that is not finite, at step "
+                        f"{np.argwhere(~is_finite)[0][0]}: start "
                         "from smaller controls or another state, or lower alpha (cost_scale) or "
                         "the policy's parameters.",
                         "infinite_cost" if record is expansion else "diverged",
