@@ -74,3 +74,21 @@ def test_what_remembers_more_than_its_state_or_drives_nothing_is_refused():
     assert delayed.nhistory
     with pytest.raises(InvalidInputError, match="delayed values"):
         check_supported(delayed)
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor", "sentence"),
+    [
+        ("", 'ctrlrange="5 -5"', "actuator 'm' has ctrlrange from 5 to -5"),
+        ("", 'forcerange="3 1"', "actuator 'm' has forcerange from 3 to 1"),
+        ('range="1 -1"', "", "joint 'a' has range from "),
+        ('actuatorfrcrange="2 -2"', "", "joint 'a' has actfrcrange from 2 to -2"),
+    ],
+)
+def test_a_range_whose_ends_are_exchanged_is_refused_and_not_ignored(joint, motor, sentence):
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><body><joint name='a' {joint}/><geom size='1'/></body></worldbody>"
+        f"<actuator><motor name='m' joint='a' {motor}/></actuator></mujoco>"
+    )
+    with pytest.raises(InvalidInputError, match=sentence):
+        check_supported(model)

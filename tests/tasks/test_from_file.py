@@ -81,6 +81,18 @@ def test_falls_and_limits_are_ranges_of_readings(changed):
     assert task.limits.broken(states[0]) == ""
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ("below: 0.7", "below: 2.7", "fallen"),
+        ("begin: {", "limits: [{sensor: height, index: z, below: 2.7}]\nbegin: {", "limits"),
+    ],
+)
+def test_a_start_that_is_outside_the_limits_is_refused(changed, old, new, name):
+    with pytest.raises(InvalidInputError, match=name + r" of the task .* excludes its start: hei"):
+        changed((old, new))
+
+
 def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
     task = make_task(str(folder))
     motion = task.demonstrate(task.initial_state, 100, rng)

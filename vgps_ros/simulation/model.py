@@ -2,6 +2,7 @@
 """Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
 
 from contextlib import suppress
+from itertools import product
 from xml.etree import ElementTree
 
 import mujoco
@@ -64,7 +65,8 @@ def check_supported(model: mujoco.MjModel) -> None:
     """Checks that a state of the model is (qpos, qvel, act) and no more.
 
     Raises:
-        InvalidInputError: the model has no joint or no actuator, or remembers more.
+        InvalidInputError: the model has no joint or no actuator, or remembers more, or a range's
+            ends are exchanged.
     """
     if not (model.nv and model.nu):
         raise InvalidInputError(
@@ -76,6 +78,23 @@ def check_supported(model: mujoco.MjModel) -> None:
             f"The model has {model.npluginstate} states of plugins and {model.nhistory} delayed "
             "values, but no more than positions, velocities and activations can be optimised."
         )
+    _check_ranges(model)
+
+
+def _check_ranges(model: mujoco.MjModel) -> None:
+    """Refuses ranges whose ends are exchanged, for which MuJoCo would set no limit."""
+    for owner, count, names in (
+        ("actuator", model.nu, ("ctrlrange", "forcerange")),
+        ("joint", model.njnt, ("range", "actfrcrange")),
+    ):
+        for i, name in product(range(count), names):
+            low, high = getattr(model, f"{'jnt' if owner == 'joint' else owner}_{name}")[i]
+            if low > high:
+                raise InvalidInputError(
+                    f"The {owner} {quoted(getattr(model, owner)(i).name)} has {name} from "
+                    f"{low:g} to {high:g}, but the first must not be above the second: exchange "
+                    "them in the model."
+                )
 
 
 def state_space(model: mujoco.MjModel) -> StateSpace:

@@ -23,7 +23,7 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
 
     Raises:
         InvalidInputError: there is no such task, and the message has the names; the task is wrong;
-            or the demonstration does not fit it.
+            the demonstration does not fit it; or the robot has fallen where it starts.
     """
     from vgps_ros.tasks.task import Task
 
@@ -44,6 +44,12 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
         from vgps_ros.tasks.motion_file import with_demonstration
 
         task = with_demonstration(task, Path(demonstration))
+    for name, conditions in (("fallen", task.fallen), ("limits", task.limits)):
+        if broken := conditions.broken(task.initial_state):
+            raise InvalidInputError(
+                f"{name} of the task {quoted(reference)} excludes its start: {broken} Change the "
+                "start or the limit."
+            )
     return task
 
 

@@ -108,7 +108,7 @@ class _Reader:
                 )
             names += found
             beyond = np.inf if limit.beyond is None else limit.beyond
-            low.append(-beyond if limit.below is None else limit.below)
+            low.append(0.0 - beyond if limit.below is None else limit.below)
             high.append(beyond if limit.above is None else limit.above)
         return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
 
