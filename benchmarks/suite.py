@@ -16,6 +16,7 @@ from benchmarks import (
     optimizers,
     real_time,
     reinforcement,
+    sampling_peers,
     solver,
     task_files,
     trajectory_peers,
@@ -39,6 +40,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "convergence": solver.convergence,
     "task_files": task_files.task_files,
     "trajectory_peers": trajectory_peers.trajectory_peers,
+    "sampling_peers": sampling_peers.sampling_peers,
     "lock_step": graph.lock_step,
     "real_time": real_time.real_time,
     "start": real_time.start,
@@ -119,10 +121,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parsed = parser.parse_args(arguments)
     names = parsed.names or [name for name in BENCHMARKS if name not in LONG]
     lacking = [PEERS[name] for name in names if name in PEERS and not find_spec(PEERS[name])]
+    if "sampling_peers" in names and not sampling_peers.PYTHON.exists():
+        lacking.append("judo")
     if lacking:
         sys.exit(
             f"benchmark: {', '.join(lacking)} is compared with, but not installed: use `make "
-            "bench`, or run `pip install -r requirements/peers.txt`."
+            "bench`, which installs the peers."
         )
     try:
         sound = run(names, parsed.output, table_console(wide=True))

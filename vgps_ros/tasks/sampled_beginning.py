@@ -20,11 +20,11 @@ from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_schema import Sampling
 from vgps_ros.tasks.yaml_document import Document
 
-_FALLEN = 1e6  # cost of a step in which the robot lies: a plan that falls later is better
+FALLEN = 1e6  # cost of a step in which the robot lies: a plan that falls later is better
 
 
 @dataclass(frozen=True)
-class _Plans:
+class Plans:
     """The task as a `PlanProblem`, which describes the methods."""
 
     task: Task
@@ -35,9 +35,9 @@ class _Plans:
         return self.task.dynamics.replay(start, plans)
 
     def score(self, states: Array, plans: Array, first: int) -> Array:
-        """Scores plans by the task's cost, and each step in which the robot lies by `_FALLEN`."""
+        """Scores plans by the task's cost, and each step in which the robot lies by `FALLEN`."""
         costs = self.task.cost(states[:, :-1], plans, first).sum(axis=1)
-        costs += _FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
+        costs += FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
         return np.where(np.isfinite(states).all(axis=(1, 2)), costs, np.inf)
 
     def refine(self, motion: Trajectory, first: int) -> Array:
@@ -79,7 +79,7 @@ class SampledBeginning:
     ) -> Trajectory:
         """Returns the motion; see `Demonstrate`."""
         return receding_motion(
-            _Plans(self.task, self.ddp_iterations),
+            Plans(self.task, self.ddp_iterations),
             self.sampler,
             start,
             steps,

@@ -55,7 +55,7 @@ def receding_motion(
     states, controls = [start[None]], []
     for first in range(0, horizon, period):
         if not is_cancelled():
-            plan = _replanned(problem, sampler, plan, states[-1][-1], first, rng)
+            plan = replanned(problem, sampler, plan, states[-1][-1], first, rng)
         piece = plan[: min(period, horizon - first)]
         states.append(problem.simulate(states[-1][-1], piece[None])[0, 1:])
         controls.append(piece)
@@ -64,7 +64,7 @@ def receding_motion(
     return Trajectory(np.concatenate(states), np.concatenate(controls))
 
 
-def _replanned(
+def replanned(
     problem: PlanProblem,
     sampler: Sampler,
     plan: Array,
@@ -72,6 +72,17 @@ def _replanned(
     first: int,
     rng: np.random.Generator,
 ) -> Array:
+    """Returns controls (H, n_u) that cost no more than a plan's.
+
+    Args:
+        problem: the problem.
+        sampler: improves the plan.
+        plan: its controls, shape (H, n_u).
+        x: the state in which it begins, shape (n_x,).
+        first: place of its first step.
+        rng: source of the samples.
+    """
+
     def cost(plans: Array) -> Array:
         return problem.score(problem.simulate(x, plans), plans, first)
 
