@@ -13,7 +13,7 @@ tail is the learned policy's motion, or no torques where there is no policy.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,7 +115,8 @@ class Planner:
         """
         settings = self._settings
         request = first_request(self._task, seed, settings.first_iterations)
-        motion = first_motion(self._task, request)
+        # No motion is made beyond the plan's end.
+        motion = first_motion(replace(self._task, horizon=self.steps, lookahead=0), request)
         gaps = None if motion.gaps is None else motion.gaps[: self.steps]
         begun = motion.trajectory.first(self.steps)
         cost, iterations = self._cost(0, None), settings.first_iterations
