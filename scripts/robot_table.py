@@ -1,11 +1,12 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Trains policies for many robots, and writes the table of docs/robots.md.
+"""Trains policies for many robots, and writes the tables of docs/robots.md.
 
 Each run adds a line to docs/robots/runs.jsonl when it ends; runs that have a line are not run
 again, and one that was stopped goes on where it was. After `source env.bash`:
 
     python scripts/robot_table.py                        # all robots, seeds 0 to 2
     python scripts/robot_table.py --robots arm go1       # some of them
+    python scripts/robot_table.py --robots $(cd benchmarks; ls without_demonstration/*.yaml)
     python scripts/robot_table.py --robots               # no runs: writes the page from the lines
 
 Robots of others need `pip install -r requirements/robots.txt`.
@@ -30,6 +31,7 @@ from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import initial_states
 from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.storage.files import read_archive
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.views.filmstrip import filmstrip
@@ -40,20 +42,29 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE, FOLDER = ROOT / "docs" / "robots.md", ROOT / "docs" / "robots"
 RUNS = FOLDER / "runs.jsonl"
 BEGIN, END = "<!-- table: robots -->\n", "<!-- end of table -->"
+ALONE = "without_demonstration"  # folder of robots that start from a pose, and begins their names
 OWN = ("swimmer", "walker", "cart_pole", "arm", "half_cheetah", "hopper", "quadruped")
 # Five units are the default, with which the walker needs settings of its own.
 SETTINGS: Mapping[str, Mapping[str, Any]] = {"walker": {"hidden_units": (10,)}}
 
 
 def robots() -> dict[str, str]:
-    """Returns what each robot's task is called by: built-in ones, then those of others."""
+    """Returns what each robot's task is called by: built-in, of others, without demonstration."""
     others = sorted((ROOT / "tests" / "robots").glob("*.yaml"))
-    return {name: name for name in OWN} | {path.stem: str(path) for path in others}
+    alone = sorted((ROOT / "benchmarks" / ALONE).glob("*.yaml"))
+    return (
+        {name: name for name in OWN}
+        | {path.stem: str(path) for path in others}
+        | {f"{ALONE}/{path.stem}": str(path) for path in alone}
+    )
 
 
-def first_cost(task: Task, settings: SearchSettings, seed: int) -> float:
-    """Returns the mean cost of the motions from which the first solves start."""
-    steps, costs = task.planned_horizon, []
+def first_cost(task: Task, settings: SearchSettings, seed: int) -> tuple[float, float]:
+    """Returns the mean cost of the motions from which the first solves start, and the time [s].
+
+    The time is the processor's, of all threads, for all of these motions.
+    """
+    steps, costs, began = task.planned_horizon, [], time.process_time()
     for i, start in enumerate(initial_states(task, settings, seed)):
         if task.guess:
             controls = task.guess(generator(seed, Stream.INITIAL_CONTROLS, i))
@@ -62,7 +73,7 @@ def first_cost(task: Task, settings: SearchSettings, seed: int) -> float:
             rng = generator(seed, Stream.INITIAL_CONTROLS, i)
             motion = task.demonstration or task.demonstrate(start, steps, rng)  # type: ignore[misc]
         costs.append(task.trajectory_cost(motion.first(task.horizon)))
-    return float(np.mean(costs))
+    return float(np.mean(costs)), time.process_time() - began
 
 
 def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
@@ -86,6 +97,10 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         checkpoints=Checkpoints(output.checkpoints, print),
     )
     last, ddp = content["iterations"][-1], content["initial_ddp_cost"]
+    motions = read_archive(output.trajectories)
+    initial, executed = motions["initial_states"], motions["executed_states"]
+    time_moved = task.horizon * task.dynamics.time_step
+    first, first_seconds = first_cost(task, settings, seed)
     seconds = sum(i["q_step_seconds"] + i["m_step_seconds"] for i in content["iterations"])
     return {
         "robot": name,
@@ -93,7 +108,8 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         **task.dims,
         "hidden_units": content["hidden_units"],
         "iterations": len(content["iterations"]),
-        "first_cost": first_cost(task, settings, seed),
+        "first_cost": first,
+        "first_seconds": round(first_seconds, 1),
         "ddp_cost": ddp,
         "ddp_iterations": len(log),
         "ddp_seconds": float(np.median(np.diff(times))) if log else None,
@@ -103,6 +119,11 @@ def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
         "deterministic_survival": last["deterministic_survival"],
         "stochastic_survival": last["stochastic_survival"],
         "seconds": round(seconds, 1),
+        "ddp_survived": bool(task.survived(initial[None])[0]),
+        "speeds": [
+            float(task.distance(motion[0], motion[-1])) / time_moved
+            for motion in (initial, executed)
+        ],
     }
 
 
@@ -119,6 +140,7 @@ def draw(name: str, folder: Path) -> None:
     figure = filmstrip(read_results(output))
     if figure is None:
         return
+    path.parent.mkdir(exist_ok=True)
     save(figure, path)
     with Image.open(path) as picture:
         small = picture.convert("RGB").resize((1000, round(1000 * picture.height / picture.width)))
@@ -130,8 +152,8 @@ def table(lines: list[dict[str, Any]]) -> str:
     text = (
         "| robot | n_x | n_u | DDP's cost, first → last | s/iteration | hidden units | "
         "deterministic ÷ DDP | with noise ÷ DDP, mean | median | survival, with noise | "
-        "training [s] |\n"
-        "|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "m/s, DDP → policy | training [s] |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     drawn = []
     for name, runs in grouped(lines):
@@ -147,6 +169,7 @@ def table(lines: list[dict[str, Any]]) -> str:
             listed([r["stochastic"] for r in runs], "{:.2f}"),
             listed([r["stochastic_median"] for r in runs], "{:.2f}"),
             listed([percent(r) for r in runs], "{}"),
+            listed([speeds(r) for r in runs], "{}"),
             listed([r["seconds"] for r in runs], "{:.0f}"),
         ]
         text += f"| {' | '.join(map(str, cells))} |\n"
@@ -160,8 +183,13 @@ def percent(one: dict[str, Any]) -> str:
     return f"{one['deterministic_survival']:.0%}, {one['stochastic_survival']:.0%}"
 
 
+def speeds(one: dict[str, Any]) -> str | None:
+    """Returns the mean speed of DDP's motion and of the policy's; None for older runs."""
+    return " → ".join(f"{speed:.2f}" for speed in one["speeds"]) if "speeds" in one else None
+
+
 def listed(values: list[Any], form: str) -> str:
-    """Returns the values of all seeds, one after another; a dash for a run that diverged."""
+    """Returns the values of all seeds, one after another; a dash for one that is not known."""
     return " / ".join("–" if value is None else form.format(value) for value in values)
 
 
