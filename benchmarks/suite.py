@@ -13,6 +13,7 @@ from rich.console import Console
 from benchmarks import (
     graph,
     learning,
+    m_step,
     optimizers,
     real_time,
     reinforcement,
@@ -48,6 +49,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "nodes": graph.nodes,
     "shares": learning.shares,
     "growth": learning.growth,
+    "m_step": m_step.m_step,
     "optimizers": optimizers.optimizers,
     "reinforcement_learning": reinforcement.reinforcement_learning,
 }

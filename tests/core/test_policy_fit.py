@@ -12,6 +12,7 @@ from vgps_ros.core.policy import Architecture
 from vgps_ros.core.policy_fit import (
     Targets,
     draw_targets,
+    fit_loss,
     fit_policy,
     initial_policy,
     objective,
@@ -118,14 +119,25 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
 @pytest.mark.parametrize("form", ["analytic", "sampled"])
 @pytest.mark.parametrize(
     ("optimizer", "iterations", "learning_rate", "tolerance"),
-    [("lbfgs", 40, 0.01, 1e-5), ("adam", 600, 0.02, 0.1), ("sgd", 1500, 0.01, 0.1)],
+    [
+        ("gauss_newton", 40, 0.01, 1e-5),
+        ("lbfgs", 40, 0.01, 1e-5),
+        ("adam", 600, 0.02, 0.1),
+        ("sgd", 1500, 0.01, 0.1),
+    ],
 )
 def test_fit_recovers_a_linear_gaussian(
     linear_target, whole, rng, form, optimizer, iterations, learning_rate, tolerance
 ):
     q, gain, bias, std = linear_target
     settings = FitSettings(
-        form, optimizer, 40, iterations, resample_every=20, learning_rate=learning_rate
+        form,
+        optimizer,
+        40,
+        iterations,
+        tolerance=1e-12,
+        resample_every=20,
+        learning_rate=learning_rate,
     )
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     policy = fit_policy(start, whole, [q], settings, rng)
@@ -137,7 +149,7 @@ def test_fit_recovers_a_linear_gaussian(
     assert_allclose(policy.noise_std, std, rtol=max(tolerance, 1e-5))
 
 
-@pytest.mark.parametrize("optimizer", ["lbfgs", "adam", "sgd"])
+@pytest.mark.parametrize("optimizer", ["gauss_newton", "lbfgs", "adam", "sgd"])
 @pytest.mark.parametrize("bias", [True, False])
 def test_fit_of_a_network_increases_the_objective(
     random_distribution, coordinates, rng, optimizer, bias
@@ -168,9 +180,9 @@ def test_standardised_units_change_neither_weights_nor_loss(
     assert_allclose(scaling.to_raw(standard), policy.parameters, rtol=1e-12, atol=1e-12)
 
     targets = draw_targets([q], three, "analytic", 5, rng)
-    loss = policy_fit._loss(scaling, targets)(policy_fit.torch.from_numpy(standard))
+    loss = fit_loss(scaling, targets).at(standard).value
     expected = np.log(with_best_noise(policy, targets).noise_std / scaling.output_scale).sum()
-    assert_allclose(loss.item(), expected, rtol=1e-10)
+    assert_allclose(loss, expected, rtol=1e-10)
 
 
 def test_same_generator_gives_the_same_bits(random_distribution, whole):
@@ -203,6 +215,19 @@ def test_samples_are_drawn_anew_as_often_as_set(
     fit_policy(start, whole, [q], settings, rng)
     assert len(drawn) == draws + 1
     assert len({t.inputs.tobytes() for t in drawn}) == draws + 1
+
+
+def test_a_fit_that_has_converged_draws_no_more_samples(linear_target, whole, rng, monkeypatch):
+    q, drawn = linear_target[0], []
+
+    def counted(*args) -> Targets:
+        drawn.append(draw_targets(*args))
+        return drawn[-1]
+
+    monkeypatch.setattr(policy_fit, "draw_targets", counted)
+    start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
+    fit_policy(start, whole, [q], FitSettings(iterations=10_000), rng)
+    assert len(drawn) < 20
 
 
 def test_a_learning_rate_that_diverges_is_named(linear_target, whole, rng):

@@ -20,6 +20,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
 from vgps_msgs.srv import OptimizeTrajectory
 
+from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
 from vgps_ros.experiments.command_line import with_parameters_of
@@ -246,10 +247,15 @@ def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
 
 def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
     settings = SearchSettings(
-        iterations=6, hidden_units=(2,), initial_ddp_iterations=2, evaluation_rollouts=2
+        iterations=6,
+        hidden_units=(2,),
+        initial_ddp_iterations=2,
+        evaluation_rollouts=2,
+        fit=FitSettings(optimizer="lbfgs", samples_per_step=10),
     )
+    fit = {"fit.optimizer": "lbfgs", "fit.samples_per_step": 10}
     graph.start("trajectory_optimizer", task="rotor")
-    graph.start("policy_learner", task="rotor", **parameters(settings))
+    graph.start("policy_learner", task="rotor", **parameters(settings), **fit)
     program = start_training(graph, settings, 0, tmp_path / "out")
     graph.diagnosis("policy_learner", DiagnosticStatus.WARN, "found nothing better")
     assert program.wait() == 0, program.output

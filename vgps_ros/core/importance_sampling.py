@@ -93,11 +93,15 @@ def maximize(
     theta = scaling.to_standard(policy.parameters)
     log_sigma = np.log(policy.noise_std / scaling.output_scale)
     losses = [_loss(samples, regularization, scaling, count) for samples in sets]
-    found = minimize_lbfgs(
-        np.concatenate([theta, log_sigma]),
-        lambda variables: torch.stack([loss(variables) for loss in losses]).sum(),
-        iterations,
-    )
+
+    def value_and_gradient(point: Array) -> tuple[float, Array]:
+        variables = torch.from_numpy(point).requires_grad_()
+        value = torch.stack([loss(variables) for loss in losses]).sum()
+        (gradient,) = torch.autograd.grad(value, variables)
+        return value.item(), gradient.numpy()
+
+    start = np.concatenate([theta, log_sigma])
+    found = minimize_lbfgs(start, value_and_gradient, iterations)
     parameters = scaling.to_raw(found[:count])
     noise_std = np.exp(found[count:]) * scaling.output_scale
     # Φ may grow without bound where the noise vanishes around a single rollout.

@@ -123,7 +123,7 @@ def sample_deviations(
     """
     roots = distribution.state_roots
     noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
-    deviations = np.einsum("txy,sty->stx", roots, noise)
+    deviations = _applied(roots, noise)
     return np.concatenate([deviations, -deviations])[:count]
 
 
@@ -133,12 +133,12 @@ def sample_rollout_noise(
     """Draws π_G's control noise, N(0, Quu⁻¹); returns shape (count, T, n_u), [N·m]."""
     roots = covariance_roots(distribution.control_covariances)
     noise = rng.standard_normal((count, *roots.shape[:2]))
-    return np.einsum("tuv,stv->stu", roots, noise)
+    return _applied(roots, noise)
 
 
 def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:
     """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_dx)."""
-    return distribution.mean.controls + np.einsum("tux,stx->stu", distribution.gains, deviations)
+    return distribution.mean.controls + _applied(distribution.gains, deviations)
 
 
 def with_clamped_variances(covariances: Array, variances: Array | float) -> Array:
@@ -161,6 +161,11 @@ def control_log_density(
     """
     means = control_means(distribution, deviations)
     return log_density(controls - means, distribution.control_covariances)
+
+
+def _applied(matrices: Array, vectors: Array) -> Array:
+    """Returns M_t v_st, shape (S, T, m), for matrices (T, m, n) and vectors (S, T, n)."""
+    return np.ascontiguousarray(np.moveaxis(matrices @ np.moveaxis(vectors, 0, 2), 2, 0))
 
 
 def _capped(sigma: Array, limit: Array) -> Array:

@@ -66,6 +66,12 @@ class OptimizerSettings:
         minimum=1,
         maximum=10_000,
     )
+    bound_tolerance: float = setting(
+        0.1,
+        "rise of the bound that is worth a q-step no further DDP iteration after the first [nat]",
+        minimum=0.0,
+        maximum=1e6,
+    )
     demonstration_tolerance: float = setting(
         0.1,
         "largest deviation from a demonstration that counts as following it [m, rad]",
@@ -84,15 +90,26 @@ class FitSettings:
         choices=("analytic", "sampled"),
     )
     optimizer: str = setting(
-        "lbfgs", "optimiser of the network's weights", choices=("lbfgs", "adam", "sgd")
+        "gauss_newton",
+        "optimiser of the network's weights",
+        choices=("gauss_newton", "lbfgs", "adam", "sgd"),
     )
     samples_per_step: int = setting(
-        10, "samples drawn of each step's marginal (M)", minimum=1, maximum=10_000
+        30, "samples drawn of each step's marginal (M)", minimum=1, maximum=10_000
     )
-    iterations: int = setting(100, "optimiser iterations in all", minimum=1, maximum=1_000_000)
+    iterations: int = setting(
+        100, "optimiser iterations; gauss_newton ends before, once it has converged", minimum=1,
+        maximum=1_000_000,
+    )  # fmt: skip
+    tolerance: float = setting(
+        1e-5,
+        "least gain on new samples that is worth another iteration of gauss_newton [nat]",
+        minimum=0.0,
+        maximum=1.0,
+    )
     resample_every: int = setting(
         25,
-        "LBFGS iterations between new samples, 20 to 50 in the paper; sgd and adam draw anew every "
+        "LBFGS iterations between new samples, 20 to 50 in the paper; the others draw anew every "
         "iteration",
         minimum=1,
         maximum=1_000_000,

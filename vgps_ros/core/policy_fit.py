@@ -13,19 +13,23 @@ covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ
     minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.fit_loss import FitLoss
+from vgps_ros.core.gauss_newton import minimize_gauss_newton
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
+
+_FIRST_ORDER = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
 
 
 @dataclass(frozen=True)
@@ -148,15 +152,17 @@ def fit_to_targets(
         DivergenceError: SGD or Adam left the finite numbers.
     """
     theta = scaling.to_standard(policy.parameters)
-    if settings.optimizer == "lbfgs":  # it begins anew with new samples
-        for start in range(0, settings.iterations, settings.resample_every):
-            iterations = min(settings.resample_every, settings.iterations - start)
-            theta = minimize_lbfgs(theta, _loss(scaling, next(samples)), iterations)
+    losses = (fit_loss(scaling, targets) for targets in samples)
+    if settings.optimizer == "gauss_newton":
+        iterations, tolerance = settings.iterations, settings.tolerance
+        theta = minimize_gauss_newton(theta, losses, iterations, tolerance)
+    elif settings.optimizer == "lbfgs":
+        theta = _fit_lbfgs(theta, losses, settings)
     else:
-        theta = _fit_gradient(theta, scaling, samples, settings)
+        theta = _fit_gradient(theta, losses, settings)
     parameters = scaling.to_raw(theta)
     if not np.isfinite(parameters).all():
-        if settings.optimizer == "lbfgs":  # no setting would help, so the policy stays
+        if settings.optimizer not in _FIRST_ORDER:  # no setting would help, so the policy stays
             return with_best_noise(policy, next(samples))
         raise DivergenceError(
             f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "
@@ -176,28 +182,31 @@ def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
     return replace(policy, noise_std=np.maximum(np.sqrt(squares.mean(axis=0)), LEAST_NOISE))
 
 
-def _fit_gradient(
-    start: Array, scaling: Standardization, samples: Iterator[Targets], settings: FitSettings
-) -> Array:
+def _fit_lbfgs(theta: Array, losses: Iterator[FitLoss], settings: FitSettings) -> Array:
+    """LBFGS, which begins anew with new samples."""
+    for start in range(0, settings.iterations, settings.resample_every):
+        iterations = min(settings.resample_every, settings.iterations - start)
+        theta = minimize_lbfgs(theta, next(losses).value_and_gradient, iterations)
+    return theta
+
+
+def _fit_gradient(start: Array, losses: Iterator[FitLoss], settings: FitSettings) -> Array:
     """SGD or Adam with new samples every iteration."""
     theta = torch.nn.Parameter(torch.from_numpy(start))
-    kind = torch.optim.Adam if settings.optimizer == "adam" else torch.optim.SGD
-    optimizer = kind([theta], lr=settings.learning_rate)
+    optimizer = _FIRST_ORDER[settings.optimizer]([theta], lr=settings.learning_rate)
     for _ in range(settings.iterations):
-        optimizer.zero_grad()
-        _loss(scaling, next(samples))(theta).backward()
+        theta.grad = torch.from_numpy(next(losses).at(theta.detach().numpy()).gradient)
         optimizer.step()
     return np.asarray(theta.detach())
 
 
-def _loss(scaling: Standardization, targets: Targets) -> Callable[[torch.Tensor], torch.Tensor]:
+def fit_loss(scaling: Standardization, targets: Targets) -> FitLoss:
     """Returns the profiled objective as a function of θ in standardised units."""
-    x, mu_q = scaling.inputs(targets.inputs), scaling.controls(targets.means)
-    least = torch.from_numpy((LEAST_NOISE / scaling.output_scale) ** 2)
-    sigma_q = torch.from_numpy((targets.variances / scaling.output_scale**2).mean(axis=0))
-
-    def profiled(theta: torch.Tensor) -> torch.Tensor:
-        squares = (scaling.network(theta, x) - mu_q) ** 2
-        return 0.5 * torch.log(torch.maximum(squares.mean(dim=1) + sigma_q, least)).sum()
-
-    return profiled
+    variances = (targets.variances / scaling.output_scale**2).mean(axis=0)
+    return FitLoss(
+        scaling.architecture,
+        scaling.inputs(targets.inputs),
+        scaling.controls(targets.means),
+        torch.from_numpy(variances),
+        torch.from_numpy((LEAST_NOISE / scaling.output_scale) ** 2),
+    )

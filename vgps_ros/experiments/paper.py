@@ -13,10 +13,10 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.tasks import Task, make_task
 
-_SEARCH: Mapping[str, Mapping[str, Any]] = {
-    "swimmer": {"ddp_iterations": 3},
-    "walker": {"fit.samples_per_step": 10, "fit.iterations": 100},
-}
+# Of every task: fits and q-steps that do not end as they converge.
+_FIT = {"fit.optimizer": "lbfgs", "fit.samples_per_step": 10, "fit.iterations": 100}
+_STEP = {"bound_tolerance": 0.0}
+_SEARCH: Mapping[str, Mapping[str, Any]] = {"swimmer": {"ddp_iterations": 3}}
 _OPTIMIZERS: Mapping[str, Mapping[str, Any]] = {
     "swimmer": {"marginals.std_limit_annealing": 0.5},
     "walker": {
@@ -31,10 +31,11 @@ _OPTIMIZERS: Mapping[str, Mapping[str, Any]] = {
 def paper_task(name: str) -> Task:
     """Returns a built-in task with the paper's settings of its optimizer."""
     task = make_task(name)
-    return replace(task, optimizer=with_values(task.optimizer, _OPTIMIZERS.get(name, {})))
+    values = {**_STEP, **_OPTIMIZERS.get(name, {})}
+    return replace(task, optimizer=with_values(task.optimizer, values))
 
 
 def paper_settings(task: Task) -> SearchSettings:
     """Returns the paper's settings of a search."""
-    values = {"schedule": "paper", **_SEARCH.get(task.name, {})}
+    values = {"schedule": "paper", **_FIT, **_SEARCH.get(task.name, {})}
     return with_values(search_settings(task), values)

@@ -75,12 +75,14 @@ def optimize(
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
+    tolerance = 0.0
     if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
         deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
         policy, gains = request.policy, request.previous.gains
         cost = PolicyCost(scaled, policy, task.observation, deviations, gains)
+        tolerance = task.optimizer.bound_tolerance
     solution = solve(
         task.dynamics,
         cost,
@@ -89,6 +91,7 @@ def optimize(
         request.max_iterations,
         linear_dynamics=start.linear_dynamics,
         gaps=start.gaps,
+        tolerance=tolerance,
         on_iteration=on_iteration,
         is_cancelled=is_cancelled,
     )

@@ -185,7 +185,7 @@ class Workspace:
         if np.array_equal(fitted.parameters, policy.parameters):
             self._warnings.append(
                 f"The M-step of iteration {k} found nothing better, so the network stays: raise "
-                "fit.iterations or fit.samples_per_step if that goes on."
+                "fit.samples_per_step or lower fit.tolerance if that goes on."
             )
         return fitted
 

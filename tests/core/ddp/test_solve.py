@@ -71,6 +71,16 @@ def test_costs_of_the_swimmer_fall_in_every_iteration(swim, short_swimmer):
     assert solution.cost == costs[-1] == short_swimmer.trajectory_cost(solution.trajectory)
 
 
+def test_a_solve_ends_where_another_iteration_is_not_worth_it(swim):
+    whole = [i.cost_reduction for i in swim().iterations]
+    solution = swim(tolerance=2 * whole[0])
+    assert (solution.status, len(solution.iterations)) == (Status.CONVERGED, 1)
+    tolerance = 1.01 * min(whole)
+    reductions = [i.cost_reduction for i in swim(tolerance=tolerance).iterations]
+    assert reductions == whole[: len(reductions)]
+    assert min(reductions[:-1]) >= tolerance
+
+
 def test_solution_is_around_its_own_trajectory(swim, short_swimmer):
     task = short_swimmer
     solution = swim(max_iterations=2)

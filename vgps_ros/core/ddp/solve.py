@@ -90,13 +90,13 @@ class StepSearch:
         self.mu = max(settings.initial_regularization, settings.regularization_floor)
         self.simulator_steps = 0
 
-    def next_step(self, around: Iterate) -> ForwardStep | Status:
+    def next_step(self, around: Iterate, tolerance: float = 0.0) -> ForwardStep | Status:
         """Raises μ until a step lowers the cost; returns the status that ends the solve if none."""
         first_mu, horizon = self.mu, around.trajectory.horizon
         while not self._is_cancelled():
             policy = self._problem.local_policy(around, self.mu)
             if policy.complete:
-                negligible = self._settings.cost_tolerance * abs(around.cost)
+                negligible = max(tolerance, self._settings.cost_tolerance * abs(around.cost))
                 is_small = policy.expected_reduction(1.0) <= negligible
                 if around.gaps is None and self.mu == first_mu and is_small:
                     return Status.CONVERGED
@@ -129,6 +129,7 @@ def solve(
     *,
     linear_dynamics: LinearDynamics | None = None,
     gaps: Array | None = None,
+    tolerance: float = 0.0,
     on_iteration: Callable[[Iteration], None] = lambda _: None,
     is_cancelled: Callable[[], bool] = lambda: False,
 ) -> Solution:
@@ -143,6 +144,8 @@ def solve(
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
         gaps: f(x̄, ū) ⊖ x̄' of each step of `initial`, shape (T, n_dx), where it does not satisfy
             the dynamics; they are closed on the way. None: it was executed.
+        tolerance: reduction of the cost, in its own unit, that is worth no further iteration after
+            the first; that of the settings is relative, and the larger one counts.
         on_iteration: called with each iteration's log.
         is_cancelled: called between the parts of an iteration; true ends the solve.
 
@@ -163,7 +166,8 @@ def solve(
     log: list[Iteration] = []
     status = Status.ITERATION_LIMIT
     while len(log) < max_iterations:
-        step, had_gaps = search.next_step(iterate), iterate.gaps is not None
+        step = search.next_step(iterate, tolerance if log else 0.0)
+        had_gaps = iterate.gaps is not None
         if isinstance(step, Status):
             status = step
             break
@@ -181,7 +185,8 @@ def solve(
         search.lower_mu()
         iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
-        is_small = log[-1].cost_reduction < settings.cost_tolerance * abs(iterate.cost)
+        negligible = max(tolerance, settings.cost_tolerance * abs(iterate.cost))
+        is_small = log[-1].cost_reduction < negligible
         if is_small and not had_gaps:
             status = Status.CONVERGED
             break

@@ -1,0 +1,158 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The loss of the M-step over N samples, with its gradient and its curvature in closed form.
+
+With r = μ_θ − μ_q, J = ∂μ_θ/∂θ, and the best noise profiled out (see `policy_fit`),
+
+    F(θ) = ½ Σ_j log v_j,    v_j = E[r_j²] + E[(Σ_q)_jj],
+    ∇F   = E[Jᵀ W r],        W = diag(1 / v_j),
+    G    = E[Jᵀ W J]                                (Gauss-Newton, never indefinite).
+
+G is never formed. A product G s takes a pass forwards, J s, and one backwards, so that its time
+grows as samples times parameters, as that of the gradient does. In front of conjugate gradients
+stands the inverse of a product of two small matrices for each layer, of its inputs a and of the
+derivatives δ of the outputs by its sums (Martens and Grosse, ICML 2015): G ≈ E[δᵀ W δ] ⊗ E[a aᵀ].
+
+All is in standardised units, with one sample a column.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from scipy.sparse.linalg import LinearOperator, cg
+
+from vgps_ros.core.network_passes import Passes
+from vgps_ros.core.policy import Architecture
+from vgps_ros.core.records import Array
+
+# The curvature comes from a share of the samples, but not from too few of them. Seven divides few
+# horizons, so that all steps have their share.
+_PARTS, _LEAST_PART = 7, 1000
+
+
+@dataclass(frozen=True)
+class Point:
+    """The loss at one θ.
+
+    Attributes:
+        value: F(θ) [nat], but for a constant.
+        gradient: ∇F, shape (num_parameters,).
+        weights: the diagonal of W, shape (n_u,); 0 for a control whose noise is at its least.
+    """
+
+    value: float
+    gradient: Array
+    weights: torch.Tensor
+
+
+@dataclass(frozen=True)
+class FitLoss:
+    """F(θ).
+
+    Attributes:
+        architecture: shape of the network.
+        inputs: what the policy reads, shape (n_o, N).
+        targets: μ_q, shape (n_u, N).
+        variances: E[(Σ_q)_jj], shape (n_u,).
+        least: the least variance of the policy's noise, shape (n_u,).
+    """
+
+    architecture: Architecture
+    inputs: torch.Tensor
+    targets: torch.Tensor
+    variances: torch.Tensor
+    least: torch.Tensor
+
+    def at(self, theta: Array) -> Point:
+        """Returns the loss and its gradient at θ."""
+        passes = self._passes(theta)
+        residuals, v = self._misfit(passes)
+        weights = torch.where(v > self.least, 1.0 / v, 0.0)
+        gradient = passes.backwards(residuals * (weights / residuals.shape[1])[:, None])
+        return Point(self._value(v), gradient, weights)
+
+    def value(self, theta: Array) -> float:
+        """Returns F at θ."""
+        return self._value(self._misfit(self._passes(theta))[1])
+
+    def value_and_gradient(self, theta: Array) -> tuple[float, Array]:
+        """Returns F and ∇F at θ."""
+        point = self.at(theta)
+        return point.value, point.gradient
+
+    def curvature(self, theta: Array, weights: torch.Tensor) -> "Curvature":
+        """Returns G at θ, over a part of the samples."""
+        parts = max(1, min(_PARTS, self.inputs.shape[1] // _LEAST_PART))
+        passes = Passes(self.architecture, theta, self.inputs[:, ::parts].contiguous())
+        return Curvature(self.architecture, passes, weights)
+
+    def _passes(self, theta: Array) -> Passes:
+        return Passes(self.architecture, theta, self.inputs)
+
+    def _misfit(self, passes: Passes) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns r, shape (n_u, N), and v, shape (n_u,)."""
+        residuals = passes.outputs - self.targets
+        return residuals, (residuals**2).mean(dim=1) + self.variances
+
+    def _value(self, v: torch.Tensor) -> float:
+        return 0.5 * torch.log(torch.maximum(v, self.least)).sum().item()
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """G = E[Jᵀ W J] at one θ, by its products."""
+
+    architecture: Architecture
+    passes: Passes
+    weights: torch.Tensor
+
+    def times(self, step: Array) -> Array:
+        """Returns G s, shape (num_parameters,)."""
+        scale = (self.weights / self.passes.outputs.shape[1])[:, None]
+        return self.passes.backwards(self.passes.forwards(step) * scale)
+
+    def solve(self, gradient: Array, damping: float, iterations: int) -> Array:
+        """Returns about −(G + λ d I)⁻¹ ∇F, by conjugate gradients, d being G's mean diagonal."""
+        size, added = len(gradient), damping * self._mean_diagonal
+
+        def inverse(residual: Array) -> Array:
+            result = np.empty(size)
+            pairs = zip(self._unpack(result), self._unpack(residual), self._eigen, strict=True)
+            for solved, given, (u_out, u_in, values) in pairs:
+                whole = [part.reshape(len(u_out), -1) for part in given]
+                inner = u_out.T @ torch.cat(whole, dim=1) @ u_in
+                outer = u_out @ (inner / (values + added)) @ u_in.T
+                columns = outer.split([part.shape[1] for part in whole], dim=1)
+                for part, column in zip(solved, columns, strict=True):
+                    part.copy_(column.reshape(part.shape))
+            return result
+
+        damped = LinearOperator((size, size), lambda s: self.times(s) + added * s, dtype=float)
+        precondition = LinearOperator((size, size), inverse, dtype=float)
+        step, _ = cg(damped, -gradient, rtol=1e-2, maxiter=iterations, M=precondition)
+        return np.asarray(step)
+
+    def _unpack(self, parameters: Array) -> list[list[torch.Tensor]]:
+        """Returns weight, and bias if there is one, of each layer."""
+        layers = self.architecture.unpack(torch.from_numpy(parameters))
+        return [[part for part in layer if isinstance(part, torch.Tensor)] for layer in layers]
+
+    @cached_property
+    def _factors(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        return self.passes.factors(self.weights)
+
+    @cached_property
+    def _eigen(self) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+        """Eigenvectors of both factors of each layer, and the products of their eigenvalues."""
+        found = []
+        for outer, inner in self._factors:
+            (e_out, u_out), (e_in, u_in) = torch.linalg.eigh(outer), torch.linalg.eigh(inner)
+            found.append((u_out, u_in, torch.outer(e_out.clamp(min=0.0), e_in.clamp(min=0.0))))
+        return found
+
+    @cached_property
+    def _mean_diagonal(self) -> float:
+        """The mean of the diagonal of the layers' products; 1 where all are 0."""
+        total = sum(float(outer.trace() * inner.trace()) for outer, inner in self._factors)
+        return total / self.architecture.num_parameters or 1.0
