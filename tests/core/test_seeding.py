@@ -27,4 +27,6 @@ def test_purposes_keep_their_numbers():
         "DATASET": 10,
         "BOUND": 11,
         "COVERAGE": 12,
+        "DISTURBANCES": 13,
+        "DYNAMICS_DERIVATIVES": 14,
     }

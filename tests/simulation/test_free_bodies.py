@@ -5,13 +5,15 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from tests.simulation.robots import everything, random_states
 from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.marginals import Spread, state_covariances
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
-from vgps_ros.core.records import Trajectory
+from vgps_ros.core.records import Trajectory, TrajectoryDistribution
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.readings import Readings
 
@@ -126,6 +128,22 @@ def test_marginals_are_those_of_closed_loop_samples_of_a_free_body(rng):
         sampled = deviations.T @ deviations / count
         std = np.sqrt(np.diagonal(expected[t]))
         assert_allclose(sampled / np.outer(std, std), expected[t] / np.outer(std, std), atol=0.02)
+
+
+def test_mean_derivatives_over_rotations_are_those_of_the_mean_thrust():
+    """Rolled by N(0, s²), a thrust along z is e^(−s²/2) as long in the mean, in every frame."""
+    dynamics, s, thrust = Dynamics(mujoco.MjModel.from_xml_string(SATELLITE)), 0.8, 3.0
+    start = np.r_[0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5, np.zeros(6)]
+    mean = dynamics.rollout(start, lambda *_: np.array([0.0, 0.0, thrust]), 1)
+    spread = np.zeros((2, 12, 12))
+    spread[:, 3, 3] = s**2
+    gains, noise = np.zeros((1, 3, 12)), np.zeros((1, 3, 3))
+    q = TrajectoryDistribution(mean, gains, noise, dynamics.linearize(mean)[0], spread)
+    found, _ = mean_derivatives(dynamics, q, 2000, 1.0, np.random.default_rng(0))
+    change = np.exp(-(s**2) / 2) * thrust / 2 * dynamics.time_step  # of velocity, in its own frame
+    across = np.array([[0, change, 0], [-change, 0, 0], [0, 0, 0]])
+    turned = Rotation.from_quat(start[3:7], scalar_first=True).as_matrix()
+    assert_allclose(found.f_x[0, 6:9, 3:6], turned @ across, atol=0.02 * change)
 
 
 def test_policy_derivatives_go_through_sensors(points, rng):

@@ -121,10 +121,16 @@ def sample_deviations(
     Samples come in pairs ±δ: for an even count their mean is exactly zero, so that averages over
     them carry no noise of first order.
     """
-    roots = distribution.state_roots
-    noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
-    deviations = _applied(roots, noise)
-    return np.concatenate([deviations, -deviations])[:count]
+    return _in_pairs(distribution.state_roots, count, rng)
+
+
+def sample_joint_deviations(
+    distribution: TrajectoryDistribution, count: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Draws (δx, δu) from q(x_t, u_t), in such pairs; returns (count, T, n_dx), (count, T, n_u)."""
+    deviations = sample_deviations(distribution, count, rng)
+    noise = _in_pairs(covariance_roots(distribution.control_covariances), count, rng)
+    return deviations, _applied(distribution.gains, deviations) + noise
 
 
 def sample_rollout_noise(
@@ -166,6 +172,13 @@ def control_log_density(
 def _applied(matrices: Array, vectors: Array) -> Array:
     """Returns M_t v_st, shape (S, T, m), for matrices (T, m, n) and vectors (S, T, n)."""
     return np.ascontiguousarray(np.moveaxis(matrices @ np.moveaxis(vectors, 0, 2), 2, 0))
+
+
+def _in_pairs(roots: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draws ±R noise for roots (T, n, n), shape (count, T, n)."""
+    noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
+    deviations = _applied(roots, noise)
+    return np.concatenate([deviations, -deviations])[:count]
 
 
 def _capped(sigma: Array, limit: Array) -> Array:

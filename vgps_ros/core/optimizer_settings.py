@@ -72,6 +72,16 @@ class OptimizerSettings:
         minimum=0.0,
         maximum=1e6,
     )
+    dynamics_samples: int = setting(
+        0,
+        "samples of each step's q(x_t, u_t) over which the dynamics' derivatives are averaged, "
+        "from which a solve makes q; 0: derivatives at q's mean",
+        minimum=0,
+        maximum=1000,
+    )
+    dynamics_sample_width: float = setting(
+        0.3, "factor on q's standard deviations for these samples", minimum=0.0, maximum=10.0
+    )
     demonstration_tolerance: float = setting(
         0.1,
         "largest deviation from a demonstration that counts as following it [m, rad]",

@@ -30,6 +30,7 @@ class Stream(IntEnum):
     BOUND = 11
     COVERAGE = 12
     DISTURBANCES = 13
+    DYNAMICS_DERIVATIVES = 14
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

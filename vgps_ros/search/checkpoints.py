@@ -31,7 +31,7 @@ from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
 
-FORMAT = 6  # of the files; a change of the records that they hold is a new one
+FORMAT = 7  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 
 

@@ -42,7 +42,11 @@ def first_motion(
     start, dynamics = request.initial_state, task.dynamics
     if request.previous is not None:
         previous = request.previous
-        return FirstMotion(previous.mean, linear_dynamics=previous.linear_dynamics)
+        # A solve descends along the trajectory itself, of which means over q know little.
+        is_mean = task.optimizer.dynamics_samples > 0
+        return FirstMotion(
+            previous.mean, linear_dynamics=None if is_mean else previous.linear_dynamics
+        )
     if request.guess is not None and request.guess_states is not None:
         states = np.concatenate([start[None], request.guess_states[1:]])
         guessed = Trajectory(states, np.clip(request.guess, *dynamics.control_limits))

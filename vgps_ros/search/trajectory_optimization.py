@@ -9,11 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp.solve import Iteration, Solution, Status, solve
+from vgps_ros.core.ddp.backward_pass import LocalPolicy
+from vgps_ros.core.ddp.forward_pass import Problem
+from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
+from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
 from vgps_ros.core.marginals import sample_deviations, state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
-from vgps_ros.core.records import TrajectoryDistribution
+from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request
@@ -95,14 +98,15 @@ def optimize(
         on_iteration=on_iteration,
         is_cancelled=is_cancelled,
     )
+    q, steps = _distribution(task, request, cost, solution)
     return OptimizationResult(
-        distribution=_distribution(task, solution, request.cost_scale),
+        distribution=q,
         cost=task.trajectory_cost(solution.trajectory.first(task.horizon)),
         modified_cost=solution.cost,
         status=solution.status,
         settings=task.optimizer,
         iterations=solution.iterations,
-        simulator_steps=start.simulator_steps + solution.simulator_steps,
+        simulator_steps=start.simulator_steps + solution.simulator_steps + steps,
         simulator_warnings=in_words(task.dynamics.warnings() - warned_before),
     )
 
@@ -114,14 +118,40 @@ def optimize_all(
     return tuple(optimize(task, request) for request in requests)
 
 
-def _distribution(task: Task, solution: Solution, alpha: float) -> TrajectoryDistribution:
-    """Returns q(ζ) around the trajectory that was executed, with its marginals."""
-    covariances = solution.policy.control_covariances()
-    gains, linear = solution.policy.gains, solution.linear_dynamics
-    settings = task.optimizer.marginals
+def _distribution(
+    task: Task, request: OptimizationRequest, cost: TrajectoryCost, solution: Solution
+) -> tuple[TrajectoryDistribution, int]:
+    """Returns q(ζ) around a solve's trajectory, and the simulator steps that it took.
+
+    Where its derivatives are means over samples, these are as wide as the q that follows from the
+    derivatives at the trajectory itself.
+    """
+    settings, mean = task.optimizer, solution.trajectory
+    q = _around(task, request, mean, solution.policy, solution.linear_dynamics)
+    count, is_cancelled = settings.dynamics_samples, solution.status is Status.CANCELLED
+    if not count or is_cancelled:
+        return q, 0
+    place = (request.iteration, request.trajectory_index)
+    rng = generator(request.seed, Stream.DYNAMICS_DERIVATIVES, *place)
+    linear, steps = mean_derivatives(task.dynamics, q, count, settings.dynamics_sample_width, rng)
+    problem, mu = Problem(task.dynamics, cost), _scaled(settings.ddp, request.cost_scale)
+    policy = centre_of_q(problem, problem.around(mean, linear), mu.distribution_regularization)
+    return _around(task, request, mean, policy, linear), steps
+
+
+def _around(
+    task: Task,
+    request: OptimizationRequest,
+    mean: Trajectory,
+    policy: LocalPolicy,
+    linear: LinearDynamics,
+) -> TrajectoryDistribution:
+    """Returns q(ζ) around a trajectory that was executed, with its marginals."""
+    covariances, gains = policy.control_covariances(), policy.gains
+    settings, alpha = task.optimizer.marginals, request.cost_scale
     spread = settings.spread(task.initial_std, task.std_limit, task.velocities, alpha)
     return TrajectoryDistribution(
-        mean=solution.trajectory,
+        mean=mean,
         gains=gains,
         control_covariances=covariances,
         linear_dynamics=linear,

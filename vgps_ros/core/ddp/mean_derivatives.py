@@ -1,0 +1,75 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Derivatives of the dynamics, averaged over q(x_t, u_t).
+
+Where contacts open and close, a derivative at a point says little of the states around it, and
+gains that are right at the point fail there. Their mean over the states and controls that q spreads
+is what a linear fit to samples of f tends to (Stein's identity),
+
+    E[∂f/∂z] = E[(f(z) ⊖ f(z̄)) δᵀ] Σ⁻¹,    z = z̄ ⊕ δ,  δ ~ N(0, Σ),
+
+so this is the linearisation by samples that section 8 proposes. Means of derivatives are taken,
+since they cost less for the same error: a fit needs a whole set of simulator steps for each of its
+samples, and its error grows along directions in which q is narrow (docs/robots.md). Samples come in
+pairs ±δ, by which the mean is exact where f is linear or quadratic.
+"""
+
+import numpy as np
+
+from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.marginals import sample_joint_deviations
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.core.state_space import StateSpace
+
+
+def mean_derivatives(
+    dynamics: Dynamics,
+    q: TrajectoryDistribution,
+    count: int,
+    width: float,
+    rng: np.random.Generator,
+) -> tuple[LinearDynamics, int]:
+    """Returns the mean of f_x, f_u over samples of q, and the simulator steps that it took.
+
+    Args:
+        dynamics: x' = f(x, u); samples of the controls stay within their limits.
+        q: q(ζ).
+        count: number of samples of each step.
+        width: factor on the standard deviations of q.
+        rng: generator of the samples.
+
+    Raises:
+        DivergenceError: a derivative at a sample is not finite.
+    """
+    x, u, space = q.mean.states, q.mean.controls, dynamics.space
+    f_x, f_u = np.zeros_like(q.linear_dynamics.f_x), np.zeros_like(q.linear_dynamics.f_u)
+    drawn, taken = (width * d for d in sample_joint_deviations(q, count, rng)), 0
+    for delta_x, delta_u in zip(*drawn, strict=True):
+        moved = np.concatenate([space.add(x[:-1], delta_x), x[-1:]])
+        controls = np.clip(u + delta_u, *dynamics.control_limits)
+        linear, steps = dynamics.linearize(Trajectory(moved, controls))
+        found = _in_frame(space, linear, delta_x, delta_u)
+        f_x += found.f_x / count
+        f_u += found.f_u / count
+        taken += steps
+    bad = np.flatnonzero(~(np.isfinite(f_x).all((1, 2)) & np.isfinite(f_u).all((1, 2))))
+    if bad.size:
+        raise DivergenceError(
+            f"A derivative of the dynamics is not finite around step {bad[0]}, where samples of q "
+            f"{width:g} times as wide as q were drawn: lower dynamics_sample_width."
+        )
+    return LinearDynamics(f_x, f_u), taken
+
+
+def _in_frame(
+    space: StateSpace, linear: LinearDynamics, delta_x: Array, delta_u: Array
+) -> LinearDynamics:
+    """Returns derivatives at x̄ ⊕ δ over deviations of x̄, as deviations of f(x̄, ū).
+
+    How far f moves between the two is known to first order.
+    """
+    f_x, f_u = space.carried_back(linear.f_x, delta_x), linear.f_u
+    after = np.einsum("txy,ty->tx", f_x, delta_x) + np.einsum("txu,tu->tx", f_u, delta_u)
+    return LinearDynamics(
+        *(np.swapaxes(space.carried_back(np.swapaxes(f, 1, 2), after), 1, 2) for f in (f_x, f_u))
+    )
