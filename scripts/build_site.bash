@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+# Builds the documentation site into build/site, and fails at a broken link or a missing reference.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+cd "$root"
+# shellcheck source=env.bash
+source env.bash
+
+log=$root/log/setup/site.log
+if ! python -m pip install --progress-bar off --no-input -r requirements/docs.txt >"$log" 2>&1; then
+  printf 'site: the packages of requirements/docs.txt cannot be installed; the end of %s:\n' "$log" >&2
+  tail -n 30 "$log" >&2
+  exit 1
+fi
+NO_MKDOCS_2_WARNING=1 python -m mkdocs build --strict --quiet
+printf 'site: open %s\n' "$root/build/site/index.html"
