@@ -14,7 +14,7 @@ from vgps_ros.views.robot_shape import RobotShape
 
 _FROM_SIDE, _FROM_ABOVE = (-0.4, -1.7, 0.4), (0.0, -0.2, 1.4)  # in sizes of the robot
 _DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
-_ABOVE_FLOOR = 0.002  # height of the lines above the floor, which would hide them [m]
+_ABOVE_FLOOR = 0.01  # height of the lines above the floor, which would hide them [m]
 LEARNING_CURVE = "learning_curve"  # entity of the picture
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
