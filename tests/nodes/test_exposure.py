@@ -42,6 +42,7 @@ SOMETIMES = {
             ("subscribe", "trajectory_distribution"),
         )
     ),
+    ("policy_executor", Use("publish", "/onnx_policy")),
     ("recorder", Use("request", "/*/get_parameters")),
     ("recorder", Use("request", "/*/list_parameters")),
     # With a robot that has a free base, balls or activations:

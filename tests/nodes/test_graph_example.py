@@ -20,5 +20,5 @@ def test_the_graph_is_started_from_python_and_learns(graph):
     )
     assert done.returncode == 0, done.stderr
     assert "2: policy" in done.stdout
-    assert "Trained for 2 iterations. The policy has" in done.stdout
+    assert "Trained for 2 iterations. The policy has 21 parameters." in done.stdout
     assert "The nodes ended with [0, 0]." in done.stdout

@@ -182,10 +182,12 @@ class Workspace:
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)
         fitted = fit_policy(policy, observation, scored, self.settings.fit, rng)
-        if np.array_equal(fitted.parameters, policy.parameters):
+        stays = np.array_equal(fitted.parameters, policy.parameters)
+        # Gauss-Newton ends at its start where the fit has converged, which is no trouble.
+        if stays and self.settings.fit.optimizer != "gauss_newton":
             self._warnings.append(
                 f"The M-step of iteration {k} found nothing better, so the network stays: raise "
-                "fit.samples_per_step or lower fit.tolerance if that goes on."
+                "fit.iterations or fit.samples_per_step if that goes on."
             )
         return fitted
 
