@@ -95,6 +95,15 @@ def test_a_learning_curve_has_few_ticks_whatever_its_costs(result, cost, tmp_pat
     assert 1 <= sum(low <= tick <= high for tick in figure.axes[0].get_yticks()) <= 9
 
 
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-300, 1e300, np.nan, np.inf, None])
+def test_no_figure_of_a_result_keeps_its_curve_from_being_drawn(result, value, tmp_path):
+    for entry in result["iterations"]:
+        entry |= {"stochastic_cost_mean": value, "bound": value, "alpha": value or 0.0}
+    result |= {"initial_ddp_cost": value, "task": "$\\frac{" + "a" * 10_000}
+    save(learning_curve(result), tmp_path / "curve.png")
+    assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
 def test_learning_curve_of_an_older_result_has_no_bound(result):
     for entry in result["iterations"]:
         del entry["bound"]

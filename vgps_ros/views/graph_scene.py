@@ -36,6 +36,7 @@ from vgps_ros.views.learning_curve import learning_curve
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_scene import RobotScene
 
+_LONGEST = 10_000  # iterations of a training whose learning curve is drawn
 _PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
 DRAWN = {  # topics that are drawn, and their types
     MJCF: "std_msgs/msg/String",
@@ -80,7 +81,7 @@ class GraphScene:
         self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
         self._collector = StateCollector(lambda _: False)
         self._last_stamp = -1
-        self._history: dict[int, Any] = {}  # progress of a training by iteration, until it is drawn
+        self._history: dict[int, Any] = {}  # progress of the last training by iteration
         self._policy: GaussianPolicy | None = None
 
     def show(self, topic: str, message: Any) -> None:
@@ -110,7 +111,7 @@ class GraphScene:
             self._report(name, None)
 
     def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
-        """Draws the tubes of the last DDP solutions and completes the file.
+        """Draws the tubes of the last DDP solutions and the learning curve, and completes the file.
 
         Args:
             hurried: returns True once the caller cannot wait any longer for a slow disk.
@@ -161,17 +162,15 @@ class GraphScene:
                 self.recording.log(f"learning/{metric.drawn}", rr.Scalars(value))
         if message.iteration == 1:
             self._history.clear()
-        self._history[message.iteration] = message
-        if message.iteration == message.iterations:
-            self._draw_learning_curve()
+        if message.iteration in self._history or len(self._history) < _LONGEST:
+            self._history[message.iteration] = message
 
     def _draw_learning_curve(self) -> None:
-        """Draws the training's learning curve as a picture: all of it shows at any time.
+        """Draws the last training's learning curve as a picture: all of it shows at any time.
 
         A viewer has one timeline for all of its views, and that of the robot has no iterations.
         """
         history = [self._history[k] for k in sorted(self._history)]
-        self._history.clear()
         picture = io.BytesIO()
         learning_curve(result_from_msgs(history, self._policy)).savefig(picture, dpi=130)
         image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")

@@ -11,6 +11,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from vgps_ros.core.records import Array
 
 _LEARNED, _Q = "#1f5fbf", "#ff9f1c"  # they differ in grey, too
+_LARGEST = 1e100  # a cost beyond it is not drawn: its multiples may overflow
+_LONGEST_TITLE = 100  # characters
 _SHORT = 10  # iterations of a run in which each point is marked; a single one has no line
 _TICKS = np.array([1, 1.2, 1.5, 2, 3, 5, 7])  # of a decade on the axis of costs
 _MOST_TICKS = 6
@@ -44,16 +46,16 @@ def learning_curve(result: dict[str, Any]) -> Figure:
         _set_few_ticks(costs)
     costs.set_ylabel("cost ÷ initial DDP's")
     units = " + ".join(map(str, result["hidden_units"]))
-    costs.set_title(
-        f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
-    )
+    title = f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
+    costs.set_title(title[:_LONGEST_TITLE], parse_math=False)
     if not is_short:
         _draw_end(costs, k, curves)
     figure.legend(*costs.get_legend_handles_labels(), frameon=False, ncols=3,
                   loc="outside upper center")  # fmt: skip
-    alpha = np.array([entry["alpha"] for entry in entries])
+    alpha = np.array([entry["alpha"] for entry in entries], dtype=float)
+    alpha = np.where(np.abs(alpha) < _LARGEST, alpha, np.nan)
     alphas.plot(k, alpha, color="grey", marker="o" if is_short else "", markersize=4)
-    alphas.set_ylim(0, 1.05 * max(alpha))
+    alphas.set_ylim(0, 1.05 * max([1e-9, *alpha[alpha > 0]]))
     alphas.set_ylabel("α")
     alphas.set_xlabel("iteration")
     alphas.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
@@ -66,16 +68,19 @@ def learning_curve(result: dict[str, Any]) -> Figure:
 def _curves(result: dict[str, Any]) -> list[tuple[str, Array, dict[str, Any]]]:
     """Returns the label, the values as multiples of the initial cost, and the style of each."""
     initial = result["initial_ddp_cost"] or 1.0  # a cost of 0 has no multiples
+    if not abs(initial) < _LARGEST:
+        initial = 1.0
 
     def series(name: str) -> Array:
-        values = [entry.get(name) for entry in result["iterations"]]
-        return np.array(values, dtype=float)  # None becomes NaN
+        values = np.array([entry.get(name) for entry in result["iterations"]], dtype=float)
+        return np.where(np.abs(values) < _LARGEST, values, np.nan)  # None is NaN already
 
     curves = []
     for name, label, colour, line, width, marker in _CURVES:
         style = {"color": colour, "linestyle": line, "linewidth": width, "marker": marker}
         curves.append((label, series(name) / initial, style))
-    bound = -series("bound") / series("alpha") / initial  # E_q[c] + KL ÷ α
+    with np.errstate(divide="ignore", invalid="ignore"):  # a run whose α is 0 has none
+        bound = -series("bound") / series("alpha") / initial  # E_q[c] + KL ÷ α
     if np.isfinite(bound).any():  # an older result has none
         style = {"color": "tab:green", "linestyle": "-.", "linewidth": 1.0, "marker": "v"}
         curves.append(("bound −L(q, θ) ÷ α", bound, style))
@@ -119,14 +124,15 @@ def _draw_end(axes: Axes, k: Array, curves: list[tuple[str, Array, dict[str, Any
 def _set_few_ticks(axes: Axes) -> None:
     """Labels a logarithmic axis at few round multiples, the initial solution's 1 among them."""
     low, high = axes.get_ylim()
-    ticks = np.concatenate([_TICKS * 10.0**decade for decade in range(-1, 8)])
+    decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
+    ticks = np.concatenate([_TICKS * 10.0**decade for decade in decades])
     ticks = ticks[(ticks >= low) & (ticks <= high)]
     if len(ticks) > _MOST_TICKS:
         ticks = ticks[
             [any(np.isclose(tick / 10.0 ** np.floor(np.log10(tick)), (1, 2, 5))) for tick in ticks]
         ]
     if len(ticks) > _MOST_TICKS:
-        ticks = ticks[np.isclose(np.log10(ticks) % 1, 0)]
+        ticks = 10.0 ** decades[:: -(-len(decades) // _MOST_TICKS)]
     axes.yaxis.set_major_locator(FixedLocator(ticks.tolist()))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
