@@ -67,7 +67,7 @@ class OptimizerSettings:
         maximum=10_000,
     )
     bound_tolerance: float = setting(
-        0.1,
+        0.0,
         "rise of the bound that is worth a q-step no further DDP iteration after the first [nat]",
         minimum=0.0,
         maximum=1e6,
