@@ -2,6 +2,7 @@
 """Node `policy_learner`: drives a policy search over the optimizers' services, as an action."""
 
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.node import Node
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -37,6 +39,8 @@ from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK
+
+_PATIENCE = 0.2  # for readers that have not taken the policy before [s]
 
 CHECKPOINT_FOLDER = Setting(
     "checkpoint_folder",
@@ -175,6 +179,12 @@ class PolicyLearner(Node):
         if troubled:
             result.message += f" {len(troubled)} had trouble, last {troubled[-1]}"
 
+    def _await_readers(self) -> None:
+        """Lets readers take the policy before: the topic keeps one, which the next one replaces."""
+        end = time.monotonic() + _PATIENCE
+        while time.monotonic() < end and not self._policies.wait_for_all_acked(Duration()):
+            time.sleep(0.002)
+
     def _publish(
         self,
         goal: ServerGoalHandle,
@@ -201,6 +211,7 @@ class PolicyLearner(Node):
         result.policy = policy
         result.num_parameters = iteration.policy.architecture.num_parameters
         result.history = [*result.history, *news]
+        self._await_readers()
         self._policies.publish(policy)
         self._progress.publish(news[-1])
         goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))

@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from vgps_ros import NODES
+from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.middleware import check_memory
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -52,13 +53,13 @@ def start(name: str, arguments: Sequence[str]) -> NoReturn:
     well as a later one does, before anything is open that would have to be closed. Once all is
     closed the process ends at once: Python's own way of taking its modules apart was seen to hang
     there, with the libraries that a node has loaded.
-
-    Raises:
-        VgpsError: ROS 2 cannot start here at all.
     """
     heed(lambda *_: os._exit(0))
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
-    check_memory()
+    try:
+        check_memory()
+    except VgpsError as error:
+        sys.exit(str(error))
     module = importlib.import_module(f"vgps_ros.nodes.{name}")
     code = 1
     try:

@@ -37,13 +37,13 @@ class LastingGoals(ActionServer):
         self._begin(goal_handle)
 
     def end(self, goal: Goal, result: Any, *, is_good: bool) -> None:
-        """Ends a goal as soon as the executor turns to it; one that is being cancelled, so."""
+        """Ends a goal as soon as the executor turns to it, also one that was to be cancelled."""
 
         def told(_: Goal) -> Any:
-            if goal.is_cancel_requested:
-                goal.canceled()
-            elif is_good:
+            if is_good:  # the wish to cancel it may have come too late
                 goal.succeed()
+            elif goal.is_cancel_requested:
+                goal.canceled()
             else:
                 goal.abort()
             return result

@@ -36,8 +36,8 @@ def ground(model: mujoco.MjModel, shape: RobotShape) -> rrb.LineGrid3D:
     return rrb.LineGrid3D(
         visible=True,
         spacing=max(0.1, round(0.25 * model.stat.extent, 1)),
-        plane=rr.components.Plane3D((0.0, 0.0, 1.0), depth),
-        color=(128, 134, 139),
+        plane=rr.components.Plane3D((0.0, 0.0, 1.0), -depth),
+        color=(90, 96, 100),
         stroke_width=1.0,
     )
 
