@@ -117,6 +117,7 @@ class Curvature:
         size, added = len(gradient), damping * self._mean_diagonal
 
         def inverse(residual: Array) -> Array:
+            """Applies the inverse of the layers' Kronecker products, which G resembles."""
             result = np.empty(size)
             pairs = zip(self._unpack(result), self._unpack(residual), self._eigen, strict=True)
             for solved, given, (u_out, u_in, values) in pairs:

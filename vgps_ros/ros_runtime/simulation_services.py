@@ -60,7 +60,7 @@ _FEATURES = (
 
 
 class Simulated(Protocol):
-    """What the services need of the node."""
+    """The part of the node that the services need."""
 
     control: RunControl
     robot: SimulatedRobot

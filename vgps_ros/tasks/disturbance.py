@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What disturbs a robot, as numbers that a request carries; to name them takes no MuJoCo.
+"""Disturbances of a robot, as numbers that a request carries; to name them takes no MuJoCo.
 
 A policy that shall bear pushes, loads and slopes learns from situations: each has a start and a
 disturbance of its own, and its own q(ζ), since the dynamics differ. `disturbed.py` makes the task
@@ -62,7 +62,7 @@ class Disturbance:
 
     @property
     def changes_model(self) -> bool:
-        """Whether it is more than a push."""
+        """True if it changes more than a push does: the load, the friction or the ground."""
         return bool(self.payload or self.friction != 1.0 or any(self.slope) or self.ridges)
 
 
