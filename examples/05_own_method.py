@@ -1,9 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A policy search of one's own: evolution strategies beside the eight methods of the package.
 
-A method is a function that does iteration k; all else is shared.
-
-    python examples/05_own_method.py
+A method is a function that does iteration k; all else is shared: `python examples/05_own_method.py`
 """
 
 import os
@@ -55,6 +53,7 @@ task = make_task("rotor")
 settings = replace(search_settings(task), supervised_iterations=3,
                    iterations=int(os.environ.get("ITERATIONS", "20")))  # fmt: skip
 report = lambda done: print(f"{done.k}: {done.deterministic_cost:.4f}", flush=True)  # noqa: E731
-folder = RunFolder(Path(tempfile.mkdtemp()))
-result = train("evolution_strategies", task, settings, 0, folder, on_iteration=report)
+with tempfile.TemporaryDirectory() as path:
+    output = RunFolder(Path(path))
+    result = train("evolution_strategies", task, settings, 0, output, on_iteration=report)
 print(f"DDP: {result['initial_ddp_cost']:.4f}")
