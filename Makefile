@@ -24,8 +24,9 @@ demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITE
 test: setup  ## run the tests and check that they leave nothing behind
 	@scripts/run_tests.bash
 
-test-slow: setup  ## a real `pip install ".[standalone]"` without ROS, a colcon workspace (four minutes, downloads)
-	@scripts/run_tests.bash -m slow tests/programs
+test-slow: setup  ## a real `pip install ".[standalone]"`, a colcon workspace, pages in Chromium (five minutes, downloads)
+	@.venv/bin/python -m pip install --quiet -r requirements/browser.txt
+	@scripts/run_tests.bash -m slow tests
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))

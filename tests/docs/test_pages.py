@@ -36,8 +36,8 @@ def test_every_path_link_and_command_of_a_page_exists(page):
         assert (ROOT / path).exists() or (ROOT / "tests" / path).exists(), path
     for command in COMMAND.findall(fenced(text)):
         name = command.replace("-", "_").removeprefix("node ")
-        folder = "nodes" if command.startswith("node ") else "programs"
-        assert (ROOT / "vgps_ros" / folder / f"{name}.py").is_file(), command
+        folders = ("nodes",) if command.startswith("node ") else ("programs", "nodes")
+        assert any((ROOT / "vgps_ros" / f / f"{name}.py").is_file() for f in folders), command
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
     assert set(re.findall(r"^make ([\w-]+)", fenced(text), re.M)) <= set(targets)
 

@@ -18,7 +18,7 @@ from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Vector3, WrenchStamped
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -66,6 +66,7 @@ from vgps_ros.messages.conversions import (
     distribution_to_msg,
     pack,
     policy_to_msg,
+    push_to_msg,
     stamp_of,
     state_from_msg,
     state_to_msg,
@@ -335,6 +336,7 @@ def test_requests_to_the_optimizer(world, valid):
 
 TOPICS = {
     "joint_command": (JointState, COMMAND, STREAM, ("simulation", "visualizer")),
+    "push": (WrenchStamped, push_to_msg("rotor", np.ones(6)), STREAM, ("simulation",)),
     "joint_states": (JointState, STATE, STREAM, ("policy_executor", "visualizer")),
     "policy": (GaussianPolicy, POLICY_MESSAGE, LATCHED, ("policy_executor", "visualizer")),
     "trajectory_distribution": (TrajectoryDistribution, DISTRIBUTION, LATCHED, ("visualizer",)),

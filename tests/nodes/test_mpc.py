@@ -57,6 +57,30 @@ def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     assert planned.horizon == 20
 
 
+def test_the_costs_parameters_change_and_refuse_as_one(graph):
+    node = graph.start("mpc", horizon=0.2)
+    graph.diagnosis("mpc", OK, "Waiting for joint_states")
+    assert graph.set_parameter("mpc", "cost.targets", [-1.0]).successful
+    for name, values, sentence in (
+        ("cost.targets", [1.0, 2.0], "2 values are given, but the cost has 1 readings"),
+        ("cost.targets", [float("nan")], "cost.targets is nan"),
+        ("cost.targets", [1e9], "cost.targets is 1000000000.0"),
+        ("cost.weights", [-1.0], "cost.weights is -1.0, but it must be from 0"),
+        ("cost.weights", [], "Wrong parameter type"),
+        ("cost.readings", ["velocity/y"], "read-only"),
+    ):
+        answer = graph.set_parameter("mpc", name, values)
+        assert not answer.successful
+        assert sentence in answer.reason
+    assert node.running
+
+
+def test_a_reading_that_the_task_lacks_is_refused_at_start(graph):
+    node = graph.start("mpc", cost__readings="[velocity/y]")
+    assert node.wait() == 1
+    assert "the task has ['velocity/x']; leave this parameter out." in node.output
+
+
 def test_a_planner_that_is_killed_leaves_the_simulation_with_no_torques(graph):
     planner = graph.start("mpc", plan_every=0)
     graph.diagnosis("mpc", OK, "Waiting for joint_states")

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -233,6 +234,22 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     """
     order = name_order(tuple(message.name), tuple(joint_names))
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
+
+
+def push_to_msg(body: str, wrench: Array) -> WrenchStamped:
+    """Returns a push of a body: force at its origin and torque, along its axes, shape (6,)."""
+    force, torque = (Vector3(x=x, y=y, z=z) for x, y, z in wrench.reshape(2, 3).tolist())
+    return WrenchStamped(header=Header(frame_id=body), wrench=Wrench(force=force, torque=torque))
+
+
+def wrench_from_msg(message: Wrench) -> Array:
+    """Returns a force [N] and a torque [N·m], shape (6,).
+
+    Raises:
+        InvalidInputError: a value is not finite.
+    """
+    parts = [(v.x, v.y, v.z) for v in (message.force, message.torque)]
+    return finite_array("wrench", parts, (6,))
 
 
 @lru_cache(maxsize=16)  # the joints of a sender always come in the same order

@@ -5,6 +5,8 @@ Each state is answered with the feedback of the newest plan. A plan that is late
 before it in use; where that one becomes too old, the safe action drives until a plan comes.
 """
 
+from functools import partial
+
 from vgps_msgs.msg import Plan as PlanMsg
 
 from vgps_ros.core.policy import GaussianPolicy
@@ -13,6 +15,7 @@ from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
 from vgps_ros.ros_runtime.controller import Controller
+from vgps_ros.ros_runtime.cost_parameters import declare_cost
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.plan_report import PlanReport
 from vgps_ros.ros_runtime.qos import STREAM
@@ -50,7 +53,9 @@ class Mpc(Controller):
         settings = declare_settings(self, MpcSettings(ddp=task.optimizer.ddp))
         every, seed = declare(self, PLAN_EVERY), declare(self, SEED)
         prepare(task)
-        self._horizon = PlanFollower(Planner(task, settings), every, seed, self._take_plan)
+        planner = Planner(task, settings)
+        declare_cost(self, task.cost, partial(setattr, planner, "cost"))
+        self._horizon = PlanFollower(planner, every, seed, self._take_plan)
 
     def law(self, state: Array, stamp: int) -> Array:
         """Returns the newest plan's torques.

@@ -10,6 +10,7 @@ end after `wait_timeout` without a command.
 import time
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import JointState
@@ -19,7 +20,12 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    nanoseconds,
+    stamp_of,
+    wrench_from_msg,
+)
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.frame_broadcaster import FrameBroadcaster
 from vgps_ros.ros_runtime.health import Health
@@ -65,6 +71,13 @@ TORQUE_AGE_LIMIT = Setting(
     minimum=1,
     maximum=1_000_000,
 )
+PUSH_DURATION = Setting(
+    "push_duration",
+    0.1,
+    "simulated time for which a push acts, unless another one comes before [s]",
+    minimum=0.0,
+    maximum=3600.0,
+)
 START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
 
 _COMMAND = "joint_command from policy_executor"
@@ -91,6 +104,7 @@ class Simulation(Node):
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
         age_limit = declare(self, TORQUE_AGE_LIMIT)
+        declare(self, PUSH_DURATION, may_change=True)
         self.control = RunControl(paused=declare(self, START_PAUSED))
         self._frames = FrameBroadcaster(self, self._task.dynamics.model)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
@@ -107,6 +121,7 @@ class Simulation(Node):
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
         self._health.inbox.subscribe(JointState, "joint_command", self._take_command, STREAM)
+        self._health.inbox.subscribe(WrenchStamped, "push", self._take_push, STREAM)
         SimulationServices(node=self, simulated=self, task=self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
@@ -178,6 +193,15 @@ class Simulation(Node):
             self._held, self._held_stamp, self._held_since = command, stamp, time.monotonic()
         elif self.control.running:
             self._advance(command)
+
+    def _take_push(self, message: WrenchStamped) -> None:
+        try:
+            wrench = wrench_from_msg(message.wrench)
+            self.robot.push(message.header.frame_id, wrench, value(self, PUSH_DURATION))
+        except InvalidInputError as error:
+            self._health.report("push", error=f"Ignored a push: {error}")
+        else:
+            self._health.clear("push")
 
     def _oldest_answered(self) -> int:
         """The oldest stamp of a state that a command may still answer [ns]."""

@@ -3,6 +3,7 @@
 
 import time
 
+from vgps_ros.messages.executor_diagnostics import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.health import Health
 
 _PERIOD = 1.0  # over which the rate of the plans is counted [s]
@@ -17,7 +18,7 @@ class PlanReport:
 
     def answer(self, age: float) -> None:
         """Notes the age [s] of the plan by which a state was answered."""
-        self._health.set_value("plan age", f"{age:.3f} s")
+        self._health.set_value(PLAN_AGE, f"{age:.3f} s")
 
     def plan(self, cost: float, seconds: float) -> None:
         """Notes a new plan's cost, and the time that it took [s]."""
@@ -26,5 +27,5 @@ class PlanReport:
         if passed > _PERIOD:
             self._health.set_value("plan rate", f"{self._count / passed:.1f} Hz")
             self._since, self._count = time.monotonic(), 0
-        self._health.set_value("plan cost", f"{cost:.4g}")
-        self._health.set_value("plan duration", f"{1e3 * seconds:.1f} ms")
+        self._health.set_value(PLAN_COST, f"{cost:.4g}")
+        self._health.set_value(PLAN_DURATION, f"{1e3 * seconds:.1f} ms")

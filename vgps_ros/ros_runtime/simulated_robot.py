@@ -9,6 +9,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.simulation.applied import BodyFrames
 from vgps_ros.simulation.joint_forces import JointForces
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import Task
@@ -28,6 +29,9 @@ class SimulatedRobot:
         self._task = task
         self._states = states
         self._forces = JointForces(task.dynamics.model)
+        self._bodies = BodyFrames(task.dynamics.model)
+        self._push: tuple[int, Array, Array] | None = None
+        self._pushed_steps = 0  # for which the push still acts
         self._steps = 0
         self.previous_stamp = -1
         self._at_rest = np.zeros(len(states.joint_names))
@@ -64,7 +68,10 @@ class SimulatedRobot:
         Raises:
             DivergenceError: the next state is out of bounds; the robot keeps the one it has.
         """
-        state = self._task.dynamics.step(self.state, command)
+        applied = None
+        if self._push and self._pushed_steps:
+            applied = self._bodies.applied(self.state, *self._push)
+        state = self._task.dynamics.step(self.state, command, applied)
         # A NaN fails the comparison too.
         inside = np.abs(state) < DIVERGENCE_BOUND
         if not inside.all():
@@ -78,11 +85,32 @@ class SimulatedRobot:
         efforts = self._forces(self.state, command)
         self.control = command
         self._steps += 1
+        self._pushed_steps -= applied is not None
         self._enter(state, efforts)
+
+    def push(self, body: str, wrench: Array, duration: float) -> None:
+        """Lets a force and a torque act on a body from the next step on, in place of the last.
+
+        Args:
+            body: its name in the MJCF.
+            wrench: force at its origin and torque, along its axes, shape (6,) [N, N·m].
+            duration: simulated time for which they act, at least one step [s].
+
+        Raises:
+            InvalidInputError: there is no such body, or MuJoCo would put zero in a value's place.
+        """
+        if (np.abs(wrench) >= mujoco.mjMAXVAL).any():
+            raise InvalidInputError(
+                f"wrench has {np.abs(wrench).max():g}; every value must be below "
+                f"{mujoco.mjMAXVAL:g}."
+            )
+        self._push = self._bodies.body(body), wrench[:3], wrench[3:]
+        self._pushed_steps = max(1, round(duration / self._task.dynamics.time_step))
 
     def reset(self, state: Array | None, *, time: bool) -> None:
         """Puts the robot into a state, where one is given, and its time to 0, where asked."""
         self.previous_stamp = self.stamp
+        self._pushed_steps = 0
         if time:
             self._steps = 0
         if state is None:

@@ -85,6 +85,7 @@ class Planner:
     Attributes:
         steps: T, the number of steps of a plan.
         age_limit: largest age of a plan that may drive, in steps.
+        cost: the cost that the next plans minimise; the task's own at first.
 
     Args:
         task: the control problem.
@@ -104,6 +105,7 @@ class Planner:
             )
         self.age_limit = min(self.steps - 1, round(settings.plan_age_limit / period))
         self._task, self._settings = task, settings
+        self.cost = task.cost
 
     def first_plan(self, seed: int = 0) -> Plan:
         """Returns the plan from the task's initial state, which begins at step 0.
@@ -199,7 +201,7 @@ class Planner:
     def _cost(self, step: int, policy: GaussianPolicy | None) -> TrajectoryCost:
         """Returns the cost of a plan that begins at a control step."""
         task, weight = self._task, self._settings.policy_weight
-        cost = task.cost.starting_at(step, self.steps)
+        cost = self.cost.starting_at(step, self.steps)
         if policy is None or not weight:
             return cost
         n_dx, n_u = task.dims["n_dx"], task.dims["n_u"]

@@ -45,6 +45,8 @@ class Simulation(NamedTuple):
         high: highest controls; loops clip to both, and record what is left.
         substeps: simulator steps for which one control is held.
         structure: what derivatives of a step may leave out.
+        applied: force and torque on each body's centre of mass along the world's axes, shape
+            (nbody, 6) [N, N·m]; zero between two steps.
         push: the push, whose force loops write to `applied`.
     """
 
@@ -80,9 +82,8 @@ def simulation_of(
         *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
         *(data.qfrc_smooth, data.qfrc_constraint),
     )
-    applied = data.xfrc_applied[push.body, :3]
-    structure = step_structure(model)
-    return Simulation(*(address(model), address(data), *arrays, substeps, structure, applied, push))
+    rest = substeps, step_structure(model), data.xfrc_applied, push
+    return Simulation(address(model), address(data), *arrays, *rest)
 
 
 @compiled
@@ -101,8 +102,8 @@ def put_state(sim, z):  # type: ignore[no-untyped-def]  # pragma: no cover
 def push_at(sim, t):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Applies the push if it acts in control step t; returns whether it does. None acts in -1."""
     acts = sim.push.first <= t < sim.push.last
-    for i in range(len(sim.applied)):
-        sim.applied[i] = sim.push.force[i] if acts else 0.0
+    for i in range(len(sim.push.force)):
+        sim.applied[sim.push.body, i] = sim.push.force[i] if acts else 0.0
     return acts
 
 

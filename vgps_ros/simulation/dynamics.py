@@ -20,6 +20,7 @@ from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
+from vgps_ros.simulation.applied import Applied
 from vgps_ros.simulation.compiled_states import NO_PUSH, Push, Simulation
 from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.model import control_range
@@ -88,12 +89,25 @@ class Dynamics:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
         return self.simulations.warnings()
 
-    def step(self, state: Array, control: Array) -> Array:
-        """Returns f(x, u) without a push, shape (n_x,)."""
+    def step(self, state: Array, control: Array, applied: Applied | None = None) -> Array:
+        """Returns f(x, u) without the dynamics' own push, shape (n_x,).
+
+        Args:
+            state: x, shape (n_x,).
+            control: u, shape (n_u,).
+            applied: what acts on a body meanwhile.
+        """
         after = np.empty((1, self.state_dim))
         pair = np.array(state[None], float), np.array(control[None], float)
         never = np.array([-1])
-        self.simulations.in_one(compiled_loops.advance, (np.inf, np.inf), never, *pair, after)
+
+        def work(sim: Simulation) -> None:
+            if applied:
+                sim.applied[applied.body] = applied.wrench
+            compiled_loops.advance(sim, (np.inf, np.inf), never, *pair, after)
+            sim.applied[:] = 0.0
+
+        self.simulations.in_one(work)
         return after[0]
 
     def rollouts(

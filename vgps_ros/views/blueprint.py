@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import mujoco
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape
 
-_FROM_SIDE, _FROM_ABOVE = (-0.4, -1.7, 0.4), (0.0, -0.2, 1.4)  # in sizes of the robot
 _DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
 _ABOVE_FLOOR = 0.01  # height of the lines above the floor, which would hide them [m]
 LEARNING_CURVE = "learning_curve"  # entity of the picture
@@ -22,9 +20,8 @@ _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost
 def eye(model: mujoco.MjModel, shape: RobotShape) -> rrb.EyeControls3D:
     """Returns an eye that sees the whole robot in the plane it moves in, and goes with it."""
     target = shape.centre_of_mass(model.qpos0)
-    away = _FROM_ABOVE if shape.plane == (0, 1) else _FROM_SIDE
     return rrb.EyeControls3D(
-        position=target + model.stat.extent * np.array(away),
+        position=target + shape.viewpoint,
         look_target=target,
         tracking_entity=f"world/robot/{shape.names[0]}" if shape.names else None,
     )

@@ -6,6 +6,8 @@ import numpy as np
 
 from vgps_ros.core.records import Array
 
+_FROM_SIDE, _FROM_ABOVE = (-0.4, -1.7, 0.4), (0.0, -0.2, 1.4)  # in sizes of the robot
+
 
 class RobotShape:
     """Computes where the limbs of a model and its centre of mass are in a state.
@@ -16,6 +18,8 @@ class RobotShape:
         plane: the two coordinates in which the robot moves: those perpendicular to its hinges, or
             the axes of two slides if it has no hinge. A robot that moves in space is seen from its
             side.
+        viewpoint: from where the whole robot is seen in that plane, relative to its centre of mass,
+            shape (3,) [m].
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -26,6 +30,8 @@ class RobotShape:
         self._halves = np.array([_half_axis(model, i) for i in self._ids.tolist()]).reshape(-1, 3)
         self.names = [model.geom(i).name for i in self._ids]
         self.plane = _plane(model)
+        away = _FROM_ABOVE if self.plane == (0, 1) else _FROM_SIDE
+        self.viewpoint: Array = model.stat.extent * np.array(away)
 
     def axes(self, state: Array) -> Array:
         """Returns both ends of each limb's longest axis, shape (G, 2, 3) [m]."""

@@ -1,0 +1,175 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The node `live` and its page, which a real browser clicks through."""
+
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import GetSimulationState, StepSimulation
+from std_msgs.msg import String
+from vgps_msgs.msg import LearningProgress
+
+from tests.browser import LACKING, opened
+from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
+from vgps_ros.messages.conversions import nanoseconds
+from vgps_ros.messages.executor_diagnostics import SAFE_ACTION_DRIVES, driver
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+
+
+def start(graph):
+    """Starts the node; returns the process and the page's address."""
+    live = graph.start("live", port=18081)
+    graph.spin_until_output(live, "The page is http")
+    return live, re.search(r"The page is (\S+)", live.output)[1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph, number):
+    live, address = start(graph)
+    assert address.startswith("http://127.0.0.1:")
+    page = urllib.request.urlopen(address, timeout=60).read()
+    assert b"<html" in page
+    assert live.end(number) == 0, live.output
+    assert "Traceback" not in live.output
+
+
+def test_two_pages_have_ports_of_their_own(graph):
+    (_, first), (_, second) = start(graph), start(graph)
+    assert first != second
+
+
+def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(graph):
+    start(graph)
+    robots = graph.publisher(String, "mjcf_description", LATCHED)
+    robots.publish(String(data="<mujoco><worldbody><geom/></mujoco>"))
+    graph.diagnosis("live", ERROR, "Left out a robot: ")
+
+
+def test_without_viser_it_names_the_file_that_installs_it(domain_id):
+    code = "import sys; sys.modules['viser'] = None; from vgps_ros.programs.node import start; "
+    run = subprocess.run(
+        [sys.executable, "-c", f"{code}start('live', [])"],
+        env=os.environ | {"ROS_DOMAIN_ID": str(domain_id)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert run.stderr.endswith(
+        "The page needs the package viser: pip install -r requirements/live.txt.\n"
+    )
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("message", "values", "said"),
+    [
+        ("Running.", {"simulated time": "1 s"}, None),
+        ("Running.", {"commands sent": "0", "active": "False"}, "nobody: "),
+        (f"{SAFE_ACTION_DRIVES} (zero): late.", {"commands sent": "3", "active": "True"}, "late."),
+        (
+            "Running.",
+            {"commands sent": "3", "active": "True", "policy of iteration": "7"},
+            "the policy of iteration 7. Running.",
+        ),
+        (
+            "Running.",
+            {"commands sent": "3", "active": "True", "plan age": "0.02 s", "plan cost": "4"},
+            "plans: plan age 0.02 s, plan cost 4. Running.",
+        ),
+    ],
+)
+def test_who_drives_is_said_in_words(message, values, said):
+    found = driver(message, values)
+    assert found is None if said is None else said in found
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(LACKING), reason=LACKING)
+def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
+    graph.start("simulation", start_paused=True)
+    graph.start("mpc", horizon=0.2, plan_every=5)
+    graph.diagnosis("mpc", OK, "Waiting for joint_states")
+    _, address = start(graph)
+    states = graph.messages(JointState, "joint_states")
+    pushes = graph.messages(WrenchStamped, "push")
+    progress = graph.publisher(LearningProgress, "learning_progress", STREAM)
+
+    def state():
+        return graph.call(GetSimulationState, "simulation/get_simulation_state").state.state
+
+    def latest():
+        graph.spin_until(lambda: states, what="a state")
+        return max(nanoseconds(message.header.stamp) for message in states)
+
+    def targets():
+        request = GetParameters.Request(names=["cost.targets"])
+        response = graph.call(GetParameters, "mpc/get_parameters", request)
+        return list(response.values[0].double_array_value)
+
+    with opened(address) as page:
+        page.get_by_text("paused 0.00 s").wait_for()
+        page.get_by_text("Who drives?").wait_for()
+        page.get_by_text("Step", exact=True).click()
+        graph.spin_until(lambda: latest() == PERIOD, what="one step")
+        page.get_by_text("1 steps: done.").wait_for()
+        page.get_by_text("/mpc: plans: plan age").wait_for()
+
+        page.get_by_text("Play", exact=True).click()
+        graph.spin_until(lambda: state() == PLAYING, what="the simulation to play")
+        page.get_by_text("Step", exact=True).click()
+        page.get_by_text("it must be paused before it can step").wait_for()
+        page.get_by_text("Pause", exact=True).click()
+        graph.spin_until(lambda: state() == PAUSED, what="the pause")
+        page.get_by_text("Reset", exact=True).click()
+        page.get_by_text("paused 0.00 s").wait_for()
+
+        # The robot's centre of mass, which its middle link has, is in the middle of the picture.
+        page.mouse.move(450, 250)
+        page.mouse.down()
+        page.mouse.move(450, 220, steps=3)
+        graph.spin_until(lambda: pushes, what="a push")
+        page.mouse.move(450, 150, steps=3)
+        page.get_by_text("Last push: middle").wait_for()
+        page.screenshot(path=tmp_path / "push.png")
+        graph.spin_until(
+            lambda: pushes[-1].wrench.force.y > 2 * pushes[0].wrench.force.y, what="a longer pull"
+        )
+        assert pushes[-1].header.frame_id == "middle"
+        # The mouse holds the robot, so the test itself asks for the step.
+        steps = StepSimulation.Request(steps=1)
+        assert graph.call(StepSimulation, "simulation/step_simulation", steps).result.result == 1
+        page.mouse.up()
+        graph.spin_for(1.0)
+        count = len(pushes)
+        graph.spin_for(1.0)
+        assert len(pushes) == count
+        pushed = states[-1]
+        assert nanoseconds(pushed.header.stamp) == PERIOD
+        assert pushed.velocity[list(pushed.name).index("root_y")] > 0.01
+
+        assert targets() == [1.0]
+        page.get_by_role("slider").first.focus()
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        graph.spin_until(lambda: targets()[0] > 1.0, what="another target")
+        page.get_by_text("The next plan has the new cost.").wait_for()
+
+        for k in range(1, 4):
+            message = LearningProgress(iteration=k, initial_ddp_cost=1.0, ddp_cost=1.0)
+            message.deterministic_cost, message.stochastic_cost_mean = 3.0 / k, math.inf
+            progress.publish(message)
+        page.get_by_text("cost ÷ initial DDP cost").wait_for()
+        assert np.isfinite([m.position[0] for m in states]).all()

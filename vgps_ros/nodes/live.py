@@ -1,0 +1,167 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Node `live`: a page for the browser that shows the graph's robot in motion and lets one touch it.
+
+Its buttons call the services of `simulation`, a body that is dragged is pushed by messages on
+`push`, and its sliders set parameters of `mpc`. It listens on 127.0.0.1 alone.
+"""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from std_msgs.msg import String
+from vgps_msgs.msg import LearningProgress
+
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import nanoseconds, push_to_msg
+from vgps_ros.messages.descriptions import MJCF
+from vgps_ros.messages.executor_diagnostics import driver
+from vgps_ros.messages.progress import progress_from_msg
+from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.ros_runtime.cost_client import CostClient
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
+from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, SIGNS_OF_LIFE, STREAM
+from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.simulation_client import SimulationClient
+from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
+from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.simulation.model import compile_model
+
+PORT = Setting(
+    "port",
+    8080,
+    "TCP port of the page, on 127.0.0.1; where it is taken, one of the next is used",
+    minimum=1024,
+    maximum=65000,
+)
+SIMULATION = Setting("simulation", "simulation", "name of the node whose services are called")
+PLANNER = Setting("planner", "mpc", "name of the node whose cost the sliders change")
+
+_FRAME, _LOOK = 1 / 30, 0.5  # periods of the picture and of what is asked for [s]
+_SILENCE = 3.0  # after which a controller that says nothing is no longer shown [s]
+_LONGEST = 10_000  # iterations of a training that are drawn
+
+
+class Live(Node):
+    """Shows on the page what the graph says, and does what the page's visitor wants."""
+
+    def __init__(self) -> None:
+        super().__init__("live")
+        port, simulation, planner = (declare(self, s) for s in (PORT, SIMULATION, PLANNER))
+        self._health = Health(self)
+        self._health.wait_for(f"{MJCF} from simulation")
+        self._states: StateMessages | None = None
+        self._newest: dict[str, Any] | None = None  # messages of a state that is not shown yet
+        self._time = ""  # of the robot
+        self._drivers: dict[str, tuple[float, str]] = {}  # by controller, and when it said so
+        self._history: dict[int, IterationMetrics] = {}
+        self._is_drawn = True  # whether the history is
+        self._simulation = SimulationClient(self, simulation, self._tell)
+        self.play, self.pause = self._simulation.play, self._simulation.pause
+        self.step, self.reset = self._simulation.step, self._simulation.reset
+        self._cost = CostClient(self, planner, self._show_cost, self._tell)
+        self.set_cost = self._cost.set
+        self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
+        subscribe = self._health.inbox.subscribe
+        subscribe(String, MJCF, self._take_robot, LATCHED, largest=LARGEST_RECORD)
+        subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, SIGNS_OF_LIFE)
+        subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
+        self._page = _open_page(port, self)
+        steady_timer(self, _FRAME, self._show)
+        steady_timer(self, _LOOK, self._look)
+        self.get_logger().info(f"The page is {self._page.address}")
+
+    def close(self) -> None:
+        """Closes the page."""
+        self._page.close()
+
+    def _show(self) -> None:
+        """Shows the newest state, and does what the visitor wants."""
+        if self._newest and self._states:
+            messages, self._newest = self._newest, None
+            try:
+                self._page.show_state(self._states.join(messages))
+            except InvalidInputError as error:
+                self._health.report("state", error=f"Left out a state: {error}")
+            else:
+                self._health.clear("state")
+                self._time = f"{nanoseconds(messages[JOINTS].header.stamp) * 1e-9:.2f} s"
+        while not self._page.wishes.empty():
+            self._page.wishes.get()()
+        if push := self._page.push():
+            self._pushes.publish(push_to_msg(push.body, push.wrench))
+
+    def _look(self) -> None:
+        self._simulation.look()
+        self._cost.look()
+        now = time.monotonic()
+        said = [
+            f"{name}: {sentence}"
+            for name, (heard, sentence) in sorted(self._drivers.items())
+            if now - heard < _SILENCE
+        ]
+        state = self._simulation.state or "There is no simulation."
+        drives = "\n".join(said) or "No controller is there."
+        self._page.tell(run=f"{state} {self._time}", driver=f"Who drives? {drives}")
+        if not self._is_drawn:
+            self._is_drawn = True
+            self._page.show_learning([self._history[k] for k in sorted(self._history)])
+
+    def _tell(self, sentence: str) -> None:
+        self._page.tell(answer=sentence)
+
+    def _show_cost(self, *cost: Sequence[Any]) -> None:
+        self._page.show_cost(*cost)
+
+    def _take_robot(self, message: String) -> None:
+        if self._states is not None:
+            return  # several nodes publish the same description
+        try:
+            model = compile_model(message.data)
+            self._states = states = StateMessages(model)
+        except InvalidInputError as error:
+            self._health.report("robot", error=f"Left out a robot: {error}")
+            return
+        self._health.clear("robot")
+        self._health.arrived(f"{MJCF} from simulation")
+        self._page.show_robot(model)
+        subscribe_to_states(self._health.inbox.subscribe, states, self._take_state, NEWEST)
+
+    def _take_state(self, messages: dict[str, Any]) -> None:
+        self._newest = messages
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {value.key: value.value for value in status.values}
+            is_near = status.name.startswith(f"{self.get_namespace().rstrip('/')}/")
+            if is_near and (sentence := driver(status.message, values)):
+                self._drivers[status.name] = time.monotonic(), sentence
+
+    def _take_progress(self, message: LearningProgress) -> None:
+        if message.iteration == 1:
+            self._history.clear()
+        if message.iteration in self._history or len(self._history) < _LONGEST:
+            self._history[message.iteration] = progress_from_msg(message)
+            self._is_drawn = False
+
+
+def _open_page(port: int, node: Live) -> Any:
+    try:
+        from vgps_ros.views.live_page import LivePage
+    except ModuleNotFoundError as error:
+        raise VgpsError(
+            f"The page needs the package {error.name}: pip install -r requirements/live.txt."
+        ) from error
+    return LivePage(port, node)
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Live, close=lambda node, _: node.close())

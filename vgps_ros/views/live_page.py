@@ -1,0 +1,186 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The live page: the robot in a browser, with what can be done to it.
+
+The page runs in threads of its own. What its visitor wants is put into a queue, from which the
+node takes it, so that one thread alone speaks ROS.
+"""
+
+import html
+import math
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
+from typing import Any, NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+import viser
+
+from vgps_ros.core.records import Array
+from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.views.live_robot import LiveRobot
+
+_CURVES = {  # of the learning curve: a metric each, with its name and colour
+    "deterministic_cost": ("without noise", "#1f5fbf"),
+    "stochastic_cost_mean": ("with noise", "#ff9f1c"),
+    "ddp_cost": ("DDP", "#444444"),
+}
+
+
+class Push(NamedTuple):
+    """A push of a body: force [N] at its origin and torque [N·m] along its axes, shape (6,)."""
+
+    body: str
+    wrench: Array
+
+
+class Actions(Protocol):
+    """What the node does for the page's visitor."""
+
+    def play(self) -> None:
+        """Lets the simulation play."""
+
+    def pause(self) -> None:
+        """Pauses the simulation."""
+
+    def step(self, steps: int) -> None:
+        """Lets a paused simulation do some steps."""
+
+    def reset(self) -> None:
+        """Puts the robot into its initial state."""
+
+    def set_cost(self, targets: Sequence[float], weights: Sequence[float]) -> None:
+        """Gives the planner's cost other targets and weights."""
+
+
+class LivePage:
+    """The page. Its server listens on 127.0.0.1 alone.
+
+    Attributes:
+        address: where a browser finds it.
+        wishes: what the visitor wants done.
+
+    Args:
+        port: TCP port; where another program has it, one of the next.
+        actions: what can be done.
+    """
+
+    def __init__(self, port: int, actions: Actions):
+        self.wishes = SimpleQueue[Callable[[], None]]()
+        self._server = server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        self.address = f"http://127.0.0.1:{server.get_port()}"
+        gui, self._texts = server.gui, {}
+        gui.configure_theme(show_share_button=False, show_logo=False, dark_mode=False)
+        gui.set_panel_label("vgps_ros")
+        self._actions = actions
+        self._robot: LiveRobot | None = None
+        self._texts["driver"] = gui.add_html("Waiting for a robot.")
+        with gui.add_folder("Simulation"):
+            self._texts["run"] = gui.add_html("")
+            run = {"Play": actions.play, "Pause": actions.pause, "Reset": actions.reset}
+            self._add_buttons(run)
+            self._steps = gui.add_number("Steps", 1, min=1, max=1_000_000, step=1)
+            self._add_buttons({"Step": lambda: actions.step(int(self._steps.value))})
+            self._texts["answer"] = gui.add_html("")
+        with gui.add_folder("Push: drag a body"):
+            self._pull = gui.add_number("N per m", 1.0, min=0.0, max=1e6)
+            self._texts["push"] = gui.add_html("")
+        self._cost = gui.add_folder("Cost of the plans", visible=False)
+        self._sliders: dict[tuple[str, int], Any] = {}
+        self._learning = gui.add_folder("Learning", visible=False)
+        self._curve: Any = None
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._server.stop()
+
+    def show_robot(self, model: mujoco.MjModel) -> None:
+        """Shows a robot in its model's first state."""
+        self._robot = LiveRobot(self._server, model)
+        mass, size = float(model.body_subtreemass[0]), float(model.stat.extent)
+        self._pull.value = float(f"{10.0 * mass / size:.2g}")  # type: ignore[misc]
+
+    def show_state(self, state: Array) -> None:
+        """Shows the robot in a state x, shape (n_x,)."""
+        if self._robot:
+            self._robot.show(state)
+
+    def push(self) -> Push | None:
+        """Shows the drag that is under way, and returns the push that it stands for."""
+        if self._robot is None:
+            return None
+        if (grab := self._robot.grabbed()) is None:
+            return None
+        force = self._pull.value * grab.pull
+        self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
+        return Push(grab.body, np.concatenate([force, np.cross(grab.point, force)]))
+
+    def tell(self, **texts: str) -> None:
+        """Shows sentences, which may come from anybody: none is read as HTML.
+
+        Args:
+            texts: by place: `driver` says who drives, `run` how the simulation runs, `answer` what
+                the last wish came to, `push` what the last push was.
+        """
+        for place, text in texts.items():
+            lines = html.escape(text).replace("\n", "<br>")
+            content = f'<p style="margin: 0.4em 0.8em">{lines}</p>'
+            if self._texts[place].content != content:
+                self._texts[place].content = content
+
+    def show_cost(self, names: Sequence[str], targets: Array, weights: Array) -> None:
+        """Shows the planner's cost; sliders are made for readings that are new."""
+        self._cost.visible = bool(len(names))
+        for i, name in enumerate(names):
+            for kind, values in (("target", targets), ("weight", weights)):
+                value, slider = float(values[i]), self._sliders.get((kind, i))
+                if slider is None or slider.label != f"{name} {kind}":
+                    self._add_slider(kind, i, name, value)
+                elif slider.min <= value <= slider.max and slider.value != value:
+                    slider.value = value
+
+    def show_learning(self, history: Sequence[IterationMetrics]) -> None:
+        """Draws costs by iteration, as multiples of the initial DDP solution's."""
+        first = history[-1].initial_ddp_cost
+        curves = [np.array([float(metrics.k) for metrics in history])]
+        for name in _CURVES:
+            ratios = np.array([getattr(metrics, name) / first for metrics in history])
+            curves.append(np.where(np.isfinite(ratios), ratios, np.nan))
+        if self._curve is not None:
+            self._curve.data = tuple(curves)
+            return
+        self._learning.visible = True
+        series: list[Any] = [{"label": "iteration"}]
+        for label, colour in _CURVES.values():
+            series.append({"label": label, "stroke": colour, "width": 2})
+        with self._learning:
+            self._curve = self._server.gui.add_uplot(
+                tuple(curves),
+                tuple(series),
+                title="cost ÷ initial DDP cost",
+                scales={"x": {"time": False}, "y": {"distr": 3}},
+                aspect=1.5,
+            )
+
+    def _add_buttons(self, wishes: dict[str, Callable[[], None]]) -> None:
+        group = self._server.gui.add_button_group("", tuple(wishes))
+        group.on_click(lambda event: self.wishes.put(wishes[event.target.value]))
+
+    def _add_slider(self, kind: str, i: int, name: str, value: float) -> None:
+        reach = max(1.0, 2.0 * abs(value))
+        low, high = (0.0, 2.0 * reach) if kind == "weight" else (value - reach, value + reach)
+        step = 10.0 ** (math.floor(math.log10(high - low)) - 2)
+        if old := self._sliders.pop((kind, i), None):
+            old.remove()
+        with self._cost:
+            slider = self._server.gui.add_slider(f"{name} {kind}", low, high, step, value)
+        self._sliders[kind, i] = slider
+
+        @slider.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:  # moved by a visitor
+                self.wishes.put(self._set_cost)
+
+    def _set_cost(self) -> None:
+        count = len(self._sliders) // 2
+        values = [[self._sliders[k, i].value for i in range(count)] for k in ("target", "weight")]
+        self._actions.set_cost(*values)
