@@ -47,7 +47,7 @@ def main(folder: Path) -> None:
             page.mouse.move(SIZE[0] / 2, SIZE[1] / 2)
             page.mouse.down()
             for i in range(1, 9):
-                page.mouse.move(SIZE[0] / 2 - 15 * i, SIZE[1] / 2 - 15 * i)
+                page.mouse.move(SIZE[0] / 2 - 9 * i, SIZE[1] / 2 - 9 * i)
                 page.wait_for_timeout(100)
             page.get_by_text("Last push").wait_for()
             take(page, folder / "live_push.png")

@@ -19,6 +19,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.views.live_robot import LiveRobot
 
+_TOP = 100.0  # of the learning curve; what diverged is drawn there
 _CURVES = {  # of the learning curve: a metric each, with its name and colour
     "deterministic_cost": ("without noise", "#1f5fbf"),
     "stochastic_cost_mean": ("with noise", "#ff9f1c"),
@@ -144,7 +145,8 @@ class LivePage:
         curves = [np.array([float(metrics.k) for metrics in history])]
         for name in _CURVES:
             ratios = np.array([getattr(metrics, name) / first for metrics in history])
-            curves.append(np.where(np.isfinite(ratios), ratios, np.nan))
+            # The plot would draw NaN at the bottom, and one large value would flatten the rest.
+            curves.append(np.nan_to_num(ratios, nan=_TOP).clip(max=_TOP))
         if self._curve is not None:
             self._curve.data = tuple(curves)
             return

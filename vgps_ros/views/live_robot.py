@@ -19,6 +19,7 @@ from vgps_ros.views.robot_shape import RobotShape
 _ROUND = 24  # sides of what is round
 _FLOOR = 20.0  # half the side at which an unbounded plane is drawn [m]
 _SLAB = 0.01  # thickness at which a plane is drawn [m]
+_AWAY = 1.4  # distance of the eye, in that of a picture without controls beside the robot
 _PUSH = (214, 39, 40)
 
 
@@ -62,7 +63,7 @@ class LiveRobot:
         self._centre = np.zeros(3)
         self.show(np.concatenate([model.qpos0, np.zeros(model.nv)]))
         server.initial_camera.look_at = seen = self._centre * (0.0, 0.0, 1.0)
-        server.initial_camera.position = seen + self._shape.viewpoint
+        server.initial_camera.position = seen + _AWAY * self._shape.viewpoint
 
     def show(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
