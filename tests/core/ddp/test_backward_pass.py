@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from vgps_ros.core.checks import check_covariances
 from vgps_ros.core.ddp.backward_pass import backward_pass
 
 
@@ -110,6 +111,15 @@ def test_control_covariance_is_the_inverse_of_quu(lq_problem):
     policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
     product = policy.control_covariances() @ policy.q_uu
     assert_allclose(product, np.tile(np.eye(3), (problem.horizon, 1, 1)), atol=1e-10)
+
+
+def test_the_inverse_of_a_nearly_singular_quu_is_a_covariance(lq_problem, rng):
+    problem = lq_problem(n_u=3)
+    policy = backward_pass(problem.linear, problem.expand(problem.at_rest()))
+    axes = np.linalg.qr(rng.standard_normal(policy.q_uu.shape))[0]
+    q_uu = axes * [1e-9, 3e-9, 1e6] @ axes.swapaxes(1, 2)
+    q_uu = (q_uu + q_uu.swapaxes(1, 2)) / 2
+    check_covariances("q", dataclasses.replace(policy, q_uu=q_uu).control_covariances())
 
 
 @pytest.mark.parametrize("bad", [-1e3, np.nan])

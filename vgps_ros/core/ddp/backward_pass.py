@@ -89,8 +89,9 @@ class LocalPolicy:
         both = self.free[:, :, None] & self.free[:, None, :]
         q_uu = np.where(both, self.q_uu, np.eye(self.free.shape[1]))
         try:
-            np.linalg.cholesky(q_uu)
-            covariances = np.where(both, np.linalg.inv(q_uu), 0.0)
+            # A product with its own transpose is symmetric, however nearly singular Quu is.
+            root = np.linalg.inv(np.linalg.cholesky(q_uu))
+            covariances = np.where(both, np.swapaxes(root, 1, 2) @ root, 0.0)
         except np.linalg.LinAlgError:
             covariances = np.full_like(q_uu, np.nan)
         if not np.isfinite(covariances).all():
