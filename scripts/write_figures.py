@@ -10,7 +10,8 @@ docs/figures.json, which this program writes from real runs. After `source env.b
     python scripts/write_figures.py --check      # fails if a page differs from figures.json
 
 The runs lie in recordings/figures, or in the folder that --output names. A training that was
-stopped goes on where it was. All parts together take about a quarter of an hour on two cores.
+stopped goes on where it was, and one that has ended is taken as it is, as three_robots/swimmer. All
+parts together take about a quarter of an hour on two cores.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,12 @@ from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.driving import driver_of
 from vgps_ros.tasks.walker.simbicon import GAIT, walk
-from vgps_ros.views.filmstrip import filmstrip
+from vgps_ros.views.filmstrip import filmstrip, frames
 from vgps_ros.views.plots import phase_portrait, save
 from vgps_ros.views.run_record import RunRecord, read_results
 
 FIGURES = ROOT / "docs" / "figures.json"
+THREE_RATE, THREE_SIZE = 12.5, (160, 224)  # pictures a second; height and width of each [pixels]
 FIVE_UNITS = ROOT / "config" / "walker" / "five_units.yaml"
 
 
@@ -175,13 +177,42 @@ def demo(output: Path, seeds: int) -> Figures:
     return {"output": [line.rstrip() for line in said.splitlines()]}
 
 
+def three_robots(output: Path, seeds: int) -> Figures:
+    """Draws a swimmer, a walker and a quadruped with their policies as one moving picture."""
+    strips = []
+    for name in ("swimmer", "walker", "quadruped"):
+        folder, task = output / "three_robots" / name, make_task(name)
+        train(folder, "--task", name, "--seed", 0)
+        strips.append(frames_of(task, folder, seconds=5.0))
+    pictures = [
+        Image.fromarray(np.hstack(side_by_side)) for side_by_side in zip(*strips, strict=True)
+    ]
+    save_gif(pictures, ROOT / "docs" / "robots.gif", round(1e3 / THREE_RATE))
+    return {"bytes": (ROOT / "docs" / "robots.gif").stat().st_size}
+
+
+def frames_of(task: Task, folder: Path, seconds: float) -> Iterator[np.ndarray]:
+    """Yields pictures of a policy without noise that drives its robot from x_1."""
+    policy, _ = load_policy(folder / "policy.json")
+    law = lambda t, x: policy.mean(task.observation(x))  # noqa: E731
+    steps = round(seconds / task.dynamics.time_step)
+    states = task.dynamics.rollout(task.initial_state, law, steps).states
+    shown = np.arange(0, seconds, 1.0 / THREE_RATE) / task.dynamics.time_step
+    return frames(task.mjcf, states[shown.round().astype(int)], *THREE_SIZE)
+
+
 def write_small_gif(source: Path, target: Path) -> None:
     """Writes every second frame of a moving picture, which a page loads in half of the time."""
     with Image.open(source) as picture:
         duration = 2 * picture.info["duration"]
-        frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(picture)][::2]
-    palette = frames[0].quantize(48)  # one palette for all: colours must not flicker
-    first, *rest = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        pictures = [frame.convert("RGB") for frame in ImageSequence.Iterator(picture)][::2]
+    save_gif(pictures, target, duration)
+
+
+def save_gif(pictures: list[Image.Image], target: Path, duration: float) -> None:
+    """Writes pictures, each shown for a duration [ms], as a GIF of few colours."""
+    palette = pictures[0].quantize(48)  # one palette for all: colours must not flicker
+    first, *rest = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     first.save(target, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
 
 
@@ -199,6 +230,7 @@ def exported(output: Path, seeds: int) -> Figures:
 PARTS: dict[str, Callable[[Path, int], Any]] = {
     "swimmer": swimmer,
     "demo": demo,
+    "three_robots": three_robots,
     "demonstration": demonstration,
     "exported": exported,
     "walker": ten_units,
