@@ -2,7 +2,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Takes a picture of a Rerun recording as a browser shows it when it is opened.
 
-    pip install playwright            # the browser itself is the package `chromium` of the system
+    pip install -r requirements/browser.txt   # the browser is the system package `chromium`
     python scripts/screenshot.py recordings/mine/run.rrd picture.png
 
 The viewer is drawn in software, which takes a minute or two. Ports are bound to 127.0.0.1 alone.
@@ -11,13 +11,10 @@ The viewer is drawn in software, which takes a minute or two. Ports are bound to
 import argparse
 import shutil
 import signal
-import socket
-import subprocess
 import sys
-import time
-import urllib.request
 from pathlib import Path
-from urllib.parse import quote
+
+from vgps_ros.views.viewer import in_browser
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _IN_SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -25,59 +22,21 @@ _IN_SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swif
 _PATIENCE = 600.0  # for the browser's drawing in software [s]
 
 
-def free_port() -> int:
-    """Returns a TCP port that nothing listens on."""
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
-
-
 def take(recording: Path, picture: Path, size: tuple[int, int], settle: float) -> None:
     """Serves a recording, opens it in the browser, and writes what is seen to a PNG."""
     from playwright.sync_api import sync_playwright
 
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    viewer = shutil.which("rerun")
-    if browser is None or viewer is None:
-        lacking = "rerun" if viewer is None else "chromium"
-        sys.exit(f"There is no {lacking} on the path; install it, or source env.bash first.")
-    web, data = free_port(), free_port()
-    served = subprocess.Popen(
-        [viewer, "--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(web),
-         "--port", str(data), str(recording)],
-    )  # fmt: skip
-    try:
-        page_address = f"http://127.0.0.1:{web}"
-        _wait_for(page_address)
-        source = quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
-        with sync_playwright() as play:
-            chromium = play.chromium.launch(executable_path=browser, args=list(_IN_SOFTWARE))
-            page = chromium.new_page(viewport={"width": size[0], "height": size[1]})
-            page.goto(f"{page_address}?url={source}&renderer=webgl", timeout=_PATIENCE * 1e3)
-            page.wait_for_timeout(settle * 1e3)
-            page.screenshot(path=picture, timeout=_PATIENCE * 1e3)
-            page.goto("about:blank", timeout=_PATIENCE * 1e3)  # a page that draws closes slowly
-            chromium.close()
-    finally:
-        served.terminate()
-        served.wait()
-
-
-def _wait_for(address: str) -> None:
-    """Waits until a server answers."""
-    end = time.monotonic() + 60.0
-    while not _answers(address):
-        if time.monotonic() > end:
-            sys.exit(f"The viewer does not answer at {address}; see its output above.")
-        time.sleep(0.2)
-
-
-def _answers(address: str) -> bool:
-    try:
-        urllib.request.urlopen(address, timeout=5).close()
-    except OSError:
-        return False
-    return True
+    if browser is None:
+        sys.exit("There is no chromium on the path; install it.")
+    with in_browser(recording) as (address, _), sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=browser, args=list(_IN_SOFTWARE))
+        page = chromium.new_page(viewport={"width": size[0], "height": size[1]})
+        page.goto(f"{address}&renderer=webgl", timeout=_PATIENCE * 1e3)
+        page.wait_for_timeout(settle * 1e3)
+        page.screenshot(path=picture, timeout=_PATIENCE * 1e3)
+        page.goto("about:blank", timeout=_PATIENCE * 1e3)  # a page that draws closes slowly
+        chromium.close()
 
 
 def main() -> None:

@@ -146,7 +146,7 @@ def rerun(arguments: argparse.Namespace) -> None:
         scene.close()
     for sentence, times in left_out.items():
         print(f"{sentence} ({times} times)", file=sys.stderr)
-    print(f"Wrote {output}; open it with `rerun --bind 127.0.0.1 {output}`.")
+    print(f"Wrote {output}; open it with `vgps view {output}`.")
 
 
 def table(arguments: argparse.Namespace) -> None:
