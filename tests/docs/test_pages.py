@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/"}
+WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/", "tensorboard/"}
 # In backticks, with a slash: no option, no topic, no service of a node, no environment's name.
 # A word in capitals stands for a name.
 PATH = re.compile(r"`((?![/~-]|[A-Z]+/)(?:[\w.-]+/(?:[\w.-]+/)*[\w.-]*|test_\w+\.py))`")

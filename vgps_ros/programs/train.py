@@ -47,6 +47,12 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--check", action="store_true", help="only check the arguments: train and write nothing"
     )
+    parser.add_argument(
+        "--tensorboard",
+        action="store_true",
+        help="also write the metrics of each iteration to OUTPUT/tensorboard, which `tensorboard "
+        "--logdir OUTPUT` shows; needs requirements/tensorboard.txt",
+    )
     search = with_values(SearchSettings(), task.search)
     for node, defaults in (("policy_learner", search), ("trajectory_optimizer", task.optimizer)):
         parser.add_settings(*settings_of(with_parameters_of(defaults, node, file)))
@@ -68,11 +74,13 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.tasks import make_task
+    from vgps_ros.views.event_log import EventLog
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress
 
     task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
+    events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.initial_ddp_iterations) as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say)
@@ -81,6 +89,8 @@ def run(arguments: argparse.Namespace) -> None:
             progress.iteration(iteration, settings.iterations, remaining.after(iteration))
             for warning in iteration.warnings:
                 progress.say(warning)
+            if events:
+                events.iteration(iteration)
 
         content = train(
             arguments.method,
@@ -92,6 +102,8 @@ def run(arguments: argparse.Namespace) -> None:
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,
         )
+    if events:
+        events.close()
     save(learning_curve(content), output.learning_curve)
     checkpoints.remove()  # when all else is written
     print(

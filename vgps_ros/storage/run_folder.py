@@ -33,6 +33,7 @@ class RunFolder:
         self.environment = path / "environment.yaml"  # what the bytes of the others depend on
         self.learning_curve = path / "learning_curve.png"
         self.checkpoints = path / "checkpoints"  # a folder, empty once the training has ended
+        self.events = path / "tensorboard"  # a folder of event files, where they were asked for
         self.bag = path / "bag"  # a folder, if the run was recorded
 
     def is_finished(self) -> bool:
