@@ -5,20 +5,19 @@ The file is made of mcap's public records. mcap's own `Writer` is not used: it h
 count, or to go back to an earlier state, as a bag on a full disk must.
 """
 
-import hashlib
 import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable
-from typing import IO, Any, NamedTuple
+from typing import IO
 
 import lz4.frame
 import yaml
 import zstandard
 from mcap import records
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from vgps_ros.bags.blocks import Blocks, bytes_of
 from vgps_ros.bags.manifest import FileDigest
 from vgps_ros.bags.mcap_bytes import MAGIC
 from vgps_ros.bags.storage import Topic
@@ -35,19 +34,6 @@ _CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay 
 # The start of a message's record: kind, length, channel, sequence number, receipt, publication.
 _MESSAGE = struct.Struct("<BQHIQQ")
 _LENGTH_BEFORE_DATA = _MESSAGE.size - struct.calcsize("<BQ")
-
-
-_Entry = records.ChunkIndex | records.AttachmentIndex
-
-
-class _Block(NamedTuple):
-    """A part of the file that is handed over in one call, so that the file may be cut after it."""
-
-    end: int  # of the block in the file [bytes]
-    entry: _Entry  # in the file's index
-    counts: Counter[int]  # messages by the numbers of their channels
-    sha256: str  # of the block
-    so_far: Any  # SHA-256 of the file up to its end, which can go on
 
 
 class StorageWriter:
@@ -69,13 +55,11 @@ class StorageWriter:
         self._compression = "" if compression == "none" else compression
         self._schemas: dict[str, records.Schema] = {}
         self._channels: dict[str, records.Channel] = {}
-        self._blocks: list[_Block] = []
         self._counts: Counter[int] = Counter()
         self._file = file
-        header = MAGIC + _bytes_of(records.Header("ros2", "vgps_ros"))
+        header = MAGIC + bytes_of(records.Header("ros2", "vgps_ros"))
         self._file.write(header)
-        self._header_hash = hashlib.sha256(header)
-        self._hash = self._header_hash.copy()
+        self._blocks = Blocks(header)
         self.begin = self._file.tell()
         self._begin_chunk()
 
@@ -87,12 +71,7 @@ class StorageWriter:
     @property
     def digest(self) -> FileDigest:
         """The digest of the file up to here; once it is closed, it covers the whole file."""
-        begins = [self.begin, *(block.end for block in self._blocks)]
-        chunks = [
-            (begin, block.end, block.sha256)
-            for begin, block in zip(begins, self._blocks, strict=False)
-        ]
-        return FileDigest(self._hash.hexdigest(), chunks, self.counts)
+        return FileDigest(*self._blocks.digests(), self.counts)
 
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""
@@ -101,7 +80,7 @@ class StorageWriter:
                 len(self._schemas) + 1, topic.definition.encode(), "ros2msg", topic.kind
             )
             self._schemas[topic.kind] = schema
-            self._add(_bytes_of(schema))
+            self._add(bytes_of(schema))
         metadata = {
             "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
             "topic_type_hash": topic.type_hash,
@@ -109,7 +88,7 @@ class StorageWriter:
         self._channels[topic.name] = channel = records.Channel(
             len(self._channels) + 1, topic.name, "cdr", metadata, self._schemas[topic.kind].id
         )
-        self._add(_bytes_of(channel))
+        self._add(bytes_of(channel))
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes a message that was received at a time [ns]."""
@@ -127,11 +106,12 @@ class StorageWriter:
         """Adds a named text; of several with one name the last one counts."""
         self.flush()
         attachment = records.Attachment(stamp, stamp, name, "text/plain", data)
-        block, at = _bytes_of(attachment), self._file.tell()
+        block, at = bytes_of(attachment), self._file.tell()
         index = records.AttachmentIndex(
             at, len(block), stamp, stamp, len(data), name, attachment.media_type
         )
-        self._put(block, index, Counter())
+        self._file.write(block)
+        self._blocks.add(block, index, Counter())
 
     def flush(self) -> None:
         """Hands all messages so far to the file: a killed process loses none that it wrote."""
@@ -141,7 +121,7 @@ class StorageWriter:
         compressed = self._compress(data)
         stamps = [stamp for entries in self._index.values() for stamp in entries[::2]]
         start, end = min(stamps), max(stamps)
-        chunk = _bytes_of(
+        chunk = bytes_of(
             records.Chunk(self._compression, compressed, end, start, zlib.crc32(data), len(data))
         )
         block, places = bytearray(chunk), {}
@@ -161,40 +141,46 @@ class StorageWriter:
             uncompressed_size=len(data),
         )
         counts = {channel: len(entries) // 2 for channel, entries in self._index.items()}
-        self._put(bytes(block), index, Counter(counts))
+        self._file.write(bytes(block))
+        self._blocks.add(block, index, Counter(counts))
         self._file.flush()
         self._begin_chunk()
 
     def close(self, metadata: str) -> None:
         """Completes the file: metadata as rosbag2 puts it there, and the index."""
         self.flush()
-        at, entries = self._file.tell(), [block.entry for block in self._blocks]
-        described = _bytes_of(records.Metadata("rosbag2", {"serialized_metadata": metadata}))
-        data = described + _bytes_of(records.DataEnd(0))
-        chunks = sum(isinstance(entry, records.ChunkIndex) for entry in entries)
-        summary = _bytes_of(
+        at = self._file.tell()
+        chunk_count, chunks = self._blocks.entries(records.ChunkIndex)
+        attachment_count, attachments = self._blocks.entries(records.AttachmentIndex)
+        described = bytes_of(records.Metadata("rosbag2", {"serialized_metadata": metadata}))
+        data = described + bytes_of(records.DataEnd(0))
+        known = bytes_of(
             *self._schemas.values(),
             *self._channels.values(),
             records.Statistics(
-                attachment_count=len(entries) - chunks,
+                attachment_count=attachment_count,
                 channel_count=len(self._channels),
                 channel_message_counts=dict(self._counts),
-                chunk_count=chunks,
+                chunk_count=chunk_count,
                 message_count=self._counts.total(),
                 message_end_time=self.end,
                 message_start_time=self.start,
                 metadata_count=1,
                 schema_count=len(self._schemas),
             ),
-            *sorted(entries, key=lambda entry: type(entry).__name__),  # each kind in one group
-            records.MetadataIndex(at, len(described), "rosbag2"),
         )
+        last = bytes_of(records.MetadataIndex(at, len(described), "rosbag2"))
+        summary = b"".join((known, attachments, chunks, last))
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, at + len(data), 0)
         checksum = struct.pack("<I", zlib.crc32(summary + footer))
         end = data + summary + footer + checksum + MAGIC
-        self._hash.update(end)
+        self._blocks.finish(end)
         self._file.write(end)
         self._file.close()
+
+    def pack(self, position: int) -> None:
+        """Takes less memory for the blocks before a position that `go_back` will never undo."""
+        self._blocks.pack(position)
 
     def go_back(self, position: int) -> int:
         """Forgets what came after a position, also an index; the file can then be closed again.
@@ -205,15 +191,9 @@ class StorageWriter:
         Returns:
             Where the file must be cut: after the last chunk with its index, or attachment.
         """
-        self._blocks = [block for block in self._blocks if block.end <= position]
-        self._counts = sum((block.counts for block in self._blocks), Counter())
-        entries = [block.entry for block in self._blocks]
-        chunks = [entry for entry in entries if isinstance(entry, records.ChunkIndex)]
-        self.start = min((chunk.message_start_time for chunk in chunks), default=0)
-        self.end = max((chunk.message_end_time for chunk in chunks), default=0)
-        self._hash = (self._blocks[-1].so_far if self._blocks else self._header_hash).copy()
+        end, self._counts, self.start, self.end = self._blocks.go_back(position)
         self._begin_chunk()
-        return self._blocks[-1].end if self._blocks else self.begin
+        return end
 
     def _begin_chunk(self) -> None:
         self._chunk: list[bytes] = []
@@ -224,18 +204,3 @@ class StorageWriter:
         """Adds a record, or a part of one, to the chunk."""
         self._chunk.append(data)
         self._chunk_size += len(data)
-
-    def _put(self, data: bytes, entry: _Entry, counts: Counter[int]) -> None:
-        """Hands a block over to the file, and notes it for the index."""
-        self._file.write(data)
-        self._hash.update(data)
-        sha256, so_far = hashlib.sha256(data).hexdigest(), self._hash.copy()
-        self._blocks.append(_Block(self._file.tell(), entry, counts, sha256, so_far))
-
-
-def _bytes_of(*parts: records.McapRecord) -> bytes:
-    """Returns records as they stand in a file."""
-    builder = RecordBuilder()
-    for part in parts:
-        part.write(builder)
-    return builder.end()

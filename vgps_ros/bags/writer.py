@@ -143,6 +143,8 @@ class BagWriter:
         self._file.flush()
         if wait:
             self.disk.drain()
+        for file in self._files:
+            file.pack(file.on_disk.written)
         while self._files[0].on_disk.is_closed:
             self._finished.append(self._files.pop(0).summary)
 

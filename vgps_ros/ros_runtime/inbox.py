@@ -1,10 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Subscriptions that bound the memory which the messages of others can take of a node.
 
-The middleware bounds how many messages wait for a node, not how large they are, and Fast DDS gives
-the memory of a topic back only with its subscription: a thousand messages of 8 MB take 8 GB for
-good. So two bounds are added here: a message that is larger than its topic needs is dropped before
-it is unpacked, and where the memory rises too far, the heaviest topics give up what waits there.
+The middleware bounds how many messages wait for a node, not how large they are: a thousand messages
+of 8 MB take 8 GB, which Fast DDS gives back only with the subscription, unless its profile is that
+of `env.bash`. So two bounds are added here: a message that is larger than its topic needs is
+dropped before it is unpacked, and where the memory rises too far, the heaviest topics give up what
+waits there.
 """
 
 import copy

@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 from vgps_ros.core.errors import VgpsError
 
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_HEEDED = "RMW_FASTRTPS_USE_QOS_FROM_XML"  # whether the profile says how readers keep memory
 _SHARED_MEMORY = Path("/dev/shm")
 _TRACING = "lttng-ust-wait-*"  # files of LTTng there, which rclpy loads
 _TRACING_NEEDS = 2**15  # of which most is a margin [bytes]
@@ -46,9 +47,12 @@ def check_memory() -> None:
 def within_limits() -> Iterator[None]:
     """Wraps the making of a process's first node, with which the middleware begins.
 
-    Where /dev/shm is too full for it, the middleware does without.
+    Where /dev/shm is too full for it, the middleware does without. It manages the memory of queues
+    as the profile says, if the profile says so for all of them.
     """
     profile = None
+    if all(map(_says_memory, ("data_writer", "data_reader"))):
+        os.environ.setdefault(_HEEDED, "1")
     try:
         needed, free = _needed_memory(), _free_memory()
         if free < needed:
@@ -82,6 +86,14 @@ def _profile(name: str) -> list[ElementTree.Element]:
         elements = ElementTree.parse(os.environ.get(_PROFILE, "")).iter()
         return [element for element in elements if _name(element) == name]
     return []
+
+
+def _says_memory(kind: str) -> bool:
+    """Returns whether the profile says how all writers, or all readers, manage their memory."""
+    return any(
+        endpoint.get("is_default_profile") == "true" and _text(endpoint, "historyMemoryPolicy")
+        for endpoint in _profile(kind)
+    )
 
 
 def _name(element: ElementTree.Element) -> str:
