@@ -68,9 +68,10 @@ class OptimizerSettings:
     )
     bound_tolerance: float = setting(
         0.0,
-        "rise of the bound that is worth a q-step no further DDP iteration after the first [nat]",
+        "share of what a q-step has raised the bound by so far; a DDP iteration that raises it by "
+        "less ends the q-step",
         minimum=0.0,
-        maximum=1e6,
+        maximum=1.0,
     )
     dynamics_samples: int = setting(
         0,

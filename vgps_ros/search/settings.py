@@ -163,6 +163,10 @@ class SearchSettings:
         weight of the cost against the policy. Where α falls, as in the paper (section 6), that
         weight falls much faster than the noise, q yields to what the network likes, and costs rise
         again. Where α rises, the noise goes on falling, and q stays near the optimum of the cost.
+
+        A small network also needs α to begin low: q then bends to the network, r becomes small, and
+        stays so. Where q keeps to the optimum of the cost from the first iteration on, some seeds
+        end at a policy that never fits it (docs/policies.md).
         """
         alphas, reached = self.alphas, self.alpha_iterations
         if self.schedule == "paper":

@@ -71,14 +71,16 @@ def test_costs_of_the_swimmer_fall_in_every_iteration(swim, short_swimmer):
     assert solution.cost == costs[-1] == short_swimmer.trajectory_cost(solution.trajectory)
 
 
-def test_a_solve_ends_where_another_iteration_is_not_worth_it(swim):
-    whole = [i.cost_reduction for i in swim().iterations]
-    solution = swim(tolerance=2 * whole[0])
-    assert (solution.status, len(solution.iterations)) == (Status.CONVERGED, 1)
-    tolerance = 1.01 * min(whole)
-    reductions = [i.cost_reduction for i in swim(tolerance=tolerance).iterations]
-    assert reductions == whole[: len(reductions)]
-    assert min(reductions[:-1]) >= tolerance
+def test_a_solve_ends_with_the_iteration_that_brings_too_small_a_share_of_all(swim):
+    whole = np.array([i.cost_reduction for i in swim().iterations])
+    shares = whole / np.cumsum(whole)
+    tolerance = 1.01 * shares.min()
+    solution = swim(tolerance=tolerance)
+    reductions = [i.cost_reduction for i in solution.iterations]
+    assert solution.status is Status.CONVERGED
+    assert reductions == whole[: len(reductions)].tolist()
+    assert shares[: len(reductions) - 1].min() >= tolerance
+    assert len(swim(tolerance=0.999).iterations) == 2  # the first brings all that there is so far
 
 
 def test_solution_is_around_its_own_trajectory(swim, short_swimmer):

@@ -144,8 +144,8 @@ def solve(
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
         gaps: f(x̄, ū) ⊖ x̄' of each step of `initial`, shape (T, n_dx), where it does not satisfy
             the dynamics; they are closed on the way. None: it was executed.
-        tolerance: reduction of the cost, in its own unit, that is worth no further iteration after
-            the first; that of the settings is relative, and the larger one counts.
+        tolerance: share of what the iterations have brought so far; one that brings less ends the
+            solve. That of the settings is relative to the cost, and the larger one counts.
         on_iteration: called with each iteration's log.
         is_cancelled: called between the parts of an iteration; true ends the solve.
 
@@ -164,9 +164,10 @@ def solve(
     iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
     log: list[Iteration] = []
+    brought = 0.0
     status = Status.ITERATION_LIMIT
     while len(log) < max_iterations:
-        step = search.next_step(iterate, tolerance if log else 0.0)
+        step = search.next_step(iterate, tolerance * brought)
         had_gaps = iterate.gaps is not None
         if isinstance(step, Status):
             status = step
@@ -185,7 +186,8 @@ def solve(
         search.lower_mu()
         iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
-        negligible = max(tolerance, settings.cost_tolerance * abs(iterate.cost))
+        brought += log[-1].cost_reduction
+        negligible = max(tolerance * brought, settings.cost_tolerance * abs(iterate.cost))
         is_small = log[-1].cost_reduction < negligible
         if is_small and not had_gaps:
             status = Status.CONVERGED
