@@ -87,6 +87,13 @@ def test_train_takes_the_graphs_file_and_a_flag_goes_before_it(tmp_path, capsys)
     assert costs[0] != costs[1]  # the optimizer's block was heard, and the flag
 
 
+@pytest.mark.parametrize("name", ["swimmer", "walker"])
+def test_a_tasks_own_file_repeats_what_the_task_names(name):
+    path = Path(__file__).parents[2] / "config" / f"{name}.yaml"
+    record = search_settings(make_task(name))
+    assert with_parameters_of(record, "policy_learner", path) == record
+
+
 def test_each_line_of_the_five_unit_walkers_file_changes_a_setting():
     path = Path(__file__).parents[2] / "config" / "walker" / "five_units.yaml"
     (block,) = yaml.safe_load(path.read_text()).values()
