@@ -86,7 +86,12 @@ def parameters() -> str:
 
 def examples() -> str:
     """Returns the page of the numbered examples, whole."""
-    lines = ["# Examples", "", "Each example is a file of `examples/` and is run by a test."]
+    lines = [
+        "# Examples",
+        "",
+        "Each example is a file of `examples/` and is run by a test. "
+        "The first one is also a notebook, `examples/01_linear_system.ipynb`.",
+    ]
     for file in sorted((ROOT / "examples").glob("*.py")):
         lines += ["", f"## {file.name}", "", "```python", file.read_text().strip(), "```"]
     return "\n".join(lines)
