@@ -39,8 +39,7 @@ def lock_step() -> Iterator[Comparison]:
     task = make_task("swimmer")
     with TemporaryDirectory() as folder:
         policy = policy_file(task, Path(folder))
-        network = network_file(task, Path(folder))
-        pongs, answers, loops, of_others = [], [], [], []
+        pongs, answers, loops = [], [], []
         for _ in range(ROUNDS):
             with bench() as graph:
                 graph.start_module("benchmarks.pong")
@@ -52,23 +51,12 @@ def lock_step() -> Iterator[Comparison]:
                 graph.start("simulation", start_paused="true")
                 graph.start("policy_executor", policy_file=policy)
                 loops.append(_loop_rate(graph))
-            with bench() as graph:
-                graph.start("simulation", start_paused="true")
-                graph.start("policy_executor", policy_file=network)
-                of_others.append(_loop_rate(graph))
     pong_rate = statistics.median(1.0 / statistics.fmean(run) for run in pongs)
     yield Comparison(
         "lock-step loop: simulation and executor / bare ping-pong",
         statistics.median(loops),
         pong_rate,
         0.7,
-        unit="loops/s",
-    )
-    yield Comparison(
-        "lock-step loop: policy in onnxruntime / the same policy, ours",
-        statistics.median(of_others),
-        statistics.median(loops),
-        0.9,
         unit="loops/s",
     )
     for name, share in (("median", 0.5), ("p99", 0.99)):

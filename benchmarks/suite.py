@@ -22,6 +22,7 @@ from benchmarks import (
     task_files,
     trajectory_peers,
 )
+from benchmarks.network_loop import network_loop
 from benchmarks.report import growth_figure, markdown, terminal_table
 from benchmarks.timing import Comparison
 from vgps_ros.core.checks import nearest
@@ -43,6 +44,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "trajectory_peers": trajectory_peers.trajectory_peers,
     "sampling_peers": sampling_peers.sampling_peers,
     "lock_step": graph.lock_step,
+    "network_loop": network_loop,
     "real_time": real_time.real_time,
     "start": real_time.start,
     "service": graph.service,
