@@ -10,6 +10,7 @@ published while its recorder ran.
 """
 
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -28,6 +29,8 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
+
+DISCOVERED = 5.0  # in which all publishers have found a recorder that subscribes to them [s]
 
 
 @dataclass
@@ -128,8 +131,17 @@ def check_bag(recording: Recording, system: System, tally: Tally) -> None:
         topics = sorted({message.topic for message in system.listener.published} & set(bag.topics))
         recorded = {(message.topic, message.data) for message in bag.messages(topics)}
         tally.recorded += sum(bag.counts.values())
+    # A stream keeps nothing for those who come later, and no recorder can tell when its publishers
+    # have found it.
+    found: dict[str, float] = {}
+    for message in system.listener.published:
+        if recording.covers(message.time) and (message.topic, message.data) in recorded:
+            found.setdefault(message.topic, message.time)
     for message in system.listener.published:
         if not system.listener.expects(message, recording):
+            continue
+        is_early = message.time < recording.windows[0][0] + DISCOVERED
+        if is_early and message.time < found.get(message.topic, math.inf):
             continue
         tally.compared += 1
         if (message.topic, message.data) not in recorded:

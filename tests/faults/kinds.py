@@ -179,15 +179,14 @@ def hostile_rates(system: System) -> None:
 
 
 def crowd(system: System) -> None:
-    """A node that is started beside thirty strange participants finds the others.
-
-    The recorder is left out, which docs/reliability.md explains.
-    """
+    """A node that is started beside thirty strange participants finds the others."""
     strangers = _strangers(system, "crowd", 30)
     system.wait_for(lambda: THERE in strangers.output, "thirty strangers")
-    ended(system.rng.choice([name for name in NODES if name != "recorder"]), system)
+    ended(system.rng.choice(NODES), system)
     system.wait_until_it_works()
-    assert strangers.end() == 0, strangers.output
+    strangers.send(signal.SIGINT)
+    system.wait_for(lambda: not strangers.running, "the end of the strangers")
+    assert strangers.wait() == 0, strangers.output
 
 
 def full_memory(system: System) -> None:

@@ -114,26 +114,27 @@ class Listener:
         return recording.covers(message.time) and not (last or first)
 
     def _subscribe(self, kind: type, topic: str, qos: Any, *, keep: bool = False) -> None:
-        def take(message: Any) -> None:
+        def take(message: Any, info: dict[str, int]) -> None:
             """Notes that it came, and keeps it as CDR."""
             self._heard[topic] = time.monotonic()
             if keep:
-                self.published.append(Published(time.monotonic(), topic, message))
+                self.published.append(Published(_published(info), topic, message))
 
         self._node.create_subscription(kind, topic, take, qos, raw=keep)
 
-    def _take_words(self, message: DiagnosticArray) -> None:
+    def _take_words(self, message: DiagnosticArray, info: dict[str, int]) -> None:
+        now = _published(info)
         for status in message.status:
-            name, now = status.name.lstrip("/"), time.monotonic()
+            name = status.name.lstrip("/")
             if now - self._begun.get(name, now) > STARTED:
                 self._first.append((KEPT[name], now))
                 del self._begun[name]
             self.said[status.name] = status
             self._words.append((now, status.name, status.message))
             if status.name == "/recorder" and status.level == DiagnosticStatus.OK:
-                self._follow_recorder({value.key: value.value for value in status.values})
+                self._follow_recorder({value.key: value.value for value in status.values}, now)
 
-    def _follow_recorder(self, values: dict[str, str]) -> None:
+    def _follow_recorder(self, values: dict[str, str], now: float) -> None:
         """Opens the bag's window once it records all topics."""
         there = {
             name
@@ -142,7 +143,12 @@ class Listener:
         }
         bag = self.recording
         if bag and not bag.is_open and not bag.ended and int(values.get("topics", 0)) >= len(there):
-            bag.windows.append([time.monotonic(), float("inf")])
+            bag.windows.append([now, float("inf")])
+
+
+def _published(info: dict[str, int]) -> float:
+    """Returns when a message was published [s], which may be long before it is taken here."""
+    return time.monotonic() - 1e-9 * (time.time_ns() - info["source_timestamp"])
 
 
 def _is_well(status: DiagnosticStatus) -> bool:
