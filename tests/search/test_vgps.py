@@ -42,7 +42,7 @@ def run(task, settings, seed=0):
 
 def test_alpha_rises_exponentially_over_the_run_and_then_stays():
     settings = SearchSettings(iterations=40)
-    assert_allclose([settings.alpha(k) for k in range(41)], 10.0 ** (np.arange(41) / 40))
+    assert_allclose([settings.alpha(k) for k in range(41)], np.geomspace(0.3, 20.0, 41))
     assert {settings.alpha(k) for k in (40, 41, 200)} == {settings.alpha(40)}
 
 
@@ -95,7 +95,7 @@ def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
     iterations, requests = run(short_swimmer, QUICK)
     first, *later = requests
     assert first[0].policy is None  # line 1
-    assert first[0].cost_scale == 1.0
+    assert first[0].cost_scale == QUICK.alpha(0)
     assert first[0].max_iterations == 3
     for k, batch in enumerate(later, start=1):  # line 6
         assert batch[0].iteration == k

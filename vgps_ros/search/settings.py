@@ -83,7 +83,7 @@ class SearchSettings:
         choices=("listed", "paper"),
     )
     alphas: tuple[float, ...] = setting(
-        (1.0, 10.0),
+        (0.3, 20.0),
         "values of alpha where it is listed; exponential between them, then constant",
         minimum=1e-9,
         maximum=1e9,

@@ -82,7 +82,7 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
     lines += _begin(model, robot, limits)
     lines += [
         "search:                     # a smaller network learns faster, and may miss a contact",
-        "  {hidden_units: [32], alphas: [1.0, 3.0], ddp_iterations: 5}",
+        "  {hidden_units: [32], ddp_iterations: 5}",
     ]
     return "\n".join(lines) + "\n"
 
