@@ -1,6 +1,6 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line reach the scripts.
-VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES BENCHMARKS PYTHON CXX \
+VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES PACKAGES BENCHMARKS PYTHON CXX \
   ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
 given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow faults interrupts damages soak bench bench-peers site lint clean distclean
+.PHONY: help setup demo test test-slow coverage faults interrupts damages soak bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +27,9 @@ test: setup  ## run the tests and check that they leave nothing behind
 test-slow: setup  ## a real `pip install ".[standalone]"`, a colcon workspace, pages in Chromium (five minutes, downloads)
 	@.venv/bin/python -m pip install --quiet -r requirements/browser.txt
 	@scripts/run_tests.bash -m slow tests
+
+coverage: setup  ## lines and branches that the tests reach, with limits (PACKAGES="safety": theirs alone; else an hour)
+	@scripts/measure_coverage.bash $(PACKAGES)
 
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))

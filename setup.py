@@ -9,7 +9,7 @@ RUNTIME = Path(__file__).resolve().parent / "requirements" / "runtime.txt"
 
 setup(
     name="vgps_ros",
-    version="0.1.0",
+    version="1.0.0",
     description="Variational guided policy search on ROS 2",
     maintainer="vgps_ros maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-b6b9a4b1.example",

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 # Names of the nodes, which are modules, executables and blocks of a parameter file alike.
 NODES = sorted(file.stem for file in (Path(__file__).parent / "nodes").glob("[!_]*.py"))

@@ -12,7 +12,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+AT_THE_TOP = ("README", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY")
+PAGES = [
+    *(ROOT / f"{name}.md" for name in AT_THE_TOP),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "log/", "runs/", "recordings/", "tensorboard/"}
 # In backticks, with a slash: no option, no topic, no service of a node, no environment's name.
 # A word in capitals stands for a name.
