@@ -18,9 +18,11 @@ TORQUES = np.array([3.0, -4.0])
 class Robot:
     """A supervisor and a clock."""
 
-    def __init__(self, **settings):
-        limits = (-np.array(LIMITS), np.array(LIMITS))
-        self.supervisor = Supervisor(SafetySettings(**settings), limits, VELOCITIES, PERIOD * 1e-9)
+    def __init__(self, broken_limit=lambda _: "", **settings):
+        limits, period = (-np.array(LIMITS), np.array(LIMITS)), PERIOD * 1e-9
+        self.supervisor = Supervisor(
+            SafetySettings(**settings), limits, VELOCITIES, period, broken_limit
+        )
         self.supervisor.begin()
         self.now = 0.0
 
@@ -100,7 +102,7 @@ def test_damping_brakes_by_the_last_usable_state_within_the_limits():
     assert robot.send(-1) == ([-10.0, 10.0], 1)
 
 
-@pytest.mark.parametrize(("age", "good"), [(0.0, True), (0.09, True), (0.11, False), (-3.0, False)])
+@pytest.mark.parametrize(("age", "good"), [(0.0, True), (0.1, True), (0.11, False), (-3.0, False)])
 def test_a_state_whose_age_is_wrong_is_refused(age, good):
     robot = Robot(max_state_age=0.1)
     robot.send(0)
@@ -179,3 +181,98 @@ def test_far_from_the_training_it_warns_and_then_takes_over(random_distribution,
     assert seen == {0, 1, 2}
     assert robot.send(300, state=np.full(4, 1e308)) == (ZERO, 300)
     assert robot.send(301, state=q.mean.states[2]) == (DRIVES, 301)
+
+
+def test_at_first_nothing_is_wrong_and_nothing_is_measured():
+    supervisor = Robot().supervisor
+    assert supervisor.fault is supervisor.warning is supervisor.distance is None
+
+
+def test_a_state_is_fresh_for_the_whole_timeout():
+    robot = Robot(state_timeout=1.0)
+    robot.send(0)
+    assert robot.supervisor.watch(robot.now + 1.0) is None
+    assert robot.supervisor.watch(robot.now + 1.001) is not None
+
+
+def test_a_state_beyond_a_limit_of_the_task_leads_to_the_safe_action():
+    robot = Robot(broken_limit=lambda state: "it leans." if state[0] > 1.0 else "")
+    assert robot.send(0) == (DRIVES, 0)
+    assert robot.send(1, state=STATE + 1.0) == (ZERO, 1)
+    assert robot.fault == "it leans."
+    assert robot.send(2) == (DRIVES, 2)
+
+
+def test_the_reasons_say_what_was_wrong_and_what_to_do():
+    robot = Robot(state_timeout=1.0, max_state_age=0.1)
+    robot.send(5)
+    robot.send(-100)
+    assert robot.fault == "the state's stamp is -2 s, but it must not be < 0."
+    robot.send(4)
+    assert robot.fault == (
+        "the state's stamp is 0.02 s older than that of the newest state, but states must come in "
+        "order; check that only one robot publishes joint_states."
+    )
+    robot.send(6, age=3.0)
+    assert robot.fault == (
+        "the state's stamp differs from the node's clock by 3 s, but max_state_age is 0.1 s; "
+        "synchronise the clocks, or set use_sim_time."
+    )
+    robot.send(7)
+    robot.wait(2.0)
+    assert robot.fault == (
+        "no usable joint_states came for 1 s; check that the simulation, or the robot's driver, is "
+        "running."
+    )
+
+
+@pytest.fixture
+def marginals(random_distribution, coordinates):
+    return TrainingMarginals(random_distribution(horizon=5, n_x=4, n_u=2), coordinates(1, 2, 3), 2)
+
+
+def test_the_distance_limit_alone_takes_over_just_beyond_it(marginals):
+    limit = marginals.nearest(STATE).distance
+    robot = Robot(distance_limit=limit)
+    robot.supervisor.marginals[0] = marginals
+    assert robot.send(0) == (DRIVES, 0)
+    assert robot.send(1, state=STATE + np.array([0.0, 50.0, 0.0, 0.0])) == (ZERO, 1)
+    assert robot.fault == (
+        "the state's Mahalanobis distance from the training marginals is above distance_limit, "
+        f"{limit:g}; bring the robot back to where the policy was trained."
+    )
+
+
+def test_the_distance_warning_alone_warns_just_beyond_it(marginals):
+    limit = marginals.nearest(STATE).distance
+    robot = Robot(distance_warning=limit)
+    robot.supervisor.marginals[0] = marginals
+    robot.send(0)
+    assert robot.supervisor.warning is None
+    assert robot.send(1, state=STATE + np.array([0.0, 50.0, 0.0, 0.0])) == (DRIVES, 1)
+    assert robot.supervisor.warning == (
+        "The state's Mahalanobis distance from the training marginals is above distance_warning, "
+        f"{limit:g}."
+    )
+
+
+def test_the_feedback_of_the_nearest_distribution_is_the_safe_action(marginals):
+    robot = Robot(safe_action="feedback")
+    robot.supervisor.marginals[0] = marginals
+    robot.send(0)
+    step = marginals.nearest(STATE).step
+    expected = np.clip(marginals.feedback(STATE, step), *np.outer([-1.0, 1.0], LIMITS))
+    assert robot.send(-1) == (expected.tolist(), 0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "needs"),
+    [
+        ({}, False),
+        ({"safe_action": "feedback"}, True),
+        ({"distance_warning": 1.0}, True),
+        ({"distance_limit": 1.0}, True),
+    ],
+)
+def test_settings_tell_whether_they_need_a_distribution(settings, needs):
+    assert SafetySettings(**settings).needs_distribution is needs

@@ -43,6 +43,24 @@ def test_a_repeated_state_gets_the_same_torques_and_time_that_goes_back_starts_f
     np.testing.assert_allclose(torques, [1.0, 1.0])
     np.testing.assert_allclose(limit.limited(LIMITS, 0), [0.2, 0.2])
 
+    np.testing.assert_allclose(limit.limited(LIMITS, 2 * PERIOD), [0.2, 0.2])
+
+
+def test_the_change_counts_from_the_latest_earlier_state_wherever_time_began():
+    limit = limiter(rate=10.0)
+    limit.note(np.array([1.0, 1.0]), 7 * PERIOD)
+    later = 7 * PERIOD + PERIOD // 4
+    np.testing.assert_allclose(limit.limited(LIMITS, later), [1.05, 1.05])
+    limit.note(np.array([1.05, 1.05]), later)
+    # The same state comes again, and the policy wants something else.
+    np.testing.assert_allclose(limit.limited(-LIMITS, later), [0.95, 0.95])
+
+
+def test_after_the_safe_action_a_whole_period_counts():
+    limit = limiter(rate=10.0)
+    limit.note_safe(np.array([1.0, -1.0]))
+    np.testing.assert_allclose(limit.limited(LIMITS, PERIOD // 4), [1.2, -0.8])
+
 
 @given(st.lists(st.tuples(st.integers(0, 3 * PERIOD), TORQUES), max_size=20))
 def test_no_sequence_of_torques_breaks_a_limit(steps):
@@ -87,3 +105,7 @@ def test_torques_keep_to_the_robots_limits_and_to_the_users():
     np.testing.assert_array_equal(high, [2.0, 5.0])
     with pytest.raises(InvalidInputError, match=r"torque_limits\[1\] is 5 N·m, .*own.*6 and 7"):
         settings.torque_range((np.array([-1.0, 6.0]), np.array([1.0, 7.0])))
+    with pytest.raises(InvalidInputError, match="torque_limits"):
+        SafetySettings(torque_limits=(2.0, 5.0, 1.0)).torque_range((-LIMITS, LIMITS))
+    low, high = SafetySettings(torque_limits=(6.0,) * 2).torque_range((LIMITS, LIMITS))
+    np.testing.assert_array_equal(low, high)  # a robot may allow a single torque
