@@ -83,8 +83,10 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
     text = ""
     for task, units in places(UNITS):
         rows = [line for line in lines if (line["task"], line["units"]) == (task, units)]
+        if not rows:
+            continue
         rows.sort(key=lambda line: line["seed"])
-        columns = {name: column for name, column in COLUMNS.items() if rows and name in rows[0]}
+        columns = {name: column for name, column in COLUMNS.items() if name in rows[0]}
         titles = " | ".join(["seed", *(title for title, _, _ in columns.values())])
         text += f"\n{task}, {units} units:\n\n| {titles} |\n|{'---|' * (len(columns) + 1)}\n"
         shown = {str(row["seed"]): [row[name] for name in columns] for row in rows}
