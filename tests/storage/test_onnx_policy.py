@@ -155,6 +155,8 @@ def of_a_stranger():
         (lambda: changed(joint_damping="much"), "must hold numbers only"),
         (lambda: elu_model(elu_layers(5, 3), NAMES), "gives 3 actions, but .* 2 joints"),
         (lambda: elu_model(LAYERS, NAMES, opset=99), "Opset 99 is under development"),
+        (lambda: elu_model(LAYERS, NAMES, opset=1), "cannot be executed: .*Gemm"),
+        (lambda: elu_model(LAYERS, NAMES, opset=-1), "cannot be executed: .*Gemm"),
         (two_inputs, "has the inputs obs, hidden, but it must have one"),
         (of_integers, r"reads a tensor\(int64\)"),
         (of_a_stranger, "the operator 'Gemm' of 'com.example'"),

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
 
+_LARGEST_JSON = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
+
 # NumPy's reader raises these of a file that is no archive, is damaged, or holds pickled objects.
 _MALFORMED = (
     *(zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, MemoryError),
@@ -36,6 +38,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Raises:
         OSError: it cannot be written; the old one is still there.
     """
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"There is no folder '{path.parent}'; make it, or name another.")
     part = part_of(path)
     try:
         with part.open("wb") as file:
@@ -60,8 +64,13 @@ def read_json(path: Path) -> Any:
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no JSON, or is nested too deeply.
+        ValueError: it is no JSON, or is too large or nested too deeply.
     """
+    size = path.stat().st_size
+    if size > _LARGEST_JSON:
+        raise ValueError(
+            f"it has {size / 1e6:.0f} MB, but at most {_LARGEST_JSON / 1e6:.0f} MB are read"
+        )
     try:
         return json.loads(path.read_bytes())
     except RecursionError as error:
