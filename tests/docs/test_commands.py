@@ -27,7 +27,7 @@ from tests.docs.commands import (
 from tests.nodes.conftest import domain_id  # noqa: F401
 from vgps_ros.programs.__main__ import main as vgps
 
-PATIENCE = 300.0  # for one command [s]
+PATIENCE = 1500.0  # for one command, which pytest may end earlier [s]
 WITH_COMMANDS = [page for page in PAGES if any(blocks(page))]
 COMMANDS = [command for page in PAGES for block in blocks(page) for command in block]
 
