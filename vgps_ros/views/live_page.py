@@ -83,7 +83,7 @@ class LivePage:
             self._add_buttons({"Step": lambda: actions.step(int(self._steps.value))})
             self._texts["answer"] = gui.add_html("")
         with gui.add_folder("Push: drag a body"):
-            self._pull = gui.add_number("N per m", 1.0, min=0.0, max=1e6)
+            self._pull: Any = gui.add_number("N per m", 1.0, min=0.0, max=1e6)
             self._texts["push"] = gui.add_html("")
         self._cost = gui.add_folder("Cost of the plans", visible=False)
         self._sliders: dict[tuple[str, int], Any] = {}
@@ -98,7 +98,7 @@ class LivePage:
         """Shows a robot in its model's first state."""
         self._robot = LiveRobot(self._server, model)
         mass, size = float(model.body_subtreemass[0]), float(model.stat.extent)
-        self._pull.value = float(f"{10.0 * mass / size:.2g}")  # type: ignore[misc]
+        self._pull.value = float(f"{10.0 * mass / size:.2g}")
 
     def show_state(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
