@@ -15,7 +15,7 @@ rm -rf log/coverage
 mkdir -p log/coverage
 folders=("${@/#/tests/}")
 status=0
-python -m coverage run -m pytest -q "${folders[@]:-tests}" || status=$?
+python -m coverage run -m pytest -q --timeout 1200 "${folders[@]:-tests}" || status=$?
 python -m coverage combine -q
 
 report() { python -m coverage report --skip-covered --show-missing --fail-under="$@"; }
