@@ -48,7 +48,7 @@ def test_every_path_link_and_command_of_a_page_exists(page):
 
 def test_the_readme_is_short_and_its_picture_is_small():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 130
-    assert (ROOT / "docs" / "swimmer.gif").stat().st_size < 2**20
+    assert (ROOT / "docs" / "robots.gif").stat().st_size < 2**20
 
 
 def test_the_readmes_lines_of_python_train_a_swimmer(tmp_path):
