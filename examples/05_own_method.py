@@ -50,7 +50,7 @@ def cost_of(work: Workspace, policy: GaussianPolicy) -> float:
 
 METHODS["evolution_strategies"] = Method(evolution_strategies, Update)
 task = make_task("rotor")
-settings = replace(search_settings(task), supervised_iterations=3,
+settings = replace(search_settings(task), supervised_iterations=1,
                    iterations=int(os.environ.get("ITERATIONS", "20")))  # fmt: skip
 report = lambda done: print(f"{done.k}: {done.deterministic_cost:.4f}", flush=True)  # noqa: E731
 with tempfile.TemporaryDirectory() as path:
