@@ -53,7 +53,7 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
     assert header.split()[:4] == ["iteration", "alpha", "stochastic", "deterministic"]
     last = result["iterations"][-1]
     figures = (last["stochastic_cost_mean"], last["deterministic_cost"], last["ddp_cost"])
-    assert lines[1].split()[:5] == ["2/2", "10.00", *(f"{cost:.1f}" for cost in figures)]
+    assert lines[1].split()[:5] == ["2/2", "20.00", *(f"{cost:.1f}" for cost in figures)]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_help_tells_what_each_setting_does_and_its_range(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     text = " ".join(capsys.readouterr().out.split())
-    assert "exponential between them, then constant; from 1e-09 to 1e+09; default 1.0 10.0" in text
+    assert "exponential between them, then constant; from 1e-09 to 1e+09; default 0.3 20.0" in text
     assert "seed of all random draws; from 0 to 4.61169e+18; default 0" in text
     with pytest.raises(SystemExit):
         main(["--task", "walker", "--help"])

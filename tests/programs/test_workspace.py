@@ -90,7 +90,8 @@ def test_a_package_tells_release_tools_what_they_ask_for(name):
     assert package.urls
     changelog = get_changelog_from_path(PACKAGES[name], name).rst
     assert changelog.splitlines()[1] == f"Changelog for package {name}"
-    assert "\nForthcoming\n-----------\n* CHANGELOG.md" in changelog
+    assert f"\n{package.version} (" in changelog
+    assert "\n* CHANGELOG.md" in changelog
 
 
 def test_what_rosdep_knows_of_the_requirements_stands_in_the_package():
