@@ -41,6 +41,8 @@ _vgps_env() {
   if [[ -z ${FASTDDS_DEFAULT_PROFILES_FILE:-} ]]; then
     export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE-$root/config/fastdds_loopback.xml}
   fi
+  # onnxruntime tells its maker about networks otherwise, also where it is used without vgps_ros.
+  export ORT_DISABLE_TELEMETRY=${ORT_DISABLE_TELEMETRY-1}
   # One thread a process: the matrices are small, the processes are many, and sums that are
   # split over threads depend on the number of cores. Where OMP_NUM_THREADS gives torch more, BLAS
   # keeps one: its threads would take the cores from torch's (an M-step took ten times as long).

@@ -5,11 +5,14 @@ vgps export recordings/swimmer --output policy.onnx
 python examples/08_onnx_controller.py policy.onnx vgps_ros/tasks/swimmer/swimmer.xml
 """
 
+import os
 import sys
 
 import mujoco
 import numpy as np
-import onnxruntime
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # else it tells its maker about networks
+import onnxruntime  # noqa: E402
 
 
 def read(data: mujoco.MjData, name: str) -> float:

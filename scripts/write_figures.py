@@ -177,7 +177,7 @@ def demo(output: Path, seeds: int) -> Figures:
 
 
 def three_robots(output: Path, seeds: int) -> Figures:
-    """Draws a swimmer, a walker and a quadruped with their policies as one picture at half speed."""
+    """Draws three robots with their policies as one moving picture at half speed."""
     strips = []
     for name in ("swimmer", "walker", "quadruped"):
         folder, task = output / "three_robots" / name, make_task(name)

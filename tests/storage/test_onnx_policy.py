@@ -1,7 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Networks of others: what they compute, and which are refused, in bounded time and memory."""
 
+import os
 import resource
+import subprocess
+import sys
 
 import numpy as np
 import onnx
@@ -32,6 +35,16 @@ def test_it_computes_what_the_network_does_for_one_observation_and_for_many(rng)
         assert found.observed == READ
         np.testing.assert_allclose(found.mean(inputs), expected, atol=1e-6)
         np.testing.assert_allclose(found.mean(inputs[0, 0]), expected[0, 0], atol=1e-6)
+
+
+def test_onnxruntime_says_nothing_to_its_maker(tmp_path):
+    """Where it does, it begins with a file of its session beside other temporary ones."""
+    given = {"CI", "ORT_DISABLE_TELEMETRY"}
+    code = "from vgps_ros.storage.onnx_file import package; package('onnxruntime')"
+    environment = {name: value for name, value in os.environ.items() if name not in given}
+    environment["TMPDIR"] = str(tmp_path)
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    assert not list(tmp_path.iterdir())
 
 
 def test_torques_come_in_the_order_of_the_robots_controls(rng):

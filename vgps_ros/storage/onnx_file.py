@@ -6,6 +6,7 @@ or written, so that nothing else waits for it.
 """
 
 import importlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
 
+NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
 _MOST_NODES = 10_000
 _DOMAINS = ("", "ai.onnx")
@@ -22,9 +24,13 @@ _DOMAINS = ("", "ai.onnx")
 def package(name: str) -> Any:
     """Returns a module of the packages onnx or onnxruntime.
 
+    From 1.29 on onnxruntime tells its maker the names of networks and files, unless it is told not
+    to before it is imported.
+
     Raises:
         VgpsError: it is not installed.
     """
+    os.environ.setdefault(NO_TELEMETRY, "1")
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
