@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # else it tells its maker about networks
-import onnxruntime  # noqa: E402
+import onnxruntime
 
 
 def read(data: mujoco.MjData, name: str) -> float:
