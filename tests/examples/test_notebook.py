@@ -5,9 +5,9 @@ import importlib.util
 import re
 from pathlib import Path
 
-import nbformat
 import pytest
 
+nbformat = pytest.importorskip("nbformat")
 ROOT = Path(__file__).parents[2]
 
 

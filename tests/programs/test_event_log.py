@@ -5,15 +5,15 @@ import json
 import sys
 
 import pytest
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vgps_ros.programs.__main__ import main as vgps
 
+reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
 QUICK = ["--task", "rotor", "--initial-ddp-iterations", "2", "--evaluation-rollouts", "2"]
 
 
 def scalars(folder):
-    events = EventAccumulator(str(folder / "tensorboard"))
+    events = reader.EventAccumulator(str(folder / "tensorboard"))
     events.Reload()
     tags = events.Tags()["scalars"]
     return {tag: {e.step: e.value for e in events.Scalars(tag)} for tag in tags}
