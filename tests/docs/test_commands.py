@@ -48,11 +48,13 @@ class Reader:
         shutil.copytree(run, folder / "run")
         shutil.copytree(ROOT / "recordings" / "sample", folder / "bag")
         (folder / "policy.onnx").symlink_to(run / "policy.onnx")
-        self.environment = {
+        environment = {
             **{k: v for k, v in os.environ.items() if "DISPLAY" not in k},
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": str(folder / "log"),
         }
+        # Where each command runs, and without a person before it.
+        self.place = {"cwd": folder, "env": environment, "stdin": subprocess.DEVNULL}
 
     def type(self, block):
         """Runs the commands of one block; what lasts is ended with INT, and must end well."""
@@ -92,9 +94,7 @@ class Reader:
     def run(self, command):
         done = subprocess.run(
             ["bash", "-c", command],
-            cwd=self.folder,
-            env=self.environment,
-            stdin=subprocess.DEVNULL,
+            **self.place,
             capture_output=True,
             text=True,
             timeout=PATIENCE,
@@ -108,12 +108,7 @@ class Reader:
         log = self.folder / f"lasting-{self.count}.log"
         with log.open("w") as file:
             process = subprocess.Popen(
-                ["bash", "-c", command],
-                cwd=self.folder,
-                env=self.environment,
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
+                ["bash", "-c", command], **self.place, stdout=file, stderr=subprocess.STDOUT
             )
         end = time.monotonic() + PATIENCE
         while process.poll() is None and not log.read_text() and time.monotonic() < end:

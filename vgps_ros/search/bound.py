@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What each step of an iteration brings for the bound L(q, θ), which `core.bound` derives.
+"""Tells by how much each step of an iteration raises the bound L(q, θ) of `core.bound`.
 
 With q and θ as iteration k − 1 left them, at the α_k of iteration k,
 

@@ -11,7 +11,7 @@ from vgps_ros.core.records import Array
 
 
 class Applied(NamedTuple):
-    """What acts on a body during a step.
+    """Describes what acts on a body during a step.
 
     Attributes:
         body: number of the body.

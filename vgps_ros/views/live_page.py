@@ -35,7 +35,7 @@ class Push(NamedTuple):
 
 
 class Actions(Protocol):
-    """What the node does for the page's visitor."""
+    """Does in the graph what the page's visitor wants."""
 
     def play(self) -> None:
         """Lets the simulation play."""
