@@ -5,14 +5,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vgps_ros.views.geometry import floor
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape
 
 _DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
-_ABOVE_FLOOR = 0.01  # height of the lines above the floor, which would hide them [m]
 LEARNING_CURVE = "learning_curve"  # entity of the picture
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
@@ -28,12 +29,21 @@ def eye(model: mujoco.MjModel, shape: RobotShape) -> rrb.EyeControls3D:
 
 
 def ground(model: mujoco.MjModel, shape: RobotShape) -> rrb.LineGrid3D:
-    """Returns lines on the ground, past which the robot is seen to move."""
-    depth = -_DEPTH * model.stat.extent if shape.plane == (0, 1) else _ABOVE_FLOOR
+    """Returns the lines that stand for the floor, past which the robot is seen to move.
+
+    Without a floor they are at height zero, or below a robot that moves in a horizontal plane.
+    """
+    normal, distance = np.array([0.0, 0.0, 1.0]), 0.0
+    if (i := floor(model)) is not None:
+        shape.centre_of_mass(model.qpos0)  # which places the floor, too
+        normal = shape.data.geom_xmat[i].reshape(3, 3)[:, 2]
+        distance = normal @ shape.data.geom_xpos[i]
+    elif shape.plane == (0, 1):
+        distance = -_DEPTH * model.stat.extent
     return rrb.LineGrid3D(
         visible=True,
         spacing=max(0.1, round(0.25 * model.stat.extent, 1)),
-        plane=rr.components.Plane3D((0.0, 0.0, 1.0), -depth),
+        plane=rr.components.Plane3D(normal, distance),
         color=(90, 96, 100),
         stroke_width=1.0,
     )
@@ -88,7 +98,8 @@ def blueprint(
                 origin=f"trajectory_distribution/{name}", legend=False)
         for name in hinge_names
     ]  # fmt: skip
-    base = [_series("base [m]", origin="odom/position")] if has_base else []
+    axes = "base [m]: x (red), y (green), z (blue)"
+    base = [_series(axes, origin="odom/position", legend=False)] if has_base else []
     right = rrb.Vertical(
         rrb.Tabs(*tubes, name="executed within q ± 2 sd") if tubes else rrb.TextDocumentView(),
         *base,

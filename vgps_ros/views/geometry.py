@@ -7,15 +7,24 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-_FLOOR = 50.0  # half the side at which an unbounded plane is drawn [m]
+_WALL = 50.0  # half the side at which an unbounded plane is drawn [m]
 _SLAB = 0.005  # half the thickness at which a plane is drawn [m]
 
 
+def floor(model: mujoco.MjModel) -> int | None:
+    """Returns the index of the floor, which is the model's first plane, or None without one."""
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return int(planes[0]) if len(planes) else None
+
+
 def geometries(model: mujoco.MjModel) -> dict[str, tuple[int, Any]]:
-    """Returns the index and the shape of each geometry that can be drawn, by its name."""
+    """Returns the index and the shape of each geometry that can be drawn, by its name.
+
+    The floor is not among them: lines stand for it, which Rerun would hide behind a filled floor.
+    """
     pictures = {}
     for i in range(model.ngeom):
-        picture = _picture(model, i)
+        picture = _picture(model, i) if i != floor(model) else None
         if picture is not None and model.geom_rgba[i, 3] > 0:
             pictures[model.geom(i).name or f"geom_{i}"] = (i, picture)
     return pictures
@@ -27,7 +36,7 @@ def _picture(model: mujoco.MjModel, i: int) -> Any:
     solid: dict[str, Any] = {"colors": colours, "fill_mode": "solid"}
     match mujoco.mjtGeom(model.geom_type[i]):
         case mujoco.mjtGeom.mjGEOM_PLANE:
-            sides = [[a or _FLOOR, b or _FLOOR, _SLAB]]
+            sides = [[a or _WALL, b or _WALL, _SLAB]]
             return rr.Boxes3D(half_sizes=sides, centers=[[0.0, 0.0, -_SLAB]], **solid)
         case mujoco.mjtGeom.mjGEOM_SPHERE:
             return rr.Ellipsoids3D(half_sizes=[[a, a, a]], **solid)

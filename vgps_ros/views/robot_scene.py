@@ -25,6 +25,7 @@ from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
 _Q, _PLAN = (255, 159, 28), (44, 160, 44)
+_AXES = [(214, 39, 40), (44, 160, 44), (31, 95, 191)]  # of x, y and z
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
 
 
@@ -71,7 +72,7 @@ class RobotScene:
         for quantity in ("position", "velocity", "effort"):
             recording.name_series(f"joint_states/{quantity}", self.states.joint_names)
         if self.states.base:
-            recording.name_series("odom/position", ["x", "y", "z"])
+            recording.name_series("odom/position", ["x", "y", "z"], colors=_AXES)
         recording.name_series("joint_command/effort", self.actuated_joint_names)
         recording.name_series("policy/noise_std", self.actuated_joint_names)
         for name in self.hinge_names:
