@@ -24,7 +24,7 @@ from vgps_ros.tasks.task import smoothed_noise
 # What takes the time of a search: where each part is called from.
 PARTS = {
     "derivatives": (Dynamics, "linearize"),
-    "backward passes": ("vgps_ros.core.ddp.solve", "backward_pass"),
+    "backward passes": ("vgps_ros.core.ddp.forward_pass", "backward_pass"),
     "forward passes": ("vgps_ros.core.ddp.solve", "forward_pass"),
     "expansion of the policy's cost": (PolicyCost, "expand"),
     "marginals": ("vgps_ros.search.trajectory_optimization", "state_covariances"),

@@ -197,7 +197,10 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
                 right[i, 1 + j] = -(q_zz[row, j] + mu * ff[row, j])
         if not solve_in_place(left, right):
             return k, gains, quu, free, slope, curvature, False
-        if np.any((right[:, 0] <= low[t]) | (right[:, 0] >= high[t])):
+        is_outside = False
+        for i in range(n_u):
+            is_outside |= right[i, 0] <= low[t, i] or right[i, 0] >= high[t, i]
+        if is_outside:
             k[t] = right[:, 0]
             minimize_in_box(regularized, q_z[n_x:], low[t], high[t], k[t], free[t])
             for i in range(n_u):
