@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Messages of others cannot take all of a node's memory, however large or many they are."""
 
+import signal
 from pathlib import Path
 
 import rclpy
@@ -110,3 +111,25 @@ def test_latched_messages_come_once_though_the_subscription_is_made_anew(graph):
     graph.spin_until(lambda: len(came) > 3)
     graph.spin_for(0.5)
     assert len(came) == 4
+
+
+def test_memory_of_a_backlog_is_given_back_once_it_is_read(graph, tmp_path):
+    recorder, sender = graph.start("recorder", output=tmp_path / "bag"), Sender(graph)
+    try:
+        large = sender.node.create_publisher(Float64MultiArray, "large", QoSProfile(depth=COUNT))
+        graph.spin_until(large.get_subscription_count)
+        message = Float64MultiArray(data=pack([0.5] * (SIZE // 8)))
+
+        before = highest = memory_of(recorder.pid)
+        recorder.send(signal.SIGSTOP)
+        for _ in range(60):
+            large.publish(message)
+        recorder.send(signal.SIGCONT)
+        for _ in range(30):
+            graph.spin_for(0.1)
+            highest = max(highest, memory_of(recorder.pid))
+        assert highest > before + 50.0
+        half = before + 0.5 * (highest - before)
+        graph.spin_until(lambda: memory_of(recorder.pid) < half, what="memory that is given back")
+    finally:
+        sender.close()

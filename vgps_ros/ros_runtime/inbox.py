@@ -5,7 +5,7 @@ The middleware bounds how many messages wait for a node, not how large they are:
 of 8 MB take 8 GB, which Fast DDS gives back only with the subscription, unless its profile is that
 of `env.bash`. So two bounds are added here: a message that is larger than its topic needs is
 dropped before it is unpacked, and where the memory rises too far, the heaviest topics give up what
-waits there.
+waits there. What a backlog took and the C library keeps for later is given back.
 """
 
 import copy
@@ -32,6 +32,7 @@ _BUDGET = 256.0  # that the memory may rise above its floor before messages are 
 _FLOOR_RISES = 1.0  # as fast as a node's memory may grow by what it keeps on purpose [MB/s]
 _SHARE = 16.0  # that the unread messages of one topic may take after that [MB]
 _PERIOD = 0.2  # between two looks at the memory [s]
+_LOOKS = 5  # between two trims of the C library's memory
 _SHOWN = 3.0  # in which a warning stays after the last message that was dropped [s]
 _DISCARDING = 0.2  # in which messages that are given up are counted [s]
 
@@ -99,6 +100,8 @@ class Inbox:
         self._streams: list[_Stream] = []
         self._said: dict[str, tuple[float, str]] = {}  # when a sentence was last true, by topic
         self._floor = float("inf")
+        self._taken = 0  # while the memory has been high, since the C library's was trimmed [bytes]
+        self._looks = 0
         steady_timer(node, _PERIOD, self._look)
 
     def subscribe(
@@ -113,7 +116,7 @@ class Inbox:
         """Calls a function with each message of a topic that is not larger than allowed [bytes]."""
 
         def receive(data: bytes) -> None:
-            stream.largest = max(stream.largest, len(data))
+            self._note(stream, data)
             if len(data) > largest:
                 sentence = f"larger than {largest * 1e-6:.1f} MB, which is more than it needs"
                 self._drop(topic, 1, sentence)
@@ -144,7 +147,7 @@ class Inbox:
         """Calls a function with each message as CDR, of any size, and with its times."""
 
         def receive(data: bytes, info: dict[str, int]) -> None:
-            stream.largest = max(stream.largest, len(data))
+            self._note(stream, data)
             if not stream.is_repeated(info):
                 take(data, info)
 
@@ -169,6 +172,10 @@ class Inbox:
             if when > recent
         )
 
+    def _note(self, stream: _Stream, data: bytes) -> None:
+        stream.largest = max(stream.largest, len(data))
+        self._taken += len(data)
+
     def _drop(self, topic: str, count: int, sentence: str) -> None:
         self.dropped[topic] += count
         self._said[topic] = (time.monotonic(), sentence)
@@ -176,8 +183,16 @@ class Inbox:
     def _look(self) -> None:
         memory = (_own_memory() - self.kept()) * 1e-6
         self._floor = min(memory, self._floor + _FLOOR_RISES * _PERIOD)
-        if memory < self._floor + _BUDGET:
-            return
+        if memory < self._floor + _SHARE:
+            self._taken = 0
+        elif memory > self._floor + _BUDGET:
+            self._shorten_heaviest()
+        self._looks += 1
+        if self._looks % _LOOKS == 0 and self._taken > _SHARE * 1e6:
+            self._taken = 0
+            _trim()
+
+    def _shorten_heaviest(self) -> None:
         heaviest = max(self._streams, key=lambda stream: stream.weight)
         if heaviest.weight <= _SHARE:
             return
@@ -189,7 +204,13 @@ class Inbox:
             f"what waited there took more than {_BUDGET:g} MB of this node's memory; send less, or "
             "smaller messages",
         )
-        ctypes.CDLL(None).malloc_trim(0)
+        _trim()
+
+
+def _trim() -> None:
+    """Gives back the memory that the C library keeps for later, where that is the GNU one."""
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        trim(0)
 
 
 def _own_memory() -> int:
