@@ -9,7 +9,10 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -28,6 +31,7 @@ from tests.nodes.conftest import domain_id  # noqa: F401
 from vgps_ros.programs.__main__ import main as vgps
 
 PATIENCE = 1500.0  # for one command, which pytest may end earlier [s]
+ENDING = 20.0  # for a command that is ended to end what it started [s]
 WITH_COMMANDS = [page for page in PAGES if any(blocks(page))]
 COMMANDS = [command for page in PAGES for block in blocks(page) for command in block]
 
@@ -53,8 +57,15 @@ class Reader:
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": str(folder / "log"),
         }
-        # Where each command runs, and without a person before it.
-        self.place = {"cwd": folder, "env": environment, "stdin": subprocess.DEVNULL}
+        # Each command runs here, in a session of its own, and without a person before it.
+        self.place = {
+            "cwd": folder,
+            "env": environment,
+            "stdin": subprocess.DEVNULL,
+            "start_new_session": True,
+            "text": True,
+        }
+        self.shells = []
 
     def type(self, block):
         """Runs the commands of one block; what lasts is ended with INT, and must end well."""
@@ -92,29 +103,51 @@ class Reader:
         return re.sub(r"\bDIR\b", self.written, command)
 
     def run(self, command):
-        done = subprocess.run(
-            ["bash", "-c", command],
-            **self.place,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            check=False,
-        )
-        assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+        shell = self.open(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        output, errors = shell.communicate(timeout=PATIENCE)
+        assert shell.returncode == 0, f"{command}\n{output[-3000:]}\n{errors[-3000:]}"
 
     def start(self, command):
         """Starts a command in the background, and returns it once it has said something."""
         self.count += 1
         log = self.folder / f"lasting-{self.count}.log"
         with log.open("w") as file:
-            process = subprocess.Popen(
-                ["bash", "-c", command], **self.place, stdout=file, stderr=subprocess.STDOUT
-            )
+            process = self.open(command, stdout=file, stderr=subprocess.STDOUT)
         end = time.monotonic() + PATIENCE
         while process.poll() is None and not log.read_text() and time.monotonic() < end:
             time.sleep(0.1)
         assert process.poll() in (None, 0), f"{command}\n{log.read_text()}"
         return process, log
+
+    def open(self, command, **streams):
+        shell = subprocess.Popen(["bash", "-c", command], **self.place, **streams)
+        self.shells.append(shell)
+        return shell
+
+    def close(self):
+        """Ends the shells that have not ended in time, with all that they started."""
+        for shell in self.shells:
+            if shell.poll() is None:
+                os.killpg(shell.pid, signal.SIGTERM)
+                with suppress(subprocess.TimeoutExpired):
+                    shell.wait(ENDING)
+                while left := processes(session=shell.pid):
+                    for process in left:
+                        with suppress(ProcessLookupError):
+                            os.kill(process, signal.SIGKILL)
+                    shell.poll()
+                    time.sleep(0.1)
+
+
+def processes(session):
+    """Returns the processes of a session; a shell's jobs may be in several groups of it."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            state, _, _, its_session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(its_session) == session and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +161,9 @@ def trained(tmp_path_factory):
 
 @pytest.fixture
 def reader(tmp_path, trained, domain_id):  # noqa: F811
-    return Reader(tmp_path, trained, domain_id)
+    reader = Reader(tmp_path, trained, domain_id)
+    yield reader
+    reader.close()
 
 
 def chosen(block, *, slow):
@@ -158,3 +193,14 @@ def test_all_commands_of_a_page_run_the_long_ones_too(reader, page):
 @pytest.mark.parametrize("pattern", [*NOT_RUN, *SLOW])
 def test_what_is_said_of_commands_is_about_commands_that_are_there(pattern):
     assert any(re.search(pattern, command) for command in COMMANDS)
+
+
+def test_a_command_that_takes_too_long_is_ended_with_all_that_it_started(reader, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "PATIENCE", 2.0)
+    with pytest.raises(subprocess.TimeoutExpired):
+        reader.run("set -m; trap '' TERM; (trap '' TERM; sleep 600) & wait; wait")
+    monkeypatch.setattr(sys.modules[__name__], "ENDING", 0.1)
+    (shell,) = reader.shells
+    assert len(processes(session=shell.pid)) > 1
+    reader.close()
+    assert processes(session=shell.pid) == []
