@@ -34,7 +34,7 @@ coverage: setup  ## lines and branches that the tests reach, with limits (PACKAG
 faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
 	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))
 
-interrupts: setup  ## one INT, COUNT=60 times each, for demo, node, train and recorder at random times (SEED=)
+interrupts: setup  ## one INT or TERM at random times, COUNT=60 times each, for nodes and programs (SEED=)
 	@bash -c 'source env.bash && exec python -m tests.faults.interrupts --count $(or $(COUNT),60) $(if $(SEED),--seed $(SEED))'
 
 damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)

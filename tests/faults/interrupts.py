@@ -1,10 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Interrupts programs at random times after their first instruction: one INT must end each.
+"""Interrupts programs at random times after their first instruction: one signal must end each.
 
     python -m tests.faults.interrupts --count 60 --seed 7
 
-Each is struck in a terminal, by Ctrl-C, and in the background of a script, where a shell starts it
-with INT ignored. It must end with its code, in time, print no traceback and leave nothing behind.
+Each is struck by Ctrl-C in a terminal, by INT in the background of a script, where a shell starts
+it with INT ignored, and by TERM as a service. It must end with its code, in time, print no
+traceback and leave nothing behind.
 """
 
 import argparse
@@ -32,9 +33,10 @@ EXECUTABLES = ROOT / "install" / "vgps_ros" / "lib" / "vgps_ros"
 _STARTERS = {
     "terminal": ("env", "--default-signal=INT", "setsid", "--ctty"),
     "background": ("env", "--ignore-signal=INT"),
+    "service": ("env", "--default-signal=TERM"),
 }
 MODES = tuple(_STARTERS)
-FIRST, LAST = 0.02, 4.0  # of the times after the start at which INT comes [s]
+FIRST, LAST = 0.02, 4.0  # of the times after the start at which the signal comes [s]
 SOON = 5.0  # in which a program must have ended [s]
 PATIENCE = 20.0  # after which it is killed, and counts as one that does not end [s]
 _MARK = "VGPS_INTERRUPTED"
@@ -42,14 +44,25 @@ _MARK = "VGPS_INTERRUPTED"
 
 @dataclass(frozen=True)
 class Kind:
-    """A program: its words, in which FOLDER stands for an empty folder, and its code after INT."""
+    """A program: its words, in which FOLDER stands for an empty folder, and its codes.
+
+    Attributes:
+        words: the command.
+        code: the exit code after INT.
+        term_code: the exit code after TERM; None if it is the same.
+    """
 
     words: tuple[str, ...]
     code: int
+    term_code: int | None = None
+
+    def code_after(self, number: signal.Signals) -> int:
+        """Returns the exit code after a signal."""
+        return self.code if number == signal.SIGINT or self.term_code is None else self.term_code
 
 
 KINDS = {
-    "demo": Kind((str(ROOT / "scripts" / "run_demo.bash"),), 130),
+    "demo": Kind((str(ROOT / "scripts" / "run_demo.bash"),), 130, 143),
     "node": Kind((str(EXECUTABLES / "simulation"), "--ros-args", "-p", "task:=rotor"), 0),
     "train": Kind(
         (
@@ -59,6 +72,9 @@ KINDS = {
         1,
     ),
     "recorder": Kind((str(EXECUTABLES / "recorder"), "--ros-args", "-p", "output:=FOLDER/bag"), 0),
+    "learner": Kind((str(EXECUTABLES / "policy_learner"),), 0),
+    "execution": Kind((str(EXECUTABLES / "execute_policy"), "--task", "rotor"), 1),
+    "client": Kind((str(EXECUTABLES / "train_through_graph"), "--output", "FOLDER/run"), 1),
 }
 
 
@@ -72,6 +88,7 @@ class Outcome:
 
 def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> Outcome:
     """Starts a program, interrupts it after a time [s], and tells how it ended."""
+    number = signal.SIGTERM if mode == "service" else signal.SIGINT
     mark = f"{os.getpid()}.{time.monotonic_ns()}"
     command = [word.replace("FOLDER", str(folder)) for word in KINDS[kind].words]
     variables = {_MARK: mark, "TASK": "rotor", "OUTPUT": str(folder / "demo")}
@@ -94,7 +111,7 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
     if mode == "terminal":
         os.write(master, b"\x03")
     else:
-        program.send_signal(signal.SIGINT)
+        program.send_signal(number)
     try:
         code: int | str = program.wait(PATIENCE)
     except subprocess.TimeoutExpired:
@@ -105,7 +122,7 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
         os.close(terminal)
     if isinstance(code, int) and code < 0:
         code = 128 - code  # as a shell shows a death by a signal
-    wrong = [] if code == KINDS[kind].code else [f"code {code}"]
+    wrong = [] if code == KINDS[kind].code_after(number) else [f"code {code}"]
     words = output.read_text(errors="replace")
     wrong += [f"it says {words}"] if "Traceback" in words else []
     for pid in _marked(mark):
@@ -133,6 +150,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=60, help="of each program and mode")
     parser.add_argument("--seed", type=int, default=random.randrange(10**6), help="of all times")
     parser.add_argument("--only", choices=KINDS, help="one program")
+    parser.add_argument("--between", type=float, nargs=2, metavar="SECONDS", help="of these times")
     arguments = parser.parse_args()
     print(f"interrupts: seed {arguments.seed}", flush=True)
     rng, bad, late = Random(arguments.seed), Counter[str](), Counter[str]()
@@ -141,7 +159,7 @@ def main() -> int:
         for mode in MODES:
             name, slowest = f"{kind} {mode}", 0.0
             for _ in range(arguments.count):
-                delay = rng.uniform(FIRST, rng.choice((0.5, LAST)))
+                delay = rng.uniform(*arguments.between or (FIRST, rng.choice((0.5, LAST))))
                 with tempfile.TemporaryDirectory(prefix="vgps_ros_") as folder:
                     outcome = strike(kind, mode, delay, Path(folder), rng.randrange(101, 233))
                 slowest = max(slowest, outcome.seconds)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
 from vgps_ros.programs.node import heed, start
+from vgps_ros.ros_runtime.interruptible import LATER, may_raise
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
 
-_LATER = 0.05  # after which a signal is looked at again [s]
 COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("[!_]*.py"))
 
 
@@ -58,22 +58,16 @@ def _heed_interrupts() -> None:
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
-    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
-
-    Extension modules that begin lose the exception, or turn it into an ImportError.
-    """
-    while frame:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            signal.setitimer(signal.ITIMER_REAL, _LATER)
-            return
-        frame = frame.f_back
-    raise KeyboardInterrupt
+    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over."""
+    if may_raise(frame):
+        raise KeyboardInterrupt
+    signal.setitimer(signal.ITIMER_REAL, LATER)
 
 
 def _once_more(lost: "sys.UnraisableHookArgs") -> None:
     """Interrupts again where a finaliser, or what C called back, has lost the exception."""
     if issubclass(lost.exc_type, KeyboardInterrupt):
-        signal.setitimer(signal.ITIMER_REAL, _LATER)
+        signal.setitimer(signal.ITIMER_REAL, LATER)
     else:
         sys.__unraisablehook__(lost)
 

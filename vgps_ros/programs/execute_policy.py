@@ -7,11 +7,12 @@ any time before or after them.
 """
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_memory, within_limits
+from vgps_ros.ros_runtime.middleware import check_memory
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
 from vgps_ros.tasks.settings import TASK
@@ -36,26 +37,11 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         refuse_existing([arguments.json], overwrite=arguments.overwrite)
     check_memory()
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
-
-    rclpy.init()
-    try:
-        _execute(arguments)
-    except (ExternalShutdownException, RuntimeError) as error:
-        # A signal may strike between any two calls of rclpy, which then lack their context.
-        if rclpy.ok():
-            raise
-        raise KeyboardInterrupt from error
-    finally:
-        rclpy.try_shutdown()
-
-
-def _execute(arguments: argparse.Namespace) -> None:
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Column, Table
 
+    from vgps_ros.ros_runtime.client_node import client_node
     from vgps_ros.ros_runtime.policy_run import PolicyRun
     from vgps_ros.tasks import make_task
 
@@ -63,15 +49,11 @@ def _execute(arguments: argparse.Namespace) -> None:
     task = make_task(arguments.task)
     steps = getattr(arguments, "steps", task.horizon)
     training = read_result(arguments.result) if arguments.result else None
-    with within_limits():
-        node = PolicyRun(task, arguments.simulation, arguments.timeout, arguments.namespace)
-    try:
-        with Progress(console=console) as progress:
-            bar = progress.add_task("Executing the policy", total=steps)
-            for done in node.execute(steps):
-                progress.update(bar, completed=done)
-    finally:
-        node.destroy_node()
+    how = (arguments.simulation, arguments.timeout, arguments.namespace)
+    with client_node(partial(PolicyRun, task, *how)) as node, Progress(console=console) as progress:
+        bar = progress.add_task("Executing the policy", total=steps)
+        for done in node.execute(steps):
+            progress.update(bar, completed=done)
     trajectory = node.trajectory(steps)
     duration = steps * task.dynamics.time_step
     distance = float(task.distance(trajectory.states[0], trajectory.states[-1]))

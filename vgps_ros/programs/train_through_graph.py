@@ -1,16 +1,17 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Asks a running policy_learner to train, and shows how it goes.
 
-It writes result.json, policy.json and learning_curve.png. Ctrl-C cancels the training.
+It writes result.json, policy.json and learning_curve.png. Ctrl-C cancels the training, as INT and
+TERM do; a second one does not wait until the learner confirms it.
 """
 
 import argparse
-import signal
+from functools import partial
 
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.experiments.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_memory, within_limits
+from vgps_ros.ros_runtime.middleware import check_memory
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
 
@@ -35,23 +36,18 @@ def run(arguments: argparse.Namespace) -> None:
     output = RunFolder(arguments.output)
     refuse_existing([output.result], overwrite=arguments.overwrite)
     check_memory()
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
     from vgps_msgs.action import TrainPolicy
 
     from vgps_ros.messages.conversions import policy_from_msg
     from vgps_ros.messages.progress import result_from_msgs
+    from vgps_ros.ros_runtime.client_node import client_node
     from vgps_ros.ros_runtime.training_client import TrainingClient
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress
 
-    # INT is this program's own, to cancel the goal; TERM stays rclpy's.
-    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.SIGTERM)
-    with within_limits():
-        node = TrainingClient(arguments.learner, arguments.lost_timeout, arguments.namespace)
-    signal.signal(signal.SIGINT, node.interrupt)
-    try:
+    of_learner = (arguments.learner, arguments.lost_timeout, arguments.namespace)
+    with client_node(partial(TrainingClient, *of_learner)) as node:
         goal = TrainPolicy.Goal(
             seed=arguments.seed,
             iterations=[arguments.iterations] if "iterations" in arguments else [],
@@ -65,9 +61,3 @@ def run(arguments: argparse.Namespace) -> None:
         save(learning_curve(content), output.learning_curve)
         print(result.message)
         print(f"Wrote {output.file_names()} to {output.path}.")
-    except ExternalShutdownException as error:
-        raise KeyboardInterrupt from error
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        node.destroy_node()
-        rclpy.try_shutdown()

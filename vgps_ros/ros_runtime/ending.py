@@ -3,6 +3,9 @@
 
 In between the node closes while it can still publish. A thread of its own reads the signal, since
 Python's handlers run only between two steps of the main thread, which may wait in the middleware.
+
+No process leaves signals to rclpy, whose handlers end the context at once, and nothing is raised
+within rclpy: what it has half made then cannot be taken apart, and its shared memory stays behind.
 """
 
 import os
@@ -19,13 +22,22 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.ros_runtime.exit_timer import exit_after
+from vgps_ros.ros_runtime.interruptible import LATER, may_raise
 
+# Callbacks must return and the middleware must close within this time: of 387 nodes that were ended
+# without a limit, one never ended; the cause is not known [s].
+PATIENCE = 1.5
 _MOMENT = 0.5  # for a callback to return and the node to close, before the context ends [s]
+_LONGEST_START = 3.5  # after a signal, of a start that nothing interrupts [s]
 _LONGEST_TURN = 1.0  # of the events executor, while there is nothing to do [s]
 
 
 class Ending:
     """Takes note that the end of this process is wanted; its main thread makes one of these.
+
+    Args:
+        code: exit code of a process whose start hangs and is cut off.
 
     Attributes:
         failure: why the node must end, in a sentence.
@@ -35,14 +47,15 @@ class Ending:
 
     failure: ClassVar[VgpsError | None] = None
 
-    def __init__(self) -> None:
+    def __init__(self, code: int = 0) -> None:
+        self._code = code
         self.executor: Executor | None = None
         self.is_wanted = False
         self._signals = 0
         self._may_interrupt = False
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
             signal.signal(number, self._handle)
         signal.set_wakeup_fd(writer)
         threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
@@ -50,6 +63,11 @@ class Ending:
     def is_hurried(self) -> bool:
         """Returns whether the user has sent a second signal, so that closing must not wait."""
         return self._signals > 1
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt if the end is wanted."""
+        if self.is_wanted:
+            raise KeyboardInterrupt
 
     def spin(self, node: Node, executor: Executor) -> None:
         """Runs a node's callbacks until the end is wanted, or the context has ended.
@@ -69,19 +87,22 @@ class Ending:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Makes the first signal raise KeyboardInterrupt in a block that may take long."""
+        """Makes the first signal raise KeyboardInterrupt in a block that may take long.
+
+        Within rclpy and within an import it is raised once that is over. If it is not over soon,
+        the process is cut off.
+        """
         self._may_interrupt = True
         try:
-            if self.is_wanted:
-                raise KeyboardInterrupt
+            self.check()
             yield
         finally:
             self._may_interrupt = False
 
-    def _handle(self, _number: int, _frame: FrameType | None) -> None:
+    def _handle(self, number: int, frame: FrameType | None) -> None:
         self.is_wanted = True
-        self._signals += 1
-        if self._may_interrupt:
+        self._signals += number != signal.SIGALRM  # which repeats one
+        if self._may_interrupt and may_raise(frame):
             self._may_interrupt = False
             raise KeyboardInterrupt
 
@@ -90,10 +111,13 @@ class Ending:
         self.is_wanted = True
         if self.executor:
             self.executor.create_task(lambda: None)  # wakes it
+        end = time.monotonic() + _LONGEST_START
+        while self._may_interrupt:  # it came within rclpy, or just before a call, which waits on
+            if time.monotonic() > end:
+                exit_after(LATER, self._code)
+            time.sleep(LATER)
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGALRM)
         time.sleep(_MOMENT)
-        while self._may_interrupt:  # it came just before a call that waits, which sleeps on
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-            time.sleep(_MOMENT)
         if self.executor:
             rclpy.try_shutdown()
 

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime import middleware
-from vgps_ros.ros_runtime.ending import Ending
+from vgps_ros.ros_runtime.ending import PATIENCE, Ending
 from vgps_ros.ros_runtime.exit_timer import exit_after
 from vgps_ros.ros_runtime.parameters import DECLARED
 from vgps_ros.ros_runtime.services import guard_services, keep_responses
@@ -29,10 +29,6 @@ from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.views.table_console import table_console
 
 AnyNode = TypeVar("AnyNode", bound=Node)
-
-# Callbacks must return and the middleware must close within this time: of 387 nodes that were ended
-# without a limit, one never ended; the cause is not known [s].
-_PATIENCE = 1.5
 
 # rclpy raises these where the context ends between two of its calls.
 _LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
@@ -82,7 +78,7 @@ def run(
         if not (is_ending and isinstance(error, _LACKS_CONTEXT)):
             traceback.print_exc()
             code = 1
-    exit_after(_PATIENCE, code)
+    exit_after(PATIENCE, code)
     ending.executor = None
     rclpy.try_shutdown()  # ends what still waits
     executor.shutdown()

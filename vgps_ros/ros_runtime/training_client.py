@@ -17,6 +17,7 @@ from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.progress import progress_from_msg
+from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.peers import TRAINING, Peers
 from vgps_ros.ros_runtime.qos import STREAM
@@ -41,16 +42,13 @@ class TrainingClient(Node):
         learner: name of the learner node.
         lost_timeout: longest time without a learner, once there was one [s].
         namespace: in which the learner is.
-
-    Attributes:
-        interrupts: how often an end was asked for: once cancels the training, twice does not wait
-            for the learner's word. An exception at any place, as Python's own handler of INT raises
-            it, could be lost within rclpy.
+        ending: takes note of INT and TERM: the first cancels the training, the second does not wait
+            for the learner's word.
     """
 
-    def __init__(self, learner: str, lost_timeout: float, namespace: str | None = None):
+    def __init__(self, learner: str, lost_timeout: float, namespace: str | None, ending: Ending):
         super().__init__("train_through_graph", namespace=namespace)
-        self.interrupts = 0
+        self._ending = ending
         self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
         self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
         self._lost_timeout = lost_timeout
@@ -107,10 +105,6 @@ class TrainingClient(Node):
             raise VgpsError(f"The training ended early: {result.message}")
         return result
 
-    def interrupt(self, *_: object) -> None:
-        """Asks for an end; a handler of signals."""
-        self.interrupts += 1
-
     def _wait_for_learner(self, timeout: float, sentence: str) -> None:
         """Waits until a learner is there and heard; raises the sentence if none comes in time."""
         end = time.monotonic() + timeout
@@ -119,7 +113,7 @@ class TrainingClient(Node):
             or not self._peers.instance_of(self._learner)
             or self._peers.is_silent(self._learner)
         ):
-            self._check_interrupt()
+            self._ending.check()
             if time.monotonic() > end:
                 raise VgpsError(sentence)
             self._spin()
@@ -187,10 +181,10 @@ class TrainingClient(Node):
                 raise VgpsError(self._nobody)
             if waited > timeout:
                 return None
-            if self.interrupts and goal and not silent:
+            if self._ending.is_wanted and goal and not silent:
                 self._cancel(goal, future)
             else:
-                self._check_interrupt()
+                self._ending.check()
         return future.result()
 
     def _cancel(self, goal: ClientGoalHandle, future: Future) -> None:
@@ -199,7 +193,7 @@ class TrainingClient(Node):
         end = time.monotonic() + _CANCEL_TIMEOUT
         while not future.done():
             gone = not self.action.server_is_ready()
-            if gone or self.interrupts > 1 or time.monotonic() > end:
+            if gone or self._ending.is_hurried() or time.monotonic() > end:
                 raise VgpsError("The policy_learner did not confirm the cancellation.")
             self._spin()
 
@@ -210,7 +204,3 @@ class TrainingClient(Node):
         self._peers.look()
         # Where this process was stopped meanwhile, nobody is to blame for the silence.
         return min(time.monotonic() - began, 5 * _WAKE_PERIOD)
-
-    def _check_interrupt(self) -> None:
-        if self.interrupts:
-            raise KeyboardInterrupt

@@ -68,7 +68,7 @@ class Start(Record, frozen=True, kw_only=True):
 
 
 class SpreadLimit(Record, frozen=True, kw_only=True):
-    """Holds the largest standard deviations of a state; what is left out is .inf, without a limit."""
+    """Holds the largest standard deviations of a state; those left out have no limit (.inf)."""
 
     position: Annotated[Annotated[float, Meta(gt=0)], about("[m, rad]", 0.3)] = inf
     velocity: Annotated[Annotated[float, Meta(gt=0)], about("[m/s, rad/s]", 4.0)] = inf

@@ -1,0 +1,18 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Tells where the handler of a signal may raise KeyboardInterrupt."""
+
+from types import FrameType
+
+LATER = 0.05  # after which a signal is looked at again where it may not [s]
+# Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
+# executor that rclpy has half made prints a traceback and leaves shared memory.
+_UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy"}
+
+
+def may_raise(frame: FrameType | None) -> bool:
+    """Returns whether neither an import nor a call of rclpy is under way in a thread's frame."""
+    while frame:
+        if str(frame.f_globals.get("__name__")).partition(".")[0] in _UNSAFE:
+            return False
+        frame = frame.f_back
+    return True
