@@ -3,7 +3,8 @@
 
 import pytest
 
-from vgps_ros.storage.files import part_of, read_json, replacing
+from vgps_ros.storage import files
+from vgps_ros.storage.files import part_of, read_json, replacing, write_json
 
 
 def test_a_file_is_replaced_at_the_end_only(tmp_path):
@@ -46,3 +47,20 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
     with pytest.raises(OSError, match="No space left"), replacing(path) as file:
         file.write(b"new")
     assert path.read_text() == "old"
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    path = tmp_path / "missing" / "a.json"
+    with pytest.raises(FileNotFoundError, match=f"There is no folder '{path.parent}'; make it"):
+        write_json(path, {})
+
+
+def test_json_that_is_too_large_is_not_parsed(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    write_json(path, [1.5, None])
+    size = path.stat().st_size
+    monkeypatch.setattr(files, "_LARGEST_JSON", size)
+    assert read_json(path) == [1.5, None]
+    monkeypatch.setattr(files, "_LARGEST_JSON", size - 1)
+    with pytest.raises(ValueError, match=r"it has 0 MB, but at most 0 MB are read"):
+        read_json(path)
