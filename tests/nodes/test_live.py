@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import GetSimulationState, StepSimulation
 from std_msgs.msg import String
 from vgps_msgs.msg import LearningProgress
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from tests.browser import LACKING, opened
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
@@ -48,6 +51,20 @@ def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph, number):
 def test_two_pages_have_ports_of_their_own(graph):
     (_, first), (_, second) = start(graph), start(graph)
     assert first != second
+
+
+def origin_is_refused(address, origin):
+    """Returns whether a WebSocket is refused to a page of this origin, or to none if it is None."""
+    with suppress(InvalidStatus), connect(address.replace("http", "ws"), origin=origin):
+        return False
+    return True
+
+
+def test_its_websocket_is_for_its_own_page_alone(graph):
+    _, address = start(graph)
+    own = [address, address.replace("127.0.0.1", "localhost")]
+    others = ["http://example.com", "null", None, "http://127.0.0.1:1", f"{address}.example.com"]
+    assert [origin for origin in own + others if origin_is_refused(address, origin)] == others
 
 
 def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(graph):
@@ -119,6 +136,11 @@ def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
         response = graph.call(GetParameters, "mpc/get_parameters", request)
         return list(response.values[0].double_array_value)
 
+    def no_more_pushes():
+        count = len(pushes)
+        graph.spin_for(1.0)
+        return len(pushes) == count
+
     with opened(address) as page:
         page.get_by_text("paused 0.00 s").wait_for()
         page.get_by_text("Who drives?").wait_for()
@@ -152,10 +174,7 @@ def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
         steps = StepSimulation.Request(steps=1)
         assert graph.call(StepSimulation, "simulation/step_simulation", steps).result.result == 1
         page.mouse.up()
-        graph.spin_for(1.0)
-        count = len(pushes)
-        graph.spin_for(1.0)
-        assert len(pushes) == count
+        graph.spin_until(no_more_pushes, what="the end of the push")
         pushed = states[-1]
         assert nanoseconds(pushed.header.stamp) == PERIOD
         assert pushed.velocity[list(pushed.name).index("root_y")] > 0.01

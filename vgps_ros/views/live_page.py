@@ -17,6 +17,7 @@ import viser
 
 from vgps_ros.core.records import Array
 from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.views.live_origin import only_own_origin
 from vgps_ros.views.live_robot import LiveRobot
 
 _TOP = 100.0  # of the learning curve; what diverged is drawn there
@@ -54,7 +55,7 @@ class Actions(Protocol):
 
 
 class LivePage:
-    """The page. Its server listens on 127.0.0.1 alone.
+    """The page. Its server listens on 127.0.0.1 alone, and refuses what other pages send it.
 
     Attributes:
         address: where a browser finds it.
@@ -67,7 +68,8 @@ class LivePage:
 
     def __init__(self, port: int, actions: Actions):
         self.wishes = SimpleQueue[Callable[[], None]]()
-        self._server = server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        with only_own_origin():
+            self._server = server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
         self.address = f"http://127.0.0.1:{server.get_port()}"
         gui, self._texts = server.gui, {}
         gui.configure_theme(show_share_button=False, show_logo=False, dark_mode=False)
