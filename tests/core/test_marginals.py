@@ -13,8 +13,10 @@ from vgps_ros.core.marginals import (
     control_log_density,
     control_means,
     sample_deviations,
+    sample_joint_deviations,
     sample_rollout_noise,
     state_covariances,
+    with_clamped_variances,
 )
 from vgps_ros.core.records import LinearDynamics
 
@@ -111,6 +113,32 @@ def test_drawn_deviations_come_in_pairs(random_distribution, rng):
     assert_array_equal(deviations[:5], -deviations[5:])
     assert sample_deviations(q, 7, rng).shape == (7, 6, 4)
     assert np.unique(np.abs(deviations[:, 0, 0])).size == 5
+
+
+def test_states_and_controls_are_drawn_together_in_pairs(random_distribution, rng):
+    """δu = K δx + noise of covariance Quu⁻¹."""
+    q = random_distribution(horizon=3)
+    deviations, controls = sample_joint_deviations(q, COUNT, rng)
+    half = COUNT // 2
+    assert_array_equal(deviations[:half], -deviations[half:])
+    assert_array_equal(controls[:half], -controls[half:])
+    for t in range(3):
+        noise = controls[:half, t] - deviations[:half, t] @ q.gains[t].T
+        assert_is_covariance_of(q.control_covariances[t], noise)
+        scale = np.sqrt(
+            np.outer(np.diagonal(q.control_covariances[t]), q.state_covariances[t].diagonal())
+        )
+        assert np.all(np.abs(noise.T @ deviations[:half, t] / half) < 5 * scale / np.sqrt(half))
+
+
+def test_only_controls_without_noise_are_given_a_variance():
+    free = np.array([[4.0, 1.0], [1.0, 9.0]])
+    clamped = np.array([[0.0, 0.0], [0.0, 9.0]])
+    given = with_clamped_variances(
+        np.stack([free, clamped, np.zeros((2, 2))]), np.array([2.0, 3.0])
+    )
+    assert_array_equal(given, [free, np.diag([2.0, 9.0]), np.diag([2.0, 3.0])])
+    assert_array_equal(with_clamped_variances(clamped[None], 0.5), [np.diag([0.5, 9.0])])
 
 
 def test_rollout_noise_has_the_control_covariances(random_distribution, rng):

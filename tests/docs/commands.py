@@ -53,7 +53,7 @@ NOT_RUN = {
     r"vgps bag (sign|check BAG --signers)": "needs an own SSH key; tests/bags/test_manifest.py "
     "makes one for it",
     r"python scripts/write_figures.py": "takes a quarter of an hour; test_pages.py checks it",
-    r".*--pictures": "needs EGL; tests/programs/test_export_dataset.py renders where there is one",
+    r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
 
 

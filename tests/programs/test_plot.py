@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.programs.test_bag import copy
+from tests.bags.altered import copy
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The program `export-dataset`, on the real run that the repository ships."""
+"""Data sets that `export-dataset` writes, from the real run that the repository ships."""
 
 import io
 import json
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.programs.test_bag import SAMPLE, definitions
+from tests.bags.altered import SAMPLE, definitions
 from vgps_ros.bags import BagReader, BagWriter, episode
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.simulation.model import compile_model
