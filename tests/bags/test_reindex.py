@@ -94,3 +94,8 @@ def test_a_bag_that_is_still_recorded_is_refused(tmp_path):
     writer.close()
     with BagReader(writer.path) as reader:
         assert list(reader.messages()) == []
+
+
+def test_a_folder_without_any_message_is_not_said_to_be_repairable(tmp_path):
+    (tmp_path / "bag_0.mcap").write_text("This is no MCAP file.")
+    assert "no message in it can be read" in missing_parts(tmp_path)

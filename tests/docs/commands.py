@@ -29,7 +29,7 @@ SHORTER = {
 # They take long even so: `pytest -m slow tests/docs` runs these, and what stands before them.
 SLOW = (
     r"make (demo|interrupts|damages)",
-    r"recordings/cheetah-(run|demo)",
+    r"recordings/cheetah-(run|demo)|cheetah\.onnx",
     r"vgps (experiment|figure|train-through-graph|execute-policy)\b",
     r"--disturb-push|--pushes",
     r"config/walker/five_units",

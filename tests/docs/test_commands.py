@@ -47,7 +47,7 @@ class Reader:
         self.folder, self.written, self.count = folder, "run", 0
         (folder / "recordings").mkdir()
         (folder / "recordings" / "sample").symlink_to(ROOT / "recordings" / "sample")
-        for name in ("config", "scripts", "requirements", "env.bash"):
+        for name in ("config", "scripts", "requirements", "examples", "env.bash"):
             (folder / name).symlink_to(ROOT / name)
         shutil.copytree(run, folder / "run")
         shutil.copytree(ROOT / "recordings" / "sample", folder / "bag")

@@ -129,6 +129,14 @@ def fails(sentence, *words):
     assert "\n" not in str(stop.value.code)
 
 
+def test_the_robots_mjcf_has_the_tasks_changes_and_names(run, swimmer, capsys):
+    output_of(capsys, "export", run, "--output", run / "a.onnx", "--mjcf", run / "robot.xml")
+    written = (run / "robot.xml").read_bytes()
+    assert written.decode() == swimmer.mjcf
+    metadata = {p.key: p.value for p in onnx.load(run / "a.onnx").metadata_props}
+    assert metadata["mjcf_sha256"] == hashlib.sha256(written).hexdigest()
+
+
 def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, foreign, tmp_path):
     path, layers = foreign
     (tmp_path / "empty").mkdir()

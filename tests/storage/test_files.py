@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Files appear in one piece, or not at all."""
 
+import os
+
 import pytest
 
 from vgps_ros.storage import files
@@ -64,3 +66,9 @@ def test_json_that_is_too_large_is_not_parsed(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_LARGEST_JSON", size - 1)
     with pytest.raises(ValueError, match=r"it has 0 MB, but at most 0 MB are read"):
         read_json(path)
+
+
+def test_a_named_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    with pytest.raises(ValueError, match=r"it is no plain file"):
+        read_json(tmp_path / "a.json")

@@ -155,9 +155,15 @@ def of_a_stranger():
     return made
 
 
+def of_nan():
+    weights = [(np.full_like(weight, np.nan), bias) for weight, bias in LAYERS]
+    return elu_model(weights, NAMES)
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
+        (of_nan, r"answers the observation zero with \[nan, .* actions must be finite"),
         (lambda: without("joint_names"), "has no metadata 'joint_names'"),
         (lambda: without("observation_names"), "has no metadata 'observation_names'"),
         (lambda: changed(joint_names="hip,toe"), "but the robot's controls drive hip, knee"),

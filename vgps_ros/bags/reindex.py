@@ -53,6 +53,11 @@ def missing_of(path: Path, files: list[StorageScan]) -> str:
     count = sum(summary.message_count for summary in summaries)
     last = max(summary.end for summary in summaries)
     first = min((summary.start for summary in summaries if summary.start), default=last)
+    if not count:
+        return (
+            f"'{path}' lacks {' and '.join(lacks)}, and no message in it can be read: it is no "
+            "bag, or all of it is lost; name another one."
+        )
     return (
         f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
         f"{(last - first) * 1e-9:.3f} s can be read, and all others are lost; "

@@ -95,9 +95,16 @@ def _run(words: Sequence[str]) -> None:
         silence_mujoco()
         _module(parsed.command).run(parsed)
     except (VgpsError, OSError) as error:
-        sys.exit(f"{name}: {error}")
+        sys.exit(f"{name}: {_told(error)}")
     except KeyboardInterrupt:
         sys.exit(f"{name}: {sentence}")
+
+
+def _told(error: Exception) -> str:
+    """Returns an error's sentence; what Python says of a file by itself begins with a number."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"'{error.filename}' cannot be used ({error.strerror}); name another one."
+    return str(error)
 
 
 def _without_ros_arguments(words: Sequence[str]) -> list[str]:

@@ -58,9 +58,9 @@ def show(task: "Task", found: "TaskCheck") -> None:
 
     from vgps_ros.views.table_console import table_console
 
-    console, dims = table_console(), task.dims
+    console, dims, freedoms = table_console(), task.dims, task.dynamics.model.nv
     console.print(
-        f"{dims['n_x']} numbers a state ({dims['n_dx']} degrees of freedom, positions and "
+        f"{dims['n_x']} numbers a state ({freedoms} degrees of freedom, positions and "
         f"velocities), {dims['n_u']} controls ({', '.join(task.actuated_joint_names)}), "
         f"{task.horizon} steps of {task.dynamics.time_step:g} s and {task.lookahead} beyond, each "
         f"of {task.dynamics.substeps} simulator steps."

@@ -32,13 +32,20 @@ def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, or a policy.json")
     parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
+    parser.add_argument(
+        "--mjcf",
+        type=Path,
+        metavar="FILE",
+        help="also write the robot's MJCF with the task's changes and sensors, such as robot.xml",
+    )
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     parser.add_settings(_PRECISION)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Exports the policy that the arguments name."""
-    refuse_existing([arguments.output], overwrite=arguments.overwrite)
+    outputs = [path for path in (arguments.output, arguments.mjcf) if path]
+    refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
     from vgps_ros.storage.files import replacing
@@ -51,8 +58,11 @@ def run(arguments: argparse.Namespace) -> None:
     content = to_onnx(exported, metadata(task, policy, arguments.run))
     with replacing(arguments.output) as file:
         file.write(content)
+    if arguments.mjcf:
+        with replacing(arguments.mjcf) as file:
+            file.write(task.mjcf.encode())
     print(
-        f"Wrote {arguments.output}: {len(policy.observed)} readings to "
+        f"Wrote {' and '.join(map(str, outputs))}: {len(policy.observed)} readings to "
         f"{len(policy.noise_std)} controls, in {arguments.precision}."
     )
 

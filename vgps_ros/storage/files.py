@@ -64,9 +64,11 @@ def read_json(path: Path) -> Any:
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no JSON, or is too large or nested too deeply.
+        ValueError: it is no JSON, no plain file, or is too large or nested too deeply.
     """
     size = path.stat().st_size
+    if not path.is_file():  # a named pipe would be waited for
+        raise ValueError("it is no plain file")
     if size > _LARGEST_JSON:
         raise ValueError(
             f"it has {size / 1e6:.0f} MB, but at most {_LARGEST_JSON / 1e6:.0f} MB are read"

@@ -125,6 +125,11 @@ class OnnxPolicy:
                 f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
                 f"{self.control_dim} joints."
             )
+        if not np.isfinite(actions).all():
+            raise InvalidInputError(
+                f"{self._name} answers the observation zero with {actions.ravel().tolist()}, but "
+                "actions must be finite; look for NaN among its weights."
+            )
 
 
 def _expanded(
