@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from websockets.asyncio import server
+from websockets.typing import Origin
 
 _NAMES = ("127.0.0.1", "localhost")
 
@@ -21,7 +22,7 @@ def only_own_origin() -> Iterator[None]:
     serve = server.serve
 
     def serve_itself(handler: Any, host: str, port: int, **options: Any) -> Any:
-        origins = [f"http://{name}:{port}" for name in _NAMES]
+        origins = [Origin(f"http://{name}:{port}") for name in _NAMES]
         return serve(handler, host, port, origins=origins, **options)
 
     server.serve = serve_itself  # type: ignore[assignment, misc]
