@@ -66,12 +66,15 @@ def draw_targets(
             means = means + sample_rollout_noise(q, samples_per_step, rng)
             variances = np.zeros_like(means)
         states = observation.space.add(q.mean.states[:-1], deviations)
-        parts.append((observation(states), means, variances))
-    inputs, means, variances = (
-        np.concatenate([part.reshape(-1, part.shape[-1]) for part in column])
-        for column in zip(*parts, strict=True)
-    )
-    return Targets(inputs, means, variances)
+        pooled = (a.reshape(-1, a.shape[-1]) for a in (observation(states), means, variances))
+        parts.append(Targets(*pooled))
+    return joined(parts)
+
+
+def joined(parts: Sequence[Targets]) -> Targets:
+    """Returns the samples of several parts together."""
+    columns = ((part.inputs, part.means, part.variances) for part in parts)
+    return Targets(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
 def resampled(
@@ -115,10 +118,19 @@ def fit_policy(
     distributions: Sequence[TrajectoryDistribution],
     settings: FitSettings,
     rng: np.random.Generator,
+    visited: Sequence[Targets] = (),
 ) -> GaussianPolicy:
     """Returns the policy that maximises L(q, θ), started from `policy`.
 
     The result is never worse than `policy` on fresh samples.
+
+    Args:
+        policy: policy from which the fit starts.
+        observation: what the policy reads.
+        distributions: q of each situation, from whose marginals samples are drawn.
+        settings: settings of the fit.
+        rng: source of the samples.
+        visited: further samples, of the states that the policy itself has visited.
 
     Raises:
         DivergenceError: SGD or Adam left the finite numbers.
@@ -126,9 +138,10 @@ def fit_policy(
 
     def samples() -> Iterator[Targets]:
         while True:
-            yield draw_targets(
+            drawn = draw_targets(
                 distributions, observation, settings.form, settings.samples_per_step, rng
             )
+            yield joined([drawn, *visited])
 
     scaling = Standardization.of(policy.architecture, observation, distributions)
     return fit_to_targets(policy, samples(), scaling, settings)

@@ -37,5 +37,5 @@ def paper_task(name: str) -> Task:
 
 def paper_settings(task: Task) -> SearchSettings:
     """Returns the paper's settings of a search."""
-    values = {"schedule": "paper", **_FIT, **_SEARCH.get(task.name, {})}
+    values = {"schedule": "paper", "visited_limit": 0.0, **_FIT, **_SEARCH.get(task.name, {})}
     return with_values(search_settings(task), values)

@@ -126,6 +126,13 @@ class SearchSettings:
         minimum=1,
         maximum=1_000_000,
     )
+    visited_limit: float = setting(
+        2.0,
+        "largest distance from q, in standard deviations of its marginals, at which states of "
+        "such rollouts join the samples of vgps's M-step; 0: the marginals alone, as in the paper",
+        minimum=0.0,
+        maximum=100.0,
+    )
     supervised_iterations: int = setting(
         2000,
         "optimiser iterations of the first fit where a method begins as a copy of the DDP solution",

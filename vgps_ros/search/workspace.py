@@ -22,6 +22,7 @@ from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import check_settings
+from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings, architecture
@@ -181,7 +182,8 @@ class Workspace:
         """Returns the policy that maximises L(q, θ), started from `policy` (line 4)."""
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)
-        fitted = fit_policy(policy, observation, scored, self.settings.fit, rng)
+        visited = self._visited(policy, scored, k)
+        fitted = fit_policy(policy, observation, scored, self.settings.fit, rng, visited)
         stays = np.array_equal(fitted.parameters, policy.parameters)
         # Gauss-Newton ends at its start where the fit has converged, which is no trouble.
         if stays and self.settings.fit.optimizer != "gauss_newton":
@@ -190,6 +192,19 @@ class Workspace:
                 "fit.iterations or fit.samples_per_step if that goes on."
             )
         return fitted
+
+    def _visited(
+        self, policy: GaussianPolicy, scored: Sequence[TrajectoryDistribution], k: int
+    ) -> list[Targets]:
+        """Returns what q(ζ) would do in states that a policy visits, for each situation."""
+        limit = self.settings.visited_limit
+        if k == 1 or not limit:  # a random network visits nothing that would teach it
+            return []
+        rollouts = self.sample_policy(policy, self.settings.policy_rollouts, k)
+        return [
+            visited_targets(q, self.task.observation, draws.states, limit)
+            for q, draws in zip(scored, rollouts, strict=True)
+        ]
 
     def fit_samples(
         self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
