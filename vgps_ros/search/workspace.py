@@ -197,14 +197,20 @@ class Workspace:
         self, policy: GaussianPolicy, scored: Sequence[TrajectoryDistribution], k: int
     ) -> list[Targets]:
         """Returns what q(ζ) would do in states that a policy visits, for each situation."""
-        limit = self.settings.visited_limit
+        limit, count = self.settings.visited_limit, self.settings.policy_rollouts
         if k == 1 or not limit:  # a random network visits nothing that would teach it
             return []
-        rollouts = self.sample_policy(policy, self.settings.policy_rollouts, k)
-        return [
-            visited_targets(q, self.task.observation, draws.states, limit)
-            for q, draws in zip(scored, rollouts, strict=True)
-        ]
+        found = []
+        for i, (q, here) in enumerate(zip(scored, self.tasks, strict=True)):
+            rng, dynamics = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i), here.dynamics
+            starts = self._starts(i, count, rng)
+            noise = rng.standard_normal((count, here.horizon, len(policy.noise_std)))
+            noise *= policy.noise_std
+            states, _ = dynamics.execute(policy, here.observation, starts, noise)
+            sound = np.isfinite(states[:, :-1]).all(axis=2)
+            self.simulator_steps += int(sound.sum()) * dynamics.substeps
+            found.append(visited_targets(q, here.observation, states[:, :-1], limit))
+        return found
 
     def fit_samples(
         self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
@@ -255,8 +261,7 @@ class Workspace:
         """
         task = self.situations[situation].task
         dynamics = task.dynamics
-        spread = task.initial_std * rng.standard_normal((count, dynamics.space.tangent_dim))
-        starts = dynamics.space.add(task.initial_state, spread)
+        starts = self._starts(situation, count, rng)
         drawn = np.full((task.horizon, count, dynamics.control_dim), np.nan)
 
         def noted(t: int, x: Array) -> Array:
@@ -270,6 +275,13 @@ class Workspace:
         # A rollout that diverges in its last step has no cost either.
         costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
         return Rollouts(states[:, :-1], np.ascontiguousarray(drawn.swapaxes(0, 1)), costs)
+
+    def _starts(self, situation: int, count: int, rng: np.random.Generator) -> Array:
+        """Draws states around a situation's start, shape (count, n_x)."""
+        task = self.situations[situation].task
+        space = task.dynamics.space
+        spread = task.initial_std * rng.standard_normal((count, space.tangent_dim))
+        return space.add(task.initial_state, spread)
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
         """Returns each q(ζ) over the horizon that the policy is trained on."""
