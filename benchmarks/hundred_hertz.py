@@ -20,7 +20,6 @@ from vgps_ros.tasks import task_file_of
 PERIOD = "0.01"  # of control [s]
 ROBOTS = ("swimmer", "walker", "quadruped")
 CONTROLLERS = ("policy", "mpc", "mpc with policy")
-_HIDDEN = {"walker": ("--hidden-units", "10")}  # five units need settings of their own
 _COLUMNS = (
     *("plans a second", "median plan [ms]", "missed deadlines", "answer p50, p99 [ms]"),
     *("pushes", "falls", "median cost a step", "mean cost a step", "load average"),
@@ -47,7 +46,7 @@ def at_hundred_hertz(robot: str, folder: Path) -> str:
 def trained(robot: str, task: str, folder: Path, iterations: int | None) -> Path:
     """Returns the folder of the robot's policy, which is trained if it is missing."""
     run = folder / robot
-    words = [*("vgps", "train", "--task", task, "--output", str(run)), *_HIDDEN.get(robot, ())]
+    words = [*("vgps", "train", "--task", task, "--output", str(run))]
     if iterations:
         words += ["--iterations", str(iterations)]
     if not (run / "distribution.npz").exists():  # the last file that a training writes

@@ -15,7 +15,7 @@ Robots of others need `pip install -r requirements/robots.txt`.
 import argparse
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,10 @@ from PIL import Image
 
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.settings import with_values
 from vgps_ros.experiments.training import train
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.preparation import prepare
-from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import read_archive
@@ -44,8 +43,6 @@ RUNS = FOLDER / "runs.jsonl"
 BEGIN, END = "<!-- table: robots -->\n", "<!-- end of table -->"
 ALONE = "without_demonstration"  # folder of robots that start from a pose, and begins their names
 OWN = ("swimmer", "walker", "cart_pole", "arm", "half_cheetah", "hopper", "quadruped")
-# Five units are the default, with which the walker needs settings of its own.
-SETTINGS: Mapping[str, Mapping[str, Any]] = {"walker": {"hidden_units": (10,)}}
 
 
 def robots() -> dict[str, str]:
@@ -79,7 +76,7 @@ def first_cost(task: Task, settings: SearchSettings, seed: int) -> tuple[float, 
 def run(name: str, reference: str, seed: int, folder: Path) -> dict[str, Any]:
     """Trains a policy, draws its motion, and returns the line of the run."""
     task = make_task(reference)
-    settings = with_values(SearchSettings(), {**task.search, **SETTINGS.get(name, {})})
+    settings = search_settings(task)
     prepare(task)
     output, times, log = RunFolder(folder / f"{name}_{seed}"), [time.perf_counter()], []
 

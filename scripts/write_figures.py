@@ -181,8 +181,7 @@ def three_robots(output: Path, seeds: int) -> Figures:
     strips = []
     for name in ("swimmer", "walker", "quadruped"):
         folder, task = output / "three_robots" / name, make_task(name)
-        units = ("--hidden-units", 10) if name == "walker" else ()
-        train(folder, "--task", name, "--seed", 0, *units)
+        train(folder, "--task", name, "--seed", 0)
         strips.append(frames_of(task, folder, seconds=2.0))
     pictures = [
         Image.fromarray(np.hstack(side_by_side)) for side_by_side in zip(*strips, strict=True)
