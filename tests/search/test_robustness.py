@@ -1,0 +1,120 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Survival under disturbances, on a block that a constant force draws over rough ground."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.search.robustness import Trials, robustness, survived
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
+
+# A block of 2 kg, which has fallen where it is faster than 1 m/s. Its friction bears 9.81 N.
+BLOCK = """
+<mujoco>
+  <option timestep="0.01" integrator="implicitfast"/>
+  <worldbody>
+    <geom type="plane" size="9 9 1" friction="0.5 0 0"/>
+    <body name="block" pos="0 0 0.1">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="z" type="slide" axis="0 0 1"/>
+      <geom type="box" size="0.1 0.1 0.1" mass="2" friction="0.5 0 0" condim="3"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="x" joint="x"/></actuator>
+</mujoco>
+"""
+TASK = """
+model: block.xml
+control_period: 0.01
+horizon: 1.0
+cost: [{sensor: x/velocity}]
+"""
+FALLEN = "fallen: [{sensor: x/velocity, beyond: 1.0}]\n"
+
+
+@pytest.fixture
+def block(tmp_path):
+    (tmp_path / "block.xml").write_text(BLOCK)
+    (tmp_path / "task.yaml").write_text(TASK + FALLEN)
+    return make_task(str(tmp_path))
+
+
+def drawn_by(task, force):
+    """Returns a policy that draws with a constant force [N], whatever the state."""
+    shape = Architecture(task.observation.names, (), 1)
+    parameters = np.zeros(shape.num_parameters)
+    parameters[-1] = force  # the bias
+    return GaussianPolicy(shape, parameters, np.ones(1))
+
+
+def trials(task, count, steps, **settings):
+    starts = np.tile(task.initial_state, (count, 1))
+    given = DisturbanceSettings(body="block", **settings)
+    return Trials(starts, np.zeros((count, steps, 1)), 3, given)
+
+
+def test_friction_is_borne_from_where_it_holds_the_force(block):
+    """6 N pass what friction bears, 9.81 N times its factor, below 0.61; 1 m/s comes within 2 s."""
+    factors = [2.0, 0.3, 0.7, 0.5]
+    found = robustness(block, drawn_by(block, 6.0), trials(block, 2, 200), {"frictions": factors})
+    assert found == {
+        "frictions": {
+            "values": [0.3, 0.5, 0.7, 2.0],
+            "survival": [0.0, 0.0, 1.0, 1.0],
+            "borne": [0.7, 2.0],
+        }
+    }
+
+
+def test_a_payload_holds_the_block_by_its_weight(block):
+    """12 N pass what friction bears of 2 kg, but not what it bears of 3 kg."""
+    one = trials(block, 1, 200)
+    found = robustness(block, drawn_by(block, 12.0), one, {"payloads": [0.0, 1.0]})["payloads"]
+    assert (found["survival"], found["borne"]) == ([0.0, 1.0], [0.0, 0.0])
+
+
+def test_each_rollout_has_its_own_start_noise_and_disturbance(block):
+    """Only the one on ice that something moves falls, in whatever order they stand."""
+    some = trials(block, 4, 200)
+    some.noise[1:3] = 3.0
+    some.starts[3, block.dynamics.model.nq] = 1.5  # faster than it may be, from the start
+    ice, rough = Disturbance(friction=0.1), Disturbance(friction=1.0)
+    policy = drawn_by(block, 0.0)
+    assert survived(block, policy, [ice, ice, rough, rough], some).tolist() == [
+        *(True, False, True, False)
+    ]
+    assert survived(block, policy, [ice, rough, ice, rough], some).tolist() == [
+        *(True, True, False, False)
+    ]
+
+
+def test_pushes_of_all_sizes_come_at_the_same_times_which_the_seed_names(block):
+    """Half of the times are after the rollout's end, which no size of a push makes a fall."""
+    some = trials(block, 30, 100, push_before=2.0)
+    policy, sizes = drawn_by(block, 0.0), {"pushes": [1.0, 50.0, 100.0]}
+    found = robustness(block, policy, some, sizes)["pushes"]
+    assert found["survival"][0] == 1.0  # 0.5 m/s at most
+    assert 0.2 < found["survival"][1] == found["survival"][2] < 0.8
+    assert found["borne"] == [0.0, 1.0]
+    assert robustness(block, policy, some, sizes)["pushes"] == found
+    other = robustness(block, policy, replace(some, seed=5), sizes)["pushes"]
+    assert other["survival"] != found["survival"]
+
+
+def test_a_range_ends_at_the_first_size_that_is_not_borne(block):
+    """A slope of s draws the block down where tan s passes 0.5, on one side and on the other."""
+    slopes = [-0.6, -0.4, 0.4, 0.6, 0.2]
+    found = robustness(block, drawn_by(block, 0.0), trials(block, 1, 200), {"slopes": slopes})
+    assert found["slopes"]["survival"] == [0.0, 1.0, 1.0, 1.0, 0.0]
+    assert found["slopes"]["borne"] == [-0.4, 0.4]
+
+
+def test_a_task_that_does_not_know_a_fall_is_refused(block, tmp_path):
+    (tmp_path / "task.yaml").write_text(TASK)
+    task = make_task(str(tmp_path))
+    with pytest.raises(InvalidInputError, match="does not say when the robot has fallen"):
+        robustness(task, drawn_by(task, 0.0), trials(task, 1, 10), {"pushes": [1.0]})
