@@ -25,7 +25,9 @@ def test_the_step_is_the_one_of_the_highest_density(random_distribution, coordin
     step, distance = likeliest_steps(q, coordinates(0, 2, 3), o)
     covariances = widened(q.state_covariances[:-1][:, [0, 2, 3]][:, :, [0, 2, 3]])
     means = q.mean.states[:-1, [0, 2, 3]]
-    densities = [multivariate_normal(m, c).logpdf(o) for m, c in zip(means, covariances)]
+    densities = [
+        multivariate_normal(m, c).logpdf(o) for m, c in zip(means, covariances, strict=True)
+    ]
     assert_array_equal(step, np.argmax(densities, axis=0))
     difference = o - means[step]
     squares = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(covariances[step]), difference)

@@ -34,8 +34,9 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.rollouts import Rollouts
 from vgps_ros.search.trajectory_optimization import OptimizationResult
-from vgps_ros.search.workspace import Rollouts, Update, Workspace
+from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.tasks import Task
 
 _STEP = 10.0  # factor by which w_r changes

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
@@ -25,6 +24,7 @@ from vgps_ros.core.settings import check_settings
 from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.rollouts import Rollouts, noisy, roll_out, visit
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -60,37 +60,6 @@ class Update:
         Raises:
             InvalidInputError: an array does not fit the task, or is not finite.
         """
-
-
-@dataclass(frozen=True)
-class Rollouts:
-    """Rollouts over the scored horizon, in one situation.
-
-    Attributes:
-        states: x_1 … x_T, shape (N, T, n_x), NaN where a rollout has diverged.
-        controls: what was drawn, shape (N, T, n_u), [N·m]. The robot applies it within its limits.
-        costs: c(x_t, u_t) of what was applied, shape (N, T).
-    """
-
-    states: Array
-    controls: Array
-    costs: Array
-
-    def check(self, task: Task) -> None:
-        """Checks that sound rollouts fit the task.
-
-        Raises:
-            InvalidInputError: an array does not fit the task, or is not finite.
-        """
-        count, dims = len(self.states), task.dims
-        check_array("states", self.states, (count, task.horizon, dims["n_x"]))
-        check_array("controls", self.controls, (count, task.horizon, dims["n_u"]))
-        check_array("costs", self.costs, (count, task.horizon))
-
-    def sound(self) -> "Rollouts":
-        """Returns the rollouts that did not diverge."""
-        kept = np.isfinite(self.costs).all(axis=1)
-        return Rollouts(self.states[kept], self.controls[kept], self.costs[kept])
 
 
 class Workspace:
@@ -202,14 +171,10 @@ class Workspace:
             return []
         found = []
         for i, (q, here) in enumerate(zip(scored, self.tasks, strict=True)):
-            rng, dynamics = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i), here.dynamics
-            starts = self._starts(i, count, rng)
-            noise = rng.standard_normal((count, here.horizon, len(policy.noise_std)))
-            noise *= policy.noise_std
-            states, _ = dynamics.execute(policy, here.observation, starts, noise)
-            sound = np.isfinite(states[:, :-1]).all(axis=2)
-            self.simulator_steps += int(sound.sum()) * dynamics.substeps
-            found.append(visited_targets(q, here.observation, states[:, :-1], limit))
+            rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
+            states, steps = visit(here, policy, count, rng)
+            self.simulator_steps += steps
+            found.append(visited_targets(q, here.observation, states, limit))
         return found
 
     def fit_samples(
@@ -249,7 +214,7 @@ class Workspace:
             rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
             noise = rng.standard_normal((self.task.horizon, count, len(policy.noise_std)))
             noise *= policy.noise_std
-            draws.append(self.roll_out(i, count, rng, _noisy(self.task, policy, noise)))
+            draws.append(self.roll_out(i, count, rng, noisy(self.task, policy, noise)))
         return draws
 
     def roll_out(
@@ -259,29 +224,9 @@ class Workspace:
 
         A robot's motion after its fall is not scored: each step then costs as much as lying still.
         """
-        task = self.situations[situation].task
-        dynamics = task.dynamics
-        starts = self._starts(situation, count, rng)
-        drawn = np.full((task.horizon, count, dynamics.control_dim), np.nan)
-
-        def noted(t: int, x: Array) -> Array:
-            drawn[t] = law(t, x)
-            return drawn[t]
-
-        states, controls, steps = dynamics.rollouts(starts, noted, task.horizon)
+        rollouts, steps = roll_out(self.situations[situation].task, count, rng, law)
         self.simulator_steps += steps
-        lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
-        costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))
-        # A rollout that diverges in its last step has no cost either.
-        costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
-        return Rollouts(states[:, :-1], np.ascontiguousarray(drawn.swapaxes(0, 1)), costs)
-
-    def _starts(self, situation: int, count: int, rng: np.random.Generator) -> Array:
-        """Draws states around a situation's start, shape (count, n_x)."""
-        task = self.situations[situation].task
-        space = task.dynamics.space
-        spread = task.initial_std * rng.standard_normal((count, space.tangent_dim))
-        return space.add(task.initial_state, spread)
+        return rollouts
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
         """Returns each q(ζ) over the horizon that the policy is trained on."""
@@ -305,8 +250,3 @@ class Workspace:
         self.optimization_seconds += time.perf_counter() - began
         self.simulator_steps += sum(result.simulator_steps for result in results)
         return results
-
-
-def _noisy(task: Task, policy: GaussianPolicy, noise: Array) -> ControlLaw:
-    """Returns μ_θ(h(x)) plus noise of shape (T, N, n_u)."""
-    return lambda t, x: policy.mean(task.observation(x)) + noise[t]
