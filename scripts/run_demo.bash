@@ -108,10 +108,11 @@ start policy_executor -p task:="$task"
 start policy_learner -p task:="$task" -p method:="$method" -p checkpoint_folder:="$output/checkpoints"
 
 printf 'Learning: task %s, method %s, seed %s; logs in %s.\n' "$task" "$method" "$seed" "$output/log"
-run train_through_graph "${search[@]}" --output "$output"
+patience=(--timeout 120) # on a busy machine six processes begin slowly
+run train_through_graph "${search[@]}" --output "$output" "${patience[@]}"
 printf 'Executing: the learned policy drives the simulation in lock-step.\n'
 run execute_policy --task "$task" --json "$output/execution.json" \
-  --result "$output/result.json"
+  --result "$output/result.json" "${patience[@]}"
 
 stop "${nodes[@]}"
 printf '\nBag:            %s\n' "$output/bag"
