@@ -43,6 +43,8 @@ def test_log_density_is_scipys(rng, random_covariances):
         for c, d in zip(covariances, deviations, strict=True)
     ]
     assert_allclose(log_density(deviations, covariances), expected, rtol=1e-10)
+    batch = log_density(deviations.reshape(1, 2, 2, 3), covariances.reshape(2, 2, 3, 3))
+    assert_allclose(batch.ravel(), expected, rtol=1e-10)
 
 
 def test_roots_of_covariances_exist_where_they_are_singular_or_rounded():
