@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-import torch
 from numpy.testing import assert_allclose
+from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
 from vgps_ros.core import importance_sampling
@@ -109,14 +109,18 @@ def test_the_estimate_is_unbiased_as_rollouts_grow(rng, policies):
     assert_allclose(estimate, np.sum(mean**2 + target.noise_std**2), rtol=0.02)
 
 
-def test_the_loss_is_the_objective_in_standardised_units(policies, samples, scaling):
+def test_the_loss_is_the_objective_in_standardised_units_with_its_gradient(
+    policies, samples, scaling
+):
     policy, w_r = policies[0], 0.3
-    variables = np.concatenate(
-        [scaling.to_standard(policy.parameters), np.log(policy.noise_std / scaling.output_scale)]
-    )
-    loss = importance_sampling._loss(samples, w_r, scaling, len(policy.parameters))
-    found = loss(torch.from_numpy(variables)).item()
-    assert_allclose(-HORIZON * found, objective(policy, [samples], w_r), rtol=1e-9)
+    theta = scaling.to_standard(policy.parameters)
+    log_sigma = np.log(policy.noise_std / scaling.output_scale)
+    loss = importance_sampling._Loss(samples, w_r, scaling)
+    value, gradient = loss.at(theta, log_sigma)
+    assert_allclose(-HORIZON * value, objective(policy, [samples], w_r), rtol=1e-9)
+    point = np.concatenate([theta, log_sigma])
+    slopes = approx_fprime(point, lambda p: loss.at(p[: len(theta)], p[len(theta) :])[0], 1e-6)
+    assert_allclose(gradient, slopes, rtol=1e-4, atol=1e-5)
 
 
 def test_the_search_raises_the_objective(policies, samples, scaling):

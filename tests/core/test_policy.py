@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 
 from vgps_ros.core.compiled_network import compiled_network, network_output
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.network_passes import Passes
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_network import Standardization
 
@@ -65,7 +66,7 @@ def test_the_network_is_that_of_torch_s_modules_wherever_it_is_written(
         network_output(network, a, z)
         compiled.append(a[:2].copy())
     raw = Standardization(policy.architecture, np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
-    fitted = raw.network(torch.from_numpy(policy.parameters), raw.inputs(inputs)).numpy().T
+    fitted = Passes(policy.architecture, policy.parameters, raw.inputs(inputs)).outputs.numpy().T
     for name, found in (
         ("readable", policy.mean(inputs.reshape(7, 3, 3)).reshape(21, 2)),
         ("compiled", np.array(compiled)),

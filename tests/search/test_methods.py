@@ -115,10 +115,10 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
         # Weights by cost need costs that differ as those of a robot's whole motion do.
         settings.update(alphas=(5.0,), alpha_iterations=(0,))
     if weighs := method in ("gps", "adaptive_gps"):
-        # Only samples show these the way: they need many, and may still miss it once.
+        # Only samples show these the way: they need many, and may still miss it.
         settings = {"iterations": 20, "policy_rollouts": 1000}
     gaps = []
-    for seed in (3, 4, 5) if weighs else (3,):
+    for seed in range(3, 9) if weighs else (3,):
         first, *_, last = run(
             method,
             ONE_DECISION,
@@ -145,8 +145,9 @@ def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
     assert work.simulator_steps - before == 40 * ROTOR.horizon
     for n in range(3):
         for t in range(ROTOR.horizon - 1):
+            # The network that drives compiled is not that of the drawn controls, to the last bit.
             following = ROTOR.dynamics.step(rollouts.states[n, t], rollouts.controls[n, t])
-            assert_array_equal(rollouts.states[n, t + 1], following)
+            np.testing.assert_allclose(rollouts.states[n, t + 1], following, rtol=1e-12)
     noise = rollouts.controls - policy.mean(ROTOR.observation(rollouts.states))
     expected = policy.noise_std / np.sqrt(2 * noise.size)
     assert abs(noise.std() - policy.noise_std[0]) < 5 * expected[0]

@@ -12,13 +12,14 @@ The second term keeps some of the rollouts probable, which the normalised estima
 The dynamics are the same under every distribution and cancel: only controls count.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from scipy.special import logsumexp, softmax
 
+from vgps_ros.core.network_passes import Passes
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array
@@ -92,13 +93,11 @@ def maximize(
     count = len(policy.parameters)
     theta = scaling.to_standard(policy.parameters)
     log_sigma = np.log(policy.noise_std / scaling.output_scale)
-    losses = [_loss(samples, regularization, scaling, count) for samples in sets]
+    losses = [_Loss(samples, regularization, scaling) for samples in sets]
 
     def value_and_gradient(point: Array) -> tuple[float, Array]:
-        variables = torch.from_numpy(point).requires_grad_()
-        value = torch.stack([loss(variables) for loss in losses]).sum()
-        (gradient,) = torch.autograd.grad(value, variables)
-        return value.item(), gradient.numpy()
+        found = [loss.at(point[:count], point[count:]) for loss in losses]
+        return sum(value for value, _ in found), np.sum([slope for _, slope in found], axis=0)
 
     start = np.concatenate([theta, log_sigma])
     found = minimize_lbfgs(start, value_and_gradient, iterations)
@@ -111,20 +110,33 @@ def maximize(
     return max(policy, candidate, key=lambda p: objective(p, sets, regularization))
 
 
-def _loss(
-    samples: ImportanceSamples, regularization: float, scaling: Standardization, count: int
-) -> Callable[[torch.Tensor], torch.Tensor]:
-    """Returns −Φ ÷ T of (θ, log σ), all in standardised units."""
-    x, u = scaling.inputs(samples.inputs), scaling.controls(samples.controls)
-    costs, log_q = torch.from_numpy(samples.costs), torch.from_numpy(samples.log_density)
-    constant = np.log(scaling.output_scale).sum() + 0.5 * len(u) * np.log(2 * np.pi)
+class _Loss:
+    """−Φ ÷ T as a function of (θ, log σ), all in standardised units."""
 
-    def loss(variables: torch.Tensor) -> torch.Tensor:
-        log_sigma = variables[count:]
-        z = (u - scaling.network(variables[:count], x)) * torch.exp(-log_sigma)[:, None]
-        log_density = -0.5 * (z**2).sum(dim=0) - log_sigma.sum() - constant
-        log_w = torch.cumsum(log_density.reshape(costs.shape), dim=1) - log_q
-        estimate = (torch.softmax(log_w, dim=0) * costs).sum(dim=0)
-        return (estimate - regularization * torch.logsumexp(log_w, dim=0)).mean()
+    def __init__(self, samples: ImportanceSamples, regularization: float, scaling: Standardization):
+        self._regularization, self._architecture = regularization, scaling.architecture
+        self._inputs = scaling.inputs(samples.inputs)
+        self._controls = scaling.controls(samples.controls)
+        self._costs = torch.from_numpy(samples.costs)
+        self._log_q = torch.from_numpy(samples.log_density)
+        per_control = 0.5 * np.log(2 * np.pi) + np.log(scaling.output_scale)
+        self._constant = float(per_control.sum())
 
-    return loss
+    def at(self, theta: Array, log_sigma: Array) -> tuple[float, Array]:
+        """Returns the loss, and its gradient by θ and log σ."""
+        passes = Passes(self._architecture, theta, self._inputs)
+        inverse = torch.exp(torch.from_numpy(-log_sigma))[:, None]
+        z = (self._controls - passes.outputs).mul_(inverse)
+        squares = z**2
+        log_density = -0.5 * squares.sum(dim=0) - (log_sigma.sum() + self._constant)
+        log_w = torch.cumsum(log_density.reshape(self._costs.shape), dim=1) - self._log_q
+        p = torch.softmax(log_w, dim=0)
+        estimate = (p * self._costs).sum(dim=0)
+        log_z = torch.logsumexp(log_w, dim=0)
+        value = (estimate - self._regularization * log_z).mean().item()
+        by_log_w = p * (self._costs - estimate - self._regularization) / len(estimate)
+        # The density of step t counts in the weights of all later steps.
+        by_density = by_log_w.flip(1).cumsum(dim=1).flip(1).reshape(-1)
+        by_theta = passes.backwards(z.mul_(inverse * by_density))
+        by_log_sigma = (squares - 1.0) @ by_density
+        return value, np.concatenate([by_theta, by_log_sigma.numpy()])

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The policy's network in torch, in standardised units, in which its fit is well conditioned.
+"""The standardised units in which the policy's fit is well conditioned, and L-BFGS.
 
 States and controls are standardised while weights are optimised; the weights handed in and out are
 those of the raw units.
@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from vgps_ros.core.network_passes import ACTIVATIONS, affine
 from vgps_ros.core.observation import Observation, observed_marginals
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -97,14 +96,6 @@ class Standardization:
     def controls(self, controls: Array) -> torch.Tensor:
         """Returns N controls (..., n_u), standardised, shape (n_u, N)."""
         return _columns((controls - self.output_shift) / self.output_scale)
-
-    def network(self, theta: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """Returns the network's outputs (n_u, N) for inputs, all in standardised units."""
-        a = inputs
-        *hidden, (weight, bias) = self.architecture.unpack(theta)
-        for w, b in hidden:
-            a = ACTIVATIONS[self.architecture.activation][0](affine(w, a, b))
-        return affine(weight, a, bias)
 
 
 def minimize_lbfgs(

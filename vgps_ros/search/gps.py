@@ -11,6 +11,8 @@ Choices where the papers leave something open: guiding rollouts are drawn with l
 whose broad noise at α = 1 no policy needs to reproduce. All of them and the rollouts of the latest
 policies are kept. Φ is maximised from the best policy so far, judged by the mean cost of its own
 rollouts. If the new policy becomes the best one, w_r falls by a factor of ten; otherwise it rises.
+With `redraw` the best policy is rolled out anew beside each new one, from the same starts and with
+the same noise, so that none stays the best by luck; that takes twice as many rollouts.
 """
 
 from collections.abc import Sequence
@@ -134,16 +136,16 @@ def _guided_search(
         latest = maximize(
             last.policy, samples, last.regularization, scaling, work.settings.fit.iterations
         )
-    draws = work.sample_policy(latest, work.settings.policy_rollouts, k)
-    new = [Batch(rollouts.sound(), latest) for rollouts in draws]
-    recent = _joined(last.recent, new, settings.recent)
-    cost = mean_rollout_cost(draws)
-    improves = cost < last.lowest
+    recent, lowest = last.recent, last.lowest
+    if settings.redraw and k > 1:
+        recent, lowest = _with_rollouts(work, recent, last.policy, k)
+    recent, cost = _with_rollouts(work, recent, latest, k)
+    improves = cost < lowest
     w_r = last.regularization
     if k > 1:
         w_r *= 1.0 / _STEP if improves else _STEP
         w_r = max(settings.lowest_regularization, min(w_r, settings.highest_regularization))
-    best, lowest = (latest, cost) if improves else (last.policy, last.lowest)
+    best, lowest = (latest, cost) if improves else (last.policy, lowest)
     solutions, adapted = last.solutions, last.adapted
     if adapts:
         solutions = work.reoptimize(solutions, best, k)
@@ -151,6 +153,17 @@ def _guided_search(
         new = [_guide(work, q, i, work.settings.policy_rollouts, k) for i, q in enumerate(guides)]
         adapted = _joined(adapted, new, settings.recent)
     return GuidedUpdate(best, solutions, lowest, w_r, last.guiding, recent, adapted)
+
+
+def _with_rollouts(
+    work: Workspace, recent: Batches, policy: GaussianPolicy, k: int
+) -> tuple[Batches, float]:
+    """Rolls a policy out; returns the batches that are kept then, and the rollouts' mean cost."""
+    settings = work.settings.gps
+    draws = work.sample_policy(policy, work.settings.policy_rollouts, k)
+    new = [Batch(rollouts.sound(), policy) for rollouts in draws]
+    kept = settings.recent * (2 if settings.redraw else 1)
+    return _joined(recent, new, kept), mean_rollout_cost(draws)
 
 
 def _first(work: Workspace) -> GuidedUpdate:

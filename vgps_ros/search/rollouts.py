@@ -60,30 +60,28 @@ def roll_out(
         return drawn[t]
 
     states, controls, steps = dynamics.rollouts(starts, noted, task.horizon)
+    return _scored(task, states, controls, np.ascontiguousarray(drawn.swapaxes(0, 1))), steps
+
+
+def roll_out_policy(
+    task: Task, policy: GaussianPolicy, count: int, rng: np.random.Generator
+) -> tuple[Rollouts, int]:
+    """Executes a policy with its noise, as `roll_out` does, but compiled."""
+    starts, dynamics = _starts(task, count, rng), task.dynamics
+    noise = policy.noise_std * rng.standard_normal((count, task.horizon, len(policy.noise_std)))
+    states, controls = dynamics.execute(policy, task.observation, starts, noise)
+    drawn = policy.mean(task.observation(np.nan_to_num(states[:, :-1]))) + noise
+    steps = int(np.isfinite(states[:, :-1]).all(axis=2).sum()) * dynamics.substeps
+    return _scored(task, states, controls, drawn), steps
+
+
+def _scored(task: Task, states: Array, controls: Array, drawn: Array) -> Rollouts:
+    """Adds the costs to states (N, T+1, n_x), controls as applied and as drawn, (N, T, n_u)."""
     lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
     costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))
     # A rollout that diverges in its last step has no cost either.
     costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
-    return Rollouts(states[:, :-1], np.ascontiguousarray(drawn.swapaxes(0, 1)), costs), steps
-
-
-def visit(
-    task: Task, policy: GaussianPolicy, count: int, rng: np.random.Generator
-) -> tuple[Array, int]:
-    """Returns the states that a policy visits with its noise, and the number of simulator steps.
-
-    The states are x_1 … x_T of each rollout, shape (N, T, n_x), NaN where it has diverged.
-    """
-    starts, dynamics = _starts(task, count, rng), task.dynamics
-    noise = policy.noise_std * rng.standard_normal((count, task.horizon, len(policy.noise_std)))
-    states, _ = dynamics.execute(policy, task.observation, starts, noise)
-    states = states[:, :-1]
-    return states, int(np.isfinite(states).all(axis=2).sum()) * dynamics.substeps
-
-
-def noisy(task: Task, policy: GaussianPolicy, noise: Array) -> ControlLaw:
-    """Returns μ_θ(h(x)) plus noise of shape (T, N, n_u)."""
-    return lambda t, x: policy.mean(task.observation(x)) + noise[t]
+    return Rollouts(states[:, :-1], drawn, costs)
 
 
 def _starts(task: Task, count: int, rng: np.random.Generator) -> Array:

@@ -44,6 +44,11 @@ class GpsSettings:
         minimum=1,
         maximum=1000,
     )
+    redraw: bool = setting(
+        False,
+        "whether the best policy is rolled out anew in each iteration, from the same starts and "
+        "with the same noise as the latest one, so that it is not judged by its luck",
+    )
     guiding_noise: float = setting(
         0.1,
         "factor on the standard deviation of pi_G's noise that guiding rollouts are drawn with",

@@ -24,7 +24,7 @@ from vgps_ros.core.settings import check_settings
 from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.optimization_request import OptimizationRequest
-from vgps_ros.search.rollouts import Rollouts, noisy, roll_out, visit
+from vgps_ros.search.rollouts import Rollouts, roll_out, roll_out_policy
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -166,16 +166,14 @@ class Workspace:
         self, policy: GaussianPolicy, scored: Sequence[TrajectoryDistribution], k: int
     ) -> list[Targets]:
         """Returns what q(ζ) would do in states that a policy visits, for each situation."""
-        limit, count = self.settings.visited_limit, self.settings.policy_rollouts
+        limit = self.settings.visited_limit
         if k == 1 or not limit:  # a random network visits nothing that would teach it
             return []
-        found = []
-        for i, (q, here) in enumerate(zip(scored, self.tasks, strict=True)):
-            rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
-            states, steps = visit(here, policy, count, rng)
-            self.simulator_steps += steps
-            found.append(visited_targets(q, here.observation, states, limit))
-        return found
+        draws = self.sample_policy(policy, self.settings.policy_rollouts, k)
+        return [
+            visited_targets(q, here.observation, rollouts.states, limit)
+            for q, here, rollouts in zip(scored, self.tasks, draws, strict=True)
+        ]
 
     def fit_samples(
         self, policy: GaussianPolicy, targets: Targets, probabilities: Array | None, k: int
@@ -210,11 +208,11 @@ class Workspace:
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:
         """Draws rollouts of the policy, with its noise, in each situation."""
         draws = []
-        for i in range(len(self.situations)):
+        for i, here in enumerate(self.tasks):
             rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
-            noise = rng.standard_normal((self.task.horizon, count, len(policy.noise_std)))
-            noise *= policy.noise_std
-            draws.append(self.roll_out(i, count, rng, noisy(self.task, policy, noise)))
+            rollouts, steps = roll_out_policy(here, policy, count, rng)
+            self.simulator_steps += steps
+            draws.append(rollouts)
         return draws
 
     def roll_out(
