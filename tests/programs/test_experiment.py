@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import dask
@@ -16,15 +17,16 @@ import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
 
-from vgps_ros.core.marginals import MarginalSettings
-from vgps_ros.experiments import cell_runner, cells
+from vgps_ros.experiments import cell_runner, cells, paper
 from vgps_ros.experiments.cell_table import read_table
 from vgps_ros.experiments.cells import Cell, Panel, Protocol, all_cells, run_cell
+from vgps_ros.experiments.paper import CURVES, RISING
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.search.methods import METHODS
+from vgps_ros.search.settings import search_settings
+from vgps_ros.tasks import make_task
 
 SMALL = ["--panels", "rotor-3", "--seeds", "2", "--iterations", "3", "--evaluation-rollouts", "4"]
-CELLS = 2 * len(METHODS)
+CELLS = 2 * len(CURVES)
 
 
 def main(arguments):
@@ -63,7 +65,7 @@ def test_every_cell_has_a_row_for_each_iteration(undisturbed):
     table = read_table(undisturbed)
     assert table.num_rows == 3 * CELLS
     keys = {(row["method"], row["seed"], row["iteration"]) for row in table.to_pylist()}
-    assert keys == {(m, s, k) for m in METHODS for s in (0, 1) for k in (1, 2, 3)}
+    assert keys == {(m, s, k) for m in CURVES for s in (0, 1) for k in (1, 2, 3)}
     assert (undisturbed / "results.csv").read_text().count("\n") == 1 + 3 * CELLS
     assert not (undisturbed / "failures.json").exists()
     on_policy, none = (
@@ -97,6 +99,15 @@ def test_killed_and_started_again_it_goes_on_and_gives_the_same_table(undisturbe
     assert {path: after[path] for path in before} == before  # none was run twice
     assert without_seconds(folder).equals(without_seconds(undisturbed))
     assert not list(folder.rglob("*.unfinished*"))
+
+
+def test_seeds_may_begin_elsewhere(undisturbed):
+    main([*SMALL[:2], *SMALL[4:], *("--methods", "dagger", "--seeds", "1", "--first-seed", "900"),
+          *("--jobs", "1", "--output", str(undisturbed))])  # fmt: skip
+    seeds = {row["seed"] for row in read_table(undisturbed).to_pylist()}
+    assert seeds == {0, 1, 900}
+    shutil.rmtree(undisturbed / "runs" / "rotor-3" / "dagger" / "seed-900")
+    cell_runner.write_table(undisturbed)
 
 
 def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
@@ -143,22 +154,43 @@ def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(tmp_path, monkeypatc
     assert set(read_table(tmp_path / "out")["method"].to_pylist()) == {"cost_weighted"}
 
 
-@pytest.mark.parametrize(
-    ("panel", "ddp_iterations", "gains"), [("swimmer-5", 3, 0.0), ("walker-10", 1, 0.1)]
-)
-def test_a_cell_keeps_to_the_papers_settings(tmp_path, monkeypatch, panel, ddp_iterations, gains):
-    """Those of the table in docs/comparison.md, whatever the task itself begins with now."""
-    trained = []
-    monkeypatch.setattr(cells, "train", lambda *arguments: trained.append(arguments[1:3]))
-    run_cell(Cell(Panel.named(panel), "vgps", 0), Protocol.of(50, 1), tmp_path)
-    ((task, settings),) = trained
+@pytest.fixture
+def trained(monkeypatch):
+    """What cells were trained with, method, task and settings of each; none is trained."""
+    found = []
+    monkeypatch.setattr(cells, "train", lambda *arguments: found.append(arguments[:3]))
+    return found
+
+
+@pytest.mark.parametrize("name", ["swimmer", "walker"])
+def test_a_cell_has_the_papers_schedule_and_what_tuning_chose(tmp_path, monkeypatch, trained, name):
+    own = {"ddp_iterations": 7, "marginals.initial_std_factor": 2.5}
+    monkeypatch.setattr(paper, "tuned", lambda: {name: {"vgps": own}})
+    for method in ("vgps", "dagger"):
+        run_cell(Cell(Panel(name, 7), method, 0), Protocol.of(50, 1), tmp_path)
+    (_, task, settings), (_, other, _) = trained
     assert [settings.alpha(k) for k in (0, 50, 99)] == pytest.approx([1.0, 0.1, 0.1])
-    assert settings.ddp_iterations == ddp_iterations
-    fit = settings.fit
-    assert (fit.optimizer, fit.iterations, fit.samples_per_step) == ("lbfgs", 100, 10)
-    assert fit.resample_every == 25
-    assert task.optimizer.ddp.distribution_regularization == gains
-    assert task.optimizer.marginals == MarginalSettings(std_limit_annealing=0.5)
+    assert (settings.ddp_iterations, settings.hidden_units) == (7, (7,))
+    factors = [each.optimizer.marginals.initial_std_factor for each in (task, other)]
+    assert factors == [2.5, 1.0]
+    assert task.optimizer.bound_tolerance == other.optimizer.bound_tolerance == 0.0
+
+
+def test_the_rising_curve_has_the_tasks_own_settings(tmp_path, trained):
+    run_cell(Cell(Panel("walker", 10), RISING, 0), Protocol.of(50, 20), tmp_path)
+    ((method, task, settings),) = trained
+    own = make_task("walker")
+    assert method == "vgps"
+    assert task.optimizer == own.optimizer
+    assert settings == replace(search_settings(own), hidden_units=(10,))
+    assert settings.alpha(50) > settings.alpha(0)
+
+
+def test_what_tuning_chose_is_valid_for_every_curve():
+    for name, curves in paper.tuned().items():
+        assert set(curves) < set(CURVES)
+        for curve in curves:
+            paper.configured(make_task(name), curve)
 
 
 def test_an_error_within_a_cell_is_returned_and_leaves_no_results(tmp_path, monkeypatch):
@@ -191,12 +223,12 @@ def test_what_is_no_cell_is_passed_over(tmp_path):
 
 def test_panels_and_methods_named_twice_are_run_once():
     panel = Panel.named("rotor-3")
-    assert all_cells([panel, panel], ["vgps", "vgps"], 1) == [Cell(panel, "vgps", 0)]
+    assert all_cells([panel, panel], ["vgps", "vgps"], [0]) == [Cell(panel, "vgps", 0)]
 
 
 def test_one_seed_of_each_comes_before_the_next_seed_of_any():
     panels = [Panel.named("walker-5"), Panel.named("rotor-3")]
-    order = [(c.seed, str(c.panel), c.method) for c in all_cells(panels, ["vgps", "gps"], 2)]
+    order = [(c.seed, str(c.panel), c.method) for c in all_cells(panels, ["vgps", "gps"], range(2))]
     assert order[:4] == [
         (0, "walker-5", "vgps"), (0, "walker-5", "gps"), (0, "rotor-3", "vgps"),
         (0, "rotor-3", "gps"),

@@ -16,7 +16,7 @@ import pyarrow.parquet
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.experiments.cells import Cell, Panel, finished_cells
-from vgps_ros.search.methods import METHODS
+from vgps_ros.experiments.paper import CURVES
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, read_result
@@ -75,8 +75,8 @@ def read_table(root: Path) -> pa.Table:
 
 def by_panel(table: pa.Table) -> dict[Panel, dict[str, Columns]]:
     """Returns the results of each panel's methods, both in the order of the paper."""
-    order = list(METHODS)
-    rows = [row for row in table.to_pylist() if row["method"] in METHODS]
+    order = list(CURVES)
+    rows = [row for row in table.to_pylist() if row["method"] in CURVES]
     rows.sort(key=lambda row: [order.index(row[n]) if n == "method" else row[n] for n in _KEYS])
     found: dict[Panel, dict[str, Columns]] = defaultdict(dict)
     for (task, units, method), group in groupby(rows, lambda r: [r[n] for n in [*_KEYS][:3]]):

@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -15,12 +15,11 @@ import torch
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.paper import paper_settings, paper_task
+from vgps_ros.experiments.paper import CURVES, configured, method_of
 from vgps_ros.experiments.training import train
-from vgps_ros.search.methods import METHODS
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.tasks import BUILT_IN
+from vgps_ros.tasks import BUILT_IN, make_task
 
 PANELS = ("swimmer-5", "swimmer-10", "walker-5", "walker-10")  # the panels of Figure 1
 _RUNS = "runs"
@@ -71,16 +70,23 @@ class Protocol:
     @classmethod
     def of(cls, iterations: int, evaluation_rollouts: int) -> "Protocol":
         """Returns the protocol with the settings of this version of the software."""
-        tasks = [paper_task(name) for name in BUILT_IN]
+        tasks = [make_task(name) for name in BUILT_IN]
         limits = [(t.initial_std.tolist(), t.std_limit.tolist()) for t in tasks]
-        settings = [(asdict(paper_settings(t)), asdict(t.optimizer)) for t in tasks]
+        pairs = [configured(task, curve) for task in tasks for curve in CURVES]
+        settings = [(asdict(search), asdict(task.optimizer)) for task, search in pairs]
         digest = hashlib.sha256(json.dumps([limits, settings]).encode()).hexdigest()
         return cls(iterations, evaluation_rollouts, digest[:12])
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One training of an experiment."""
+    """One training of an experiment.
+
+    Attributes:
+        panel: the panel that it belongs to.
+        method: name of its curve, which is that of a method or `vgps_rising`.
+        seed: seed of all random draws.
+    """
 
     panel: Panel
     method: str
@@ -99,15 +105,15 @@ class Cell:
         return self.folder(root).is_dir()
 
 
-def all_cells(panels: Sequence[Panel], methods: Sequence[str], seeds: int) -> list[Cell]:
+def all_cells(panels: Sequence[Panel], methods: Sequence[str], seeds: Iterable[int]) -> list[Cell]:
     """Returns all combinations of panel, method and seed, ordered by their seeds.
 
     Raises:
         InvalidInputError: a method is unknown.
     """
     for method in methods:
-        one_of("method", method, METHODS)
-    each = itertools.product(range(seeds), dict.fromkeys(panels), dict.fromkeys(methods))
+        one_of("method", method, CURVES)
+    each = itertools.product(seeds, dict.fromkeys(panels), dict.fromkeys(methods))
     return [Cell(panel, method, seed) for seed, panel, method in each]
 
 
@@ -116,7 +122,7 @@ def finished_cells(root: Path) -> list[Cell]:
     cells = []
     for folder in sorted((root / _RUNS).glob("*/*/seed-*")):
         panel, method, seed = folder.parts[-3], folder.parts[-2], folder.name.removeprefix("seed-")
-        if seed.isdigit() and method in METHODS:
+        if seed.isdigit() and method in CURVES:
             cells.append(Cell(Panel.named(panel), method, int(seed)))
     return cells
 
@@ -141,15 +147,15 @@ def run_cell(cell: Cell, protocol: Protocol, root: Path) -> str:
         folder.parent.mkdir(parents=True, exist_ok=True)
         # The name is unique: a worker of an experiment that was killed may still train this cell.
         unfinished = Path(tempfile.mkdtemp(prefix=folder.name + _UNFINISHED, dir=folder.parent))
-        task = paper_task(cell.panel.task)
+        task, settings = configured(make_task(cell.panel.task), cell.method)
         task.dynamics.simulations.threads = 1
         settings = replace(
-            paper_settings(task),
+            settings,
             iterations=protocol.iterations,
             evaluation_rollouts=protocol.evaluation_rollouts,
             hidden_units=(cell.panel.hidden_units,),
         )
-        train(cell.method, task, settings, cell.seed, RunFolder(unfinished))
+        train(method_of(cell.method), task, settings, cell.seed, RunFolder(unfinished))
         if cell.is_finished(root):  # such a worker was faster; its numbers are the same
             shutil.rmtree(unfinished)
         else:

@@ -12,7 +12,8 @@ from pathlib import Path
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.experiments.command_line import Parser
-from vgps_ros.search.settings import METHOD, SearchSettings
+from vgps_ros.experiments.paper import CURVES, RISING
+from vgps_ros.search.settings import SearchSettings
 
 
 def add_arguments(parser: Parser) -> None:
@@ -24,10 +25,11 @@ def add_arguments(parser: Parser) -> None:
         "--methods",
         nargs="+",
         default="all",
-        help=f"all, or some of {', '.join(METHOD.choices or ())}",
+        help=f"all, or some of {', '.join(CURVES)}; {RISING} is vgps with the tasks' own settings",
     )
     parser.add_settings(
-        Setting("seeds", 10, "seeds 0 to this number less one", minimum=1, maximum=100_000),
+        Setting("seeds", 10, "number of seeds", minimum=1, maximum=100_000),
+        Setting("first_seed", 0, "the lowest of them", minimum=0, maximum=100_000),
         *(
             replace(setting, description=f"{setting.description}, of a cell")
             for setting in settings_of(SearchSettings())
@@ -60,11 +62,12 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.experiments.cells import PANELS, Panel, Protocol, all_cells
 
     panels = PANELS if arguments.panels in ("all", ["all"]) else arguments.panels
-    methods = METHOD.choices if arguments.methods in ("all", ["all"]) else arguments.methods
+    methods = CURVES if arguments.methods in ("all", ["all"]) else arguments.methods
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     output = arguments.output
     try:
         failures = run_experiment(
-            all_cells([Panel.named(name) for name in panels], methods or (), arguments.seeds),
+            all_cells([Panel.named(name) for name in panels], methods, seeds),
             Protocol.of(arguments.iterations, arguments.evaluation_rollouts),
             output,
             arguments.backend,
