@@ -7,13 +7,15 @@ import shutil
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
 from vgps_ros.experiments.cell_table import write_table
 from vgps_ros.experiments.cells import Panel
-from vgps_ros.experiments.figure1 import summary
+from vgps_ros.experiments.comparison_tables import summary
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.views.comparison import CEILING
 
 
 def main(arguments):
@@ -43,8 +45,12 @@ def test_it_draws_and_sums_up(folder, tmp_path, capsys):
     assert (tmp_path / "out" / "figure1.png").read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in (tmp_path / "out" / "figure1.svg").read_bytes()
     assert (tmp_path / "out" / "figure1.rrd").read_bytes().startswith(b"RRF")
+    assert (tmp_path / "out" / "profiles.png").read_bytes().startswith(b"\x89PNG")
     lines = (tmp_path / "out" / "summary.csv").read_text().splitlines()
     assert len(lines) == 1 + 2 * 2
+    (row,) = pa.csv.read_csv(tmp_path / "out" / "improvement.csv").to_pylist()
+    assert (row["ours"], row["against"]) == ("vgps", "cost_weighted")
+    assert row["stochastic_low"] <= row["stochastic"] <= row["stochastic_high"]
 
 
 def test_a_table_of_an_older_version_lacks_a_metric_and_is_drawn(folder, tmp_path):
@@ -82,27 +88,33 @@ def test_bad_input_is_a_sentence(tmp_path):
         main([str(tmp_path)])
 
 
-def test_summary_takes_medians_over_seeds_and_says_when_a_policy_succeeds():
-    """Three seeds, three iterations, by hand; the DDP solution costs 10."""
+def test_summary_takes_means_of_logarithms_and_says_when_a_policy_succeeds():
+    """Three seeds, of which no quarter is left out, and three iterations; the DDP's cost is 10."""
     columns = {
         "initial_ddp_cost": np.full((3, 3), 10.0),
         "deterministic_cost": np.array([[90, 14, 11], [90, 90, 13.0], [90, 90, 12]]),
         "deterministic_survival": np.array([[1, 1, 1], [1, 1, 1], [0, 0, 0.0]]),
-        "stochastic_cost_mean": np.array([[99, 99, 20], [99, 99, math.inf], [99, 99, 30]]),
+        "stochastic_cost_mean": np.array([[99, 99, 20], [99, 99, math.inf], [99, 99, 25]]),
         "stochastic_survival": np.array([[0, 0, 0.5], [0, 0, 1.0], [0, 0, 0.9]]),
         "simulator_steps": np.array([[1, 2, 3]] * 3) * 1_000_000,
         "seconds": np.array([[1.0, 2.0, 7.0]] * 3),
     }
-    (row,) = summary({Panel("walker", 5): {"vgps": columns}})
-    assert row == {
-        "panel": "walker-5",
-        "method": "vgps",
-        "seeds": 3,
-        "deterministic": 1.2,
-        "stochastic": 3.0,
-        "succeed": 2,
-        "success_at": 3.0,
-        "survival": 0.9,
-        "million_steps": 3.0,
-        "seconds": 7.0,
-    }
+    (row,) = summary({Panel("walker", 5): {"vgps": columns}}, "mean")
+    assert row == pytest.approx(
+        {
+            "panel": "walker-5",
+            "method": "vgps",
+            "seeds": 3,
+            "deterministic": (1.1 * 1.3 * 1.2) ** (1 / 3),
+            "deterministic_low": 1.1,
+            "deterministic_high": 1.3,
+            "stochastic": (2.0 * CEILING * 2.5) ** (1 / 3),
+            "stochastic_low": 2.0,
+            "stochastic_high": CEILING,
+            "succeed": 2,
+            "success_at": 3.0,
+            "survival": 0.9,
+            "million_steps": 3.0,
+            "seconds": 7.0,
+        }
+    )

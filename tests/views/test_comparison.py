@@ -7,48 +7,69 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.views.comparison import CEILING, ComparisonPanel, Curve, comparison
+from vgps_ros.experiments.paper import CURVES
+from vgps_ros.views.comparison import (
+    CEILING,
+    Band,
+    ComparisonPanel,
+    Curve,
+    comparison,
+    profiles,
+    styles,
+)
 from vgps_ros.views.comparison_recording import record_comparison
+
+
+def level(*middle):
+    values = np.array(middle)
+    return Band(values, 0.9 * values, np.minimum(1.1 * values, CEILING))
 
 
 @pytest.fixture
 def panels():
-    falling = Curve(np.full((2, 4), 1e6), np.full((2, 4), np.inf))
-    learning = Curve(
-        np.array([[90.0, 40.0, 30.0, 20.0], [70.0, 60.0, 50.0, 40.0]]),
-        np.array([[50.0, 20.0, 12.0, 11.0]] * 2),
-    )
+    falling = Curve(level(*4 * [CEILING]), level(*4 * [CEILING]))
+    learning = Curve(level(8.0, 5.0, 4.0, 3.0), level(5.0, 2.0, 1.2, 1.1))
     return [
-        ComparisonPanel("walker, 5 hidden units", 10.0, {"vgps": learning, "dagger": falling}),
-        ComparisonPanel("swimmer, 5 hidden units", 10.0, {"vgps": learning}),
+        ComparisonPanel("walker, 5 hidden units", {"vgps": learning, "dagger": falling}),
+        ComparisonPanel("swimmer, 5 hidden units", {"vgps": learning}),
     ]
 
 
-def test_lines_are_medians_and_what_falls_stands_at_the_ceiling(panels):
-    figure = comparison(panels, [])
-    walker = figure.subfigs[0].axes[0]
-    solid, dashed, falling, falling_dashed = walker.get_lines()[:4]
-    np.testing.assert_allclose(solid.get_ydata(), [80.0, 50.0, 40.0, 30.0])
-    assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
-    np.testing.assert_allclose(dashed.get_ydata(), [50.0, 20.0, 12.0, 11.0])
-    for line in (falling, falling_dashed):
-        np.testing.assert_allclose(line.get_ydata(), CEILING * 10.0)
-    low, high = walker.get_ylim()
-    assert low < 10.0 < 50.0 < CEILING * 10.0 < high
+def test_a_row_for_each_kind_of_policy_and_what_falls_stands_at_the_ceiling(panels):
+    without, _, noisy, _ = comparison(panels, []).subfigs[0].axes
+    for axes, expected in ((without, [5.0, 2.0, 1.2, 1.1]), (noisy, [8.0, 5.0, 4.0, 3.0])):
+        learning, falling = axes.get_lines()[:2]
+        np.testing.assert_allclose(learning.get_ydata(), expected)
+        np.testing.assert_allclose(falling.get_ydata(), CEILING)
+        low, high = axes.get_ylim()
+        assert low < 1.0 < CEILING < high
+    assert "without noise" in without.get_ylabel()
+    assert "with noise" in noisy.get_ylabel()
 
 
-def test_a_method_has_one_colour_in_all_panels_and_the_legend(panels):
+def test_a_method_has_one_style_in_all_panels_and_the_legend(panels):
     figure = comparison(panels, [])
-    first, second = (axes.get_lines()[0].get_color() for axes in figure.subfigs[0].axes[:2])
-    assert first == second
+    first, second = (axes.get_lines()[0] for axes in figure.subfigs[0].axes[:2])
+    assert first.get_color() == second.get_color()
+    assert first.get_marker() == second.get_marker()
     (legend,) = figure.subfigs[0].legends
     labels = [text.get_text() for text in legend.get_texts()]
-    assert labels[:2] == ["vgps", "dagger"]
-    assert "initial DDP solution" in labels
+    assert labels == ["vgps", "dagger", "initial DDP solution"]
     for axes, panel in zip(figure.subfigs[0].axes, panels, strict=False):
         assert axes.get_title() == panel.title
-        assert axes.get_xlabel() == "iteration"
-        assert axes.get_ylabel() == "average cost"
+
+
+def test_no_two_of_the_nine_curves_look_alike_in_grey():
+    found = styles(CURVES)
+    assert len({(each["linestyle"], each["marker"]) for each in found.values()}) == len(CURVES) == 9
+
+
+def test_profiles_have_a_line_for_each_method(panels):
+    levels = np.array([1.0, 2.0, 4.0])
+    shares = {"vgps": level(0.0, 0.5, 0.9), "gps": level(0.1, 0.2, 0.3)}
+    figure = profiles(levels, {"deterministic": shares, "stochastic": shares})
+    for axes in figure.axes:
+        np.testing.assert_allclose(axes.get_lines()[1].get_ydata(), [0.1, 0.2, 0.3])
 
 
 def test_the_recording_is_whole_and_never_overwritten(panels, tmp_path):

@@ -1,12 +1,13 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Figure 1 of the paper: average costs of several methods by iteration, and the robots."""
+"""Figure 1 of the paper: costs of several methods by iteration, and the robots."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
@@ -14,24 +15,37 @@ from vgps_ros.core.records import Array
 from vgps_ros.views.plots import draw_motion
 from vgps_ros.views.run_record import RunRecord
 
-CEILING = 20.0  # costs are drawn up to this multiple of the initial DDP solution's
-_COLOURS = (
-    "#1f5fbf", "#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f",
+CEILING = 20.0  # costs are counted and drawn up to this multiple of the initial DDP solution's
+_LOWEST = 0.85  # the lowest multiple that is drawn
+# Colour, line and marker of each curve. In grey, lines and markers tell them apart.
+_STYLES = (
+    ("#0b3c8c", "-", "o"), ("#d62728", "-", "s"), ("#ff7f0e", "--", "D"), ("#2ca02c", "-", "^"),
+    ("#9467bd", "-", "v"), ("#8c564b", "--", "P"), ("#e377c2", ":", "X"), ("#7f7f7f", "-.", "*"),
+    ("#17a0c0", "--", "h"),
 )  # fmt: skip
+_KINDS = ("deterministic", "stochastic")
+
+
+@dataclass(frozen=True)
+class Band:
+    """A statistic over the seeds with its interval, each of the same shape."""
+
+    middle: Array
+    low: Array
+    high: Array
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Costs of one method over the seeds.
+    """Costs of one method by iteration, as multiples of the initial DDP solution's, shape (K,).
 
     Attributes:
-        stochastic: mean or median cost of the rollouts with noise, shape (S, K): S seeds and K
-            iterations.
-        deterministic: cost of the policy without noise, shape (S, K).
+        stochastic: of the policy with its noise.
+        deterministic: of the policy without noise.
     """
 
-    stochastic: Array
-    deterministic: Array
+    stochastic: Band
+    deterministic: Band
 
 
 @dataclass(frozen=True)
@@ -40,18 +54,11 @@ class ComparisonPanel:
 
     Attributes:
         title: names the task and the size of the policy.
-        ddp_cost: cost of the initial DDP solution, the median over the seeds.
         curves: the curve of each method, by its name.
     """
 
     title: str
-    ddp_cost: float
     curves: Mapping[str, Curve]
-
-    @property
-    def ceiling(self) -> float:
-        """The largest cost that is drawn."""
-        return CEILING * self.ddp_cost
 
     @property
     def entity(self) -> str:
@@ -59,10 +66,13 @@ class ComparisonPanel:
         return self.title.replace(" ", "_").replace(",", "")
 
 
-def colours(panels: Sequence[ComparisonPanel]) -> dict[str, str]:
-    """Returns a colour for each method of the panels."""
-    methods = list(dict.fromkeys(method for panel in panels for method in panel.curves))
-    return {method: _COLOURS[i % len(_COLOURS)] for i, method in enumerate(methods)}
+def styles(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Returns how each method's lines are drawn, as matplotlib's colour, linestyle and marker."""
+    names = ("color", "linestyle", "marker")
+    return {
+        method: dict(zip(names, _STYLES[i % len(_STYLES)], strict=True))
+        for i, method in enumerate(dict.fromkeys(methods))
+    }
 
 
 def comparison(
@@ -73,71 +83,99 @@ def comparison(
     Args:
         panels: the panels with their curves.
         runs: runs whose motions under the learned policy are drawn.
-        average: "mean" or "median", which the legend calls the stochastic costs.
+        average: "mean" or "median" of the rollouts with noise, whose costs are drawn.
     """
-    columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(5.2 * columns + 4.2, 1.2 + 3.4 * rows), layout="constrained")
-    grid_spec = figure.add_gridspec(1, 2, width_ratios=[5.2 * columns, 4.2])
-    left, right = (figure.add_subfigure(grid_spec[i]) for i in (0, 1))
-    grid = left.subplots(rows, columns, squeeze=False)
-    for axes in grid.flat[len(panels) :]:
-        axes.set_visible(False)
-    colour_of = colours(panels)
-    for axes, panel in zip(grid.flat, panels, strict=False):
-        _draw_panel(axes, panel, colour_of)
-    robots = right.subplots(max(len(runs), 1), 1, squeeze=False)[:, 0]
-    for axes, run in zip(robots, runs, strict=False):
-        if run.executed_states is not None and run.result is not None:
-            draw_motion(axes, run, run.executed_states)
-            axes.set_title(f"{run.result['task']}, {run.result['method']}", fontsize=10)
-    if runs:
-        handles, labels = robots[0].get_legend_handles_labels()
-        right.legend(
-            handles, [f"centre of mass: {label}" for label in labels], frameon=False,
-            loc="outside lower center", fontsize=9,
-        )  # fmt: skip
-    else:
-        robots[0].set_visible(False)
-    styles = [
-        Line2D([], [], color="0.3", label=f"stochastic ({average}; band: all seeds)"),
-        Line2D([], [], color="0.3", linestyle="--", label="deterministic"),
-        Line2D([], [], color="black", linewidth=1, linestyle=":", label="initial DDP solution"),
-    ]
-    methods = [Line2D([], [], color=c, linewidth=3, label=m) for m, c in colour_of.items()]
+    count, widths = len(panels), [3.6 * len(panels), 4.0][: 2 if runs else 1]
+    figure = Figure(figsize=(sum(widths), 8.0), layout="constrained")
+    grid_spec = figure.add_gridspec(1, len(widths), width_ratios=widths)
+    left = figure.add_subfigure(grid_spec[0])
+    grid = left.subplots(2, count, squeeze=False, sharex="col", sharey=True)
+    style_of = styles([method for panel in panels for method in panel.curves])
+    for row, kind in zip(grid, _KINDS, strict=True):
+        for axes, panel in zip(row, panels, strict=True):
+            curves = {method: getattr(curve, kind) for method, curve in panel.curves.items()}
+            _draw_curves(axes, curves, style_of)
+    for axes, panel in zip(grid[0], panels, strict=True):
+        axes.set_title(panel.title, fontsize=10)
+    for axes in grid[1]:
+        axes.set_xlabel("iteration")
+    grid[0, 0].set_ylabel("without noise, cost ÷ DDP's")
+    grid[1, 0].set_ylabel(f"with noise ({average} rollout), cost ÷ DDP's")
+    handles = [Line2D([], [], label=method, **style) for method, style in style_of.items()]
+    ddp = Line2D([], [], color="black", linewidth=1, linestyle=":", label="initial DDP solution")
     left.legend(
-        handles=[*methods, *styles], frameon=False, ncols=4, loc="outside upper center", fontsize=9
+        handles=[*handles, ddp], frameon=False, ncols=5, loc="outside upper center", fontsize=9
     )
+    if runs:
+        _draw_robots(figure.add_subfigure(grid_spec[1]), runs)
     return figure
 
 
-def _draw_panel(axes: Axes, panel: ComparisonPanel, colour_of: Mapping[str, str]) -> None:
-    for method, curve in panel.curves.items():
-        k = np.arange(1, curve.stochastic.shape[1] + 1)
-        for costs, style in ((curve.stochastic, "-"), (curve.deterministic, "--")):
-            drawn = np.minimum(costs, panel.ceiling)
-            axes.plot(
-                k, np.median(drawn, axis=0), style, color=colour_of[method], linewidth=1.4,
-                alpha=0.9,
-            )  # fmt: skip
-            if style == "-":
-                axes.fill_between(
-                    k, drawn.min(axis=0), drawn.max(axis=0), color=colour_of[method], alpha=0.08,
-                    linewidth=0,
-                )  # fmt: skip
-    axes.axhline(panel.ddp_cost, color="black", linewidth=1, linestyle=":")
-    axes.axhspan(0.9 * panel.ceiling, 1.1 * panel.ceiling, color="0.9", zorder=0)
-    axes.text(
-        0.01, 0.985, f"{CEILING:g} × the DDP solution's, and more", transform=axes.transAxes,
+def _draw_robots(figure: SubFigure, runs: Sequence[RunRecord]) -> None:
+    robots = figure.subplots(len(runs), 1, squeeze=False)[:, 0]
+    for axes, run in zip(robots, runs, strict=True):
+        if run.executed_states is not None and run.result is not None:
+            draw_motion(axes, run, run.executed_states)
+            axes.set_title(f"{run.result['task']}, {run.result['method']}", fontsize=10)
+    handles, labels = robots[0].get_legend_handles_labels()
+    figure.legend(
+        handles, [f"centre of mass: {label}" for label in labels], frameon=False,
+        loc="outside lower center", fontsize=9,
+    )  # fmt: skip
+
+
+def _draw_curves(
+    axes: Axes, curves: Mapping[str, Band], style_of: Mapping[str, Mapping[str, Any]]
+) -> None:
+    for i, (method, band) in enumerate(curves.items()):
+        k, style = np.arange(1, len(band.middle) + 1), style_of[method]
+        axes.plot(
+            k, band.middle, linewidth=1.4, markersize=4, markevery=(i % 5, 5), alpha=0.9, **style
+        )
+        axes.fill_between(k, band.low, band.high, color=style["color"], alpha=0.12, linewidth=0)
+    axes.axhline(1.0, color="black", linewidth=1, linestyle=":")
+    axes.axhspan(0.9 * CEILING, 1.1 * CEILING, color="0.9", zorder=0)
+    axes.annotate(
+        f"{CEILING:g} and more", (0.02, 0.88 * CEILING), xycoords=("axes fraction", "data"),
         fontsize=7, va="top",
     )  # fmt: skip
     axes.set_yscale("log")
-    axes.set_ylim(0.85 * panel.ddp_cost, 1.1 * panel.ceiling)
+    axes.set_ylim(_LOWEST, 1.1 * CEILING)
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.margins(x=0)
-    axes.set_title(panel.title, fontsize=10)
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("average cost")
+
+
+def profiles(levels: Array, shares: Mapping[str, Mapping[str, Band]]) -> Figure:
+    """Draws which share of the seeds of all panels ends at each cost or below.
+
+    Args:
+        levels: costs as multiples of the initial DDP solution's, shape (L,).
+        shares: by "deterministic" and "stochastic", by method: the shares, shape (L,).
+    """
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    row = figure.subplots(1, 2, sharey=True)
+    style_of = styles([method for each in shares.values() for method in each])
+    titles = ("without noise", "with noise")
+    for axes, kind, title in zip(row, _KINDS, titles, strict=True):
+        for i, (method, band) in enumerate(shares[kind].items()):
+            style, every = style_of[method], (2 * i, 20)
+            axes.plot(levels, band.middle, markersize=4, markevery=every, label=method, **style)
+            axes.fill_between(
+                levels, band.low, band.high, color=style["color"], alpha=0.12, linewidth=0
+            )
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("cost ÷ DDP's, of the last iterations")
+        axes.margins(x=0)
+    row[0].set_ylabel("share of the seeds that end there or below")
+    figure.legend(
+        *row[0].get_legend_handles_labels(), frameon=False, ncols=5, loc="outside upper center",
+        fontsize=9,
+    )  # fmt: skip
+    return figure

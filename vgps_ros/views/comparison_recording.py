@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import compile_model
-from vgps_ros.views.comparison import ComparisonPanel, colours
+from vgps_ros.views.comparison import ComparisonPanel, styles
 from vgps_ros.views.recording import ITERATION, Recording
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.run_record import RunRecord
@@ -22,29 +22,29 @@ _PATHS = {"learned": (31, 95, 191), "initial_ddp": (0, 0, 0)}
 def record_comparison(
     panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord], path: Path
 ) -> None:
-    """Writes the median of each curve over the seeds, and the paths of the robots.
+    """Writes the middle of each curve over the seeds, and the paths of the robots.
 
     Raises:
         InvalidInputError: the file exists, or cannot be written.
     """
     recording = Recording(path)
-    colour_of = colours(panels)
+    style_of = styles([method for panel in panels for method in panel.curves])
     for panel in panels:
         for method, curve in panel.curves.items():
-            colour = [round(255 * part) for part in to_rgb(colour_of[method])]
+            colour = [round(255 * part) for part in to_rgb(style_of[method]["color"])]
             for name, width in (("stochastic", 2.0), ("deterministic", 1.0)):
-                median = np.median(np.minimum(getattr(curve, name), panel.ceiling), axis=0)
+                middle = getattr(curve, name).middle
                 line = rr.SeriesLines(colors=[colour], names=f"{method} {name}", widths=width)
-                _record_costs(recording, f"{panel.entity}/{method}/{name}", line, median)
+                _record_costs(recording, f"{panel.entity}/{method}/{name}", line, middle)
         line = rr.SeriesLines(colors=[(0, 0, 0)], names="initial DDP solution")
-        costs = np.full(len(median), panel.ddp_cost)
-        _record_costs(recording, f"{panel.entity}/initial_ddp", line, costs)
+        ones = np.ones(len(middle))
+        _record_costs(recording, f"{panel.entity}/initial_ddp", line, ones)
     names = [_record_paths(recording, run) for run in runs]
     views = [
         rrb.TimeSeriesView(
             origin=panel.entity,
-            name=f"{panel.title}: average cost by iteration",
-            axis_y=rrb.ScalarAxis(range=(0.0, 4 * panel.ddp_cost), zoom_lock=False),
+            name=f"{panel.title}: cost ÷ initial DDP solution's, by iteration",
+            axis_y=rrb.ScalarAxis(range=(0.0, 4.0), zoom_lock=False),
         )
         for panel in panels
     ] + [
