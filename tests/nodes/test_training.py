@@ -252,9 +252,11 @@ def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
         initial_ddp_iterations=2,
         evaluation_rollouts=2,
         alphas=(1.0, 10.0),
+        visited_limit=0.0,
         fit=FitSettings(optimizer="lbfgs", samples_per_step=10),
     )
     fit = {"fit.optimizer": "lbfgs", "fit.samples_per_step": 10, "alphas": [1.0, 10.0]}
+    fit["visited_limit"] = 0.0
     graph.start("trajectory_optimizer", task="rotor")
     graph.start("policy_learner", task="rotor", **parameters(settings), **fit)
     program = start_training(graph, settings, 0, tmp_path / "out")

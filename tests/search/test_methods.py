@@ -118,7 +118,9 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
         # Only samples show these the way: they need many, and may still miss it.
         settings = {"iterations": 20, "policy_rollouts": 1000}
     gaps = []
-    for seed in range(3, 9) if weighs else (3,):
+    # The adapted oracle may drift with its policy, as it did on two of ten seeds.
+    drifts = method == "adapted_weighted_dagger"
+    for seed in range(3, 9) if weighs or drifts else (3,):
         first, *_, last = run(
             method,
             ONE_DECISION,

@@ -57,6 +57,8 @@ def test_the_kernels_of_blas_are_those_that_it_was_told_to_use():
 
 def test_a_changed_file_makes_the_commit_dirty(tmp_path, monkeypatch):
     monkeypatch.setattr(software, "__file__", str(tmp_path / "module.py"))
+    # The tests' temporary folder may itself lie in a checkout.
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
     assert software.commit() == "unknown: not run from a git checkout"
 
     def git(*words):
