@@ -255,10 +255,10 @@ def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
         visited_limit=0.0,
         fit=FitSettings(optimizer="lbfgs", samples_per_step=10),
     )
-    fit = {"fit.optimizer": "lbfgs", "fit.samples_per_step": 10, "alphas": [1.0, 10.0]}
-    fit["visited_limit"] = 0.0
+    given = {"alphas": [1.0, 10.0], "visited_limit": 0.0}
+    given |= {"fit.optimizer": "lbfgs", "fit.samples_per_step": 10}
     graph.start("trajectory_optimizer", task="rotor")
-    graph.start("policy_learner", task="rotor", **parameters(settings), **fit)
+    graph.start("policy_learner", task="rotor", **parameters(settings), **given)
     program = start_training(graph, settings, 0, tmp_path / "out")
     graph.diagnosis("policy_learner", DiagnosticStatus.WARN, "found nothing better")
     assert program.wait() == 0, program.output
