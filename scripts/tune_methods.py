@@ -6,21 +6,22 @@ no figure uses. Its loss is the mean over these seeds, over the policy with and 
 (the median rollout), and over the last five iterations, of log(cost ÷ initial DDP solution's), each
 at most log 1,000. The first trial of each has the settings that the methods share; a Gaussian
 process chooses the others. Trials go round the methods, so that all have had as many whenever the
-script is stopped. Started again it goes on; only the trial that was running is lost.
+script is stopped. `cost_weighted_1000` has the settings of `cost_weighted`: it is the same method,
+whose trials would take as long as those of all others together.
 
 It needs an environment with `pip install -r requirements/comparison.txt`. After `source env.bash`:
 
-    python scripts/tune_methods.py FOLDER             # trials, into FOLDER/journal.log
-    python scripts/tune_methods.py FOLDER --trials 0  # writes what has been found so far
+    python scripts/tune_methods.py
 
-At its end it writes all trials into docs/figure1_tuning.csv, and, where all methods have had as
-many, the best settings of each into vgps_ros/experiments/tuned.yaml, from where `vgps experiment`
-takes them.
+Each trial is a row of docs/figure1_tuning.csv as soon as it has ended, and the script goes on from
+that table. Where all methods have had as many trials, it writes the best settings of each into
+vgps_ros/experiments/tuned.yaml, from where `vgps experiment` takes them.
 """
 
 import argparse
 import csv
 import itertools
+import json
 import math
 import time
 from collections.abc import Mapping
@@ -44,7 +45,6 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import settings_of
 from vgps_ros.experiments.paper import TUNED, configured
 from vgps_ros.search.methods import search
-from vgps_ros.search.settings import METHOD
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import make_task
@@ -73,8 +73,9 @@ SPACES: Mapping[str, Mapping[str, BaseDistribution]] = {
     "weighted_dagger": {**OF_ALL, **WIDE, **FITS},
     "adapted_weighted_dagger": {**OF_ALL, **WIDE, **ADAPTS},
     "cost_weighted": {**OF_ALL, **WIDE, **FITS},
-    "cost_weighted_1000": {**OF_ALL, **WIDE, **FITS},
 }
+SHARED = {"cost_weighted_1000": "cost_weighted"}
+Studies = Mapping[tuple[str, str], optuna.Study]
 
 
 def loss_of(method: str, task_name: str, own: Mapping[str, Any], seed: int) -> float:
@@ -123,8 +124,28 @@ def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(states=[TrialState.COMPLETE])
 
 
-def write(studies: Mapping[tuple[str, str], optuna.Study]) -> None:
-    """Writes all trials, and the best settings of each method."""
+def begun() -> Studies:
+    """Returns a study of each method on each task, with the trials of the table."""
+    studies = {names: optuna.create_study() for names in itertools.product(TASKS, SPACES)}
+    rows = list(csv.DictReader(PAGE.open())) if PAGE.exists() else []
+    for row in rows:
+        space = SPACES[row["method"]]
+        values = {name: json.loads(row[name].lower()) for name in space}  # True is true in JSON
+        trial = optuna.trial.create_trial(
+            params=values,
+            distributions=dict(space),
+            value=float(row["loss"]),
+            user_attrs={
+                "losses": [float(row[f"loss_{seed}"]) for seed in SEEDS],
+                "seconds": float(row["seconds"]),
+            },
+        )
+        studies[row["task"], row["method"]].add_trial(trial)
+    return studies
+
+
+def write(studies: Studies) -> None:
+    """Writes all trials, and the best settings of each method where all have had as many."""
     names = list(dict.fromkeys(name for space in SPACES.values() for name in space))
     head = ("task", "method", "trial", "loss", *(f"loss_{seed}" for seed in SEEDS), "seconds")
     best: dict[str, dict[str, dict[str, Any]]] = {}
@@ -140,8 +161,9 @@ def write(studies: Mapping[tuple[str, str], optuna.Study]) -> None:
             if finished(study):
                 best.setdefault(task, {})[method] = study.best_params
     if len({len(finished(study)) for study in studies.values()}) > 1:
-        print("tuned.yaml stays as it is until all methods have had as many trials.")
         return
+    for own in best.values():
+        own |= {other: own[method] for other, method in SHARED.items() if method in own}
     comment = next(line for line in TUNED.read_text().splitlines() if line.startswith("#"))
     TUNED.write_text(f"{comment}\n{yaml.safe_dump(best, sort_keys=False)}")
 
@@ -149,29 +171,20 @@ def write(studies: Mapping[tuple[str, str], optuna.Study]) -> None:
 def main() -> None:
     """Runs the trials that the arguments name."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("folder", type=Path, help="folder of the journal")
-    parser.add_argument("--trials", type=int, default=12, help="of each method on each task")
-    parser.add_argument("--methods", nargs="+", choices=SPACES, default=METHOD.choices)
+    parser.add_argument("--trials", type=int, default=8, help="of each method on each task")
+    parser.add_argument("--methods", nargs="+", choices=SPACES, default=list(SPACES))
     arguments = parser.parse_args()
     silence_mujoco()
     torch.set_num_threads(1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    backend = optuna.storages.journal.JournalFileBackend(str(arguments.folder / "journal.log"))
-    storage = optuna.storages.JournalStorage(backend)
-    studies = {
-        (task, method): optuna.create_study(
-            storage=storage, study_name=f"{task} {method}", load_if_exists=True
-        )
-        for task, method in itertools.product(TASKS, SPACES)
-    }
+    studies = begun()
     for count in range(arguments.trials):
         for (task, method), study in studies.items():
             if method in arguments.methods and len(finished(study)) <= count:
                 try_one(study, method, task)
+                write(studies)
                 done = finished(study)[-1]
                 print(f"{task} {method} {count + 1}: {done.value:.3f} {done.params}", flush=True)
-    write(studies)
 
 
 if __name__ == "__main__":

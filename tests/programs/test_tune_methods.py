@@ -39,7 +39,7 @@ def tuner(tmp_path, monkeypatch):
         monkeypatch.setattr(module, name, value)
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["tune_methods", str(tmp_path / "journal"), *arguments])
+        monkeypatch.setattr(sys, "argv", ["tune_methods", *arguments])
         module.main()
         return list(csv.DictReader(module.PAGE.open()))
 
