@@ -21,6 +21,7 @@ from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import measure
+from vgps_ros.search.plato import Lessons, plato
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import adapted_weighted_dagger, weighted_dagger
@@ -54,6 +55,7 @@ METHODS = {
     "adapted_weighted_dagger": Method(adapted_weighted_dagger, Imitation),
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
+    "plato": Method(plato, Lessons),
 }
 
 

@@ -6,13 +6,14 @@ plans the robot follows
 
     u = ū_t + K_t (x ⊖ x̄_t),
 
-so that a plan which comes late is made up for by its gains. The next plan improves the cheaper of
-two motions on the true dynamics from the new state: the old plan, followed with its gains and
-continued by the tail; and the tail alone, which brings back a robot that the plan has lost. The
-tail is the learned policy's motion, or no torques where there is no policy.
+so that a plan which comes late is made up for by its gains. The next plan improves the cheapest of
+some motions on the true dynamics from the new state: the old plan, followed with its gains and
+continued by the tail; another motion with gains, where one is known; and the tail alone, which
+brings back a robot that the plan has lost. The tail is the learned policy's motion, or no torques
+where there is no policy.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -132,20 +133,22 @@ class Planner:
         step: int,
         policy: GaussianPolicy | None = None,
         is_cancelled: Callable[[], bool] = lambda: False,
+        known: Sequence[Plan] = (),
     ) -> Plan:
         """Returns a plan from a newer state, warm-started by an older plan.
 
         Args:
-            plan: the older plan.
+            plan: the older plan, which may be longer than the new one.
             state: x, shape (n_x,).
             step: control step of the state, not before the plan's start.
             policy: π_θ, which continues the plan.
             is_cancelled: asked between the parts of the iteration; true ends it.
+            known: other plans, of any length, that may be better to begin with.
 
         Raises:
             InvalidInputError: the state is from before the plan.
-            DivergenceError: both motions that may be improved diverge, or Quu is indefinite around
-                the cheaper one.
+            DivergenceError: all motions that may be improved diverge, or Quu is indefinite around
+                the cheapest one.
         """
         if step < plan.start:
             raise InvalidInputError(
@@ -153,7 +156,8 @@ class Planner:
                 f"which begins at step {plan.start}."
             )
         cost = self._cost(step, policy)
-        motions = [self._continued(plan, state, step, policy), self._tail(state, policy)]
+        motions = [self._continued(old, state, step, policy) for old in (plan, *known)]
+        motions.append(self._tail(state, policy))
         costs = [float(np.sum(cost.values(motion))) for motion in motions]
         # A motion that diverges costs NaN.
         best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
@@ -175,12 +179,13 @@ class Planner:
         self, plan: Plan, state: Array, step: int, policy: GaussianPolicy | None
     ) -> Trajectory:
         """Returns the old plan's motion from the state, continued by the tail."""
-        passed = min(step - plan.start, self.steps)
-        x, u = plan.trajectory.states[passed:], plan.trajectory.controls[passed:]
-        gains = np.ascontiguousarray(plan.gains[passed:])
+        passed = min(step - plan.start, len(plan.gains))
+        end = passed + self.steps
+        x, u = plan.trajectory.states[passed : end + 1], plan.trajectory.controls[passed:end]
+        gains = np.ascontiguousarray(plan.gains[passed:end])
         nominal = Trajectory(np.ascontiguousarray(x), np.ascontiguousarray(u))
         (kept,) = self._task.dynamics.follow_each(state, [nominal], gains)
-        tail = self._tail(kept.states[-1], policy, passed)
+        tail = self._tail(kept.states[-1], policy, self.steps - len(u))
         return Trajectory(
             np.concatenate([kept.states, tail.states[1:]]),
             np.concatenate([kept.controls, tail.controls]),

@@ -23,7 +23,7 @@ METHOD = Setting(
     "policy search method",
     choices=(
         *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
-        *("cost_weighted", "cost_weighted_1000"),
+        *("cost_weighted", "cost_weighted_1000", "plato"),
     ),
 )
 
@@ -63,6 +63,33 @@ class GpsSettings:
     )
     lowest_regularization: float = setting(
         1e-6, "smallest w_r, reached where iterations succeed", minimum=1e-12, maximum=1e6
+    )
+
+
+@dataclass(frozen=True)
+class TeacherSettings:
+    """Settings of the model predictive control that teaches the policy of plato."""
+
+    horizon: float = setting(
+        1.5,
+        "length of a plan, or the task's horizon if that is shorter [s]",
+        minimum=1e-3,
+        maximum=1e3,
+    )
+    plan_every: int = setting(
+        5, "control steps between two plans of a rollout", minimum=1, maximum=1000
+    )
+    policy_weight: float = setting(
+        0.1,
+        "weight w of the policy in the cost of a plan, c - w log pi_theta",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    noise: float = setting(
+        0.1,
+        "factor on the standard deviation of pi_G's noise that the teacher drives with",
+        minimum=0.0,
+        maximum=1.0,
     )
 
 
@@ -147,6 +174,7 @@ class SearchSettings:
     disturb: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
+    teacher: TeacherSettings = field(default_factory=TeacherSettings)
 
     def __post_init__(self) -> None:
         """Checks alpha's schedule, for which ranges of single values are not enough."""
