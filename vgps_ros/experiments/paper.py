@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.search.settings import METHOD, SearchSettings, search_settings
+from vgps_ros.search.settings import OF_PAPER, SearchSettings, search_settings
 from vgps_ros.storage.plain_yaml import read_yaml
 
 if TYPE_CHECKING:  # it imports the simulator, which the names of the curves do without
     from vgps_ros.tasks import Task
 
 RISING = "vgps_rising"
-CURVES = (*(METHOD.choices or ()), RISING)
+CURVES = (*OF_PAPER, RISING)
 TUNED = Path(__file__).with_name("tuned.yaml")
 
 # Of every task: fits and q-steps do not end as they converge, the region of the fit shrinks with α,

@@ -17,15 +17,12 @@ from vgps_ros.tasks.disturbance import DisturbanceSettings
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
 
-METHOD = Setting(
-    "method",
-    "vgps",
-    "policy search method",
-    choices=(
-        *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
-        *("cost_weighted", "cost_weighted_1000", "plato"),
-    ),
+# The methods that the paper compares, in section 6.
+OF_PAPER = (
+    *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
+    *("cost_weighted", "cost_weighted_1000"),
 )
+METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "plato"))
 
 # The paper's schedule of α: its values, and the iterations in which they are reached.
 PAPER = ((1.0, 0.1), (0, 50))

@@ -12,9 +12,9 @@ from vgps_ros.search.robustness import ENOUGH, KINDS
 
 _Z = 1.96  # standard deviations of an interval of 95 %
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
-_LINES = ("-", "--", ":", "-.")
-_MARKERS = ("o", "s", "^", "D")
-_COLOURS = ("#1f5fbf", "black", "tab:orange", "tab:green")
+_LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
+_MARKERS = ("o", "s", "^", "D", "v")
+_COLOURS = ("#1f5fbf", "black", "tab:orange", "tab:green", "tab:red")
 
 
 def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Figure:
