@@ -15,3 +15,4 @@ if ! python -m pip install --progress-bar off --no-input -r requirements/docs.tx
 fi
 NO_MKDOCS_2_WARNING=1 python -m mkdocs build --strict --quiet
 printf 'site: open %s\n' "$root/build/site/index.html"
+printf 'site: its search needs a server: python3 -m http.server --bind 127.0.0.1 --directory %s\n' "$root/build/site"

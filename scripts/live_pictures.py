@@ -11,12 +11,15 @@ The quadruped is driven by `mpc` in lock-step, so that it walks on a slow machin
 import os
 import subprocess
 import sys
+import time
+import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from tests.browser import opened
+from tests.browser import PATIENCE, opened
 
 NODES = {
     "simulation": ("task:=quadruped", "start_paused:=true"),
@@ -24,6 +27,7 @@ NODES = {
     "live": ("port:=18088",),
 }
 SIZE = 1000, 640
+ADDRESS = "http://127.0.0.1:18088"
 
 
 def main(folder: Path) -> None:
@@ -36,8 +40,8 @@ def main(folder: Path) -> None:
         processes.append(subprocess.Popen(command, env=environment))
     try:
         with opened("about:blank", *SIZE) as page:
-            page.wait_for_timeout(8_000)
-            page.goto("http://127.0.0.1:18088")
+            wait_for(ADDRESS)
+            page.goto(ADDRESS)
             page.get_by_text("paused 0.00 s").wait_for()
             page.get_by_text("velocity/x").first.wait_for()
             page.get_by_text("Software WebGL").locator("xpath=../..").get_by_role("button").click()
@@ -58,6 +62,16 @@ def main(folder: Path) -> None:
         for process in processes:
             process.terminate()
             process.wait()
+
+
+def wait_for(address: str) -> None:
+    """Returns once the address answers."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        with suppress(OSError):
+            return urllib.request.urlopen(address, timeout=5).close()
+        time.sleep(0.5)
+    sys.exit(f"{address} does not answer; the nodes' output is above.")
 
 
 def take(page: object, path: Path) -> None:

@@ -59,6 +59,18 @@ def test_bytes_that_look_like_a_chunk_hide_none_that_begins_within_them(bag, bef
     assert places[20].begin in [place.begin for place in scan(file).places]
 
 
+@pytest.mark.parametrize("behind", range(10))
+def test_a_chunk_is_found_wherever_a_searched_block_ends(bag, monkeypatch, behind):
+    [file] = storage_files(bag)
+    places = scan(file).places
+    data = bytearray(file.read_bytes())
+    data[(places[19].begin + places[19].end) // 2] ^= 1
+    file.write_bytes(data)
+    distance = places[20].begin + behind - places[18].end  # from where the search begins
+    monkeypatch.setattr("vgps_ros.bags.scan._BLOCK", distance)
+    assert scan(file).places == places[:19] + places[20:]
+
+
 def test_a_bag_whose_file_is_missing_is_not_whole(bag):
     shutil.copy(bag / "bag_0.mcap", bag / "bag_1.mcap")
     (bag / "bag_0.mcap").unlink()

@@ -167,6 +167,19 @@ def test_density_of_a_control_is_that_of_the_local_policy(random_distribution, r
         assert_allclose(found[s, t], expected, rtol=1e-9)
 
 
+def test_marginals_of_which_rounding_leaves_nothing_are_named_with_the_step():
+    """Gains of 10⁹ that read directions in which the state hardly varies: 0 · 10¹⁸."""
+    rng = np.random.default_rng(0)
+    varied, *others = np.linalg.qr(rng.standard_normal((5, 5)))[0]
+    f_x = np.array([np.outer(varied, np.eye(5)[0]), np.zeros((5, 5))])
+    gains = np.array([np.zeros((5, 5)), 1e9 * rng.standard_normal((5, 4)) @ others])
+    linear = LinearDynamics(f_x, np.tile(np.eye(5), (2, 1, 1)))
+    noise = np.array([np.zeros((5, 5)), 100.0 * np.eye(5)])
+    start = Spread(np.eye(5)[0], np.zeros(5), np.full(5, np.inf))
+    with pytest.raises(DivergenceError, match=r"rounding at step 2 of 2: the gains reach 1e\+09"):
+        state_covariances(linear, gains, noise, start)
+
+
 def test_marginals_that_explode_are_named_with_the_step():
     """Σ_t = 0.1² · 4^t passes the bound of 10⁶ in the 24th step."""
     linear = LinearDynamics(np.tile(2 * np.eye(2), (200, 1, 1)), np.zeros((200, 2, 1)))

@@ -5,11 +5,17 @@ import importlib.util
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
+
+from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.task_file import read_task_file
 
 ROOT = Path(__file__).parents[2]
 AT_THE_TOP = ("README", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY")
@@ -44,6 +50,22 @@ def test_every_path_link_and_command_of_a_page_exists(page):
         assert any((ROOT / "vgps_ros" / f / f"{name}.py").is_file() for f in folders), command
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
     assert set(re.findall(r"^make ([\w-]+)", fenced(text), re.M)) <= set(targets)
+
+
+KEY = re.compile(r"`((?:changes|lookahead|marginals|begin|optimizer|search): [^`]+)`")
+
+
+@pytest.mark.parametrize("page", ["tuning", "your_own_robot"])
+def test_what_a_page_advises_for_a_task_file_may_stand_in_one(page, tmp_path):
+    shutil.copytree(ROOT / "vgps_ros" / "tasks" / "hopper", tmp_path, dirs_exist_ok=True)
+    whole = read_yaml((tmp_path / "task.yaml").read_text(), "the hopper's task")
+    advice = KEY.findall((ROOT / "docs" / f"{page}.md").read_text())
+    assert len(advice) >= 5
+    for each in advice:
+        (tmp_path / "task.yaml").write_text(yaml.safe_dump(whole | read_yaml(each, each)))
+        read_task_file(tmp_path)
+        if not each.startswith("changes"):  # which name what other models lack
+            make_task(str(tmp_path))
 
 
 def test_the_readme_is_short_and_its_picture_is_small():

@@ -51,6 +51,15 @@ def ends_with(capsys, *words):
     return f"{stop.value} {capsys.readouterr().err}"
 
 
+@pytest.mark.parametrize(("hard", "is_softened"), [('solimplimit="0 0.8 0.03"', False), ("", True)])
+def test_the_first_file_softens_limits_whose_force_jumps(folder, hard, is_softened):
+    limited = PENDULUM.replace('name="hinge"', f'name="hinge" limited="true" range="-1 1" {hard}')
+    (folder / "robot.xml").write_text(limited)
+    main(["new", "mine", "--model", "robot.xml"])
+    assert ("solimp_limit" in (folder / "mine" / "task.yaml").read_text()) == is_softened
+    assert make_task(str(folder / "mine")).dynamics.model.joint("hinge").solimp[0] == 0.0
+
+
 @pytest.mark.parametrize("robot", [PENDULUM, HOPPER, EVERYTHING], ids=["fixed", "planar", "free"])
 def test_the_first_file_of_any_robot_makes_a_task_whose_cost_ddp_lowers(robot, folder, capsys):
     (folder / "robot.xml").write_text(robot)

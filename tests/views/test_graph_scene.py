@@ -84,6 +84,16 @@ def column(chunks, component: str):
     return [row for row in rows if row is not None]
 
 
+def views(path):
+    """Returns the names of the views in the layout with which a recording ends."""
+    reader = RrdReader(path)
+    # The first layout, which holds where the recorder is killed, has all views.
+    layouts = [list(reader.stream(store=store)) for store in reader.blueprints()]
+    names = [column([c for c in layout if "/view/" in str(c.entity_path)], "display_name")
+             for layout in layouts]  # fmt: skip
+    return [name for [name] in min(names, key=len)]
+
+
 def test_every_kind_of_geometry_is_drawn_and_moves(recorded):
     recorded.scene.show("/mjcf_description", String(data=BOX))
     for i in range(3):
@@ -201,6 +211,9 @@ def test_a_plan_is_drawn_where_it_leads_and_one_of_another_robot_is_left_out(rec
     ((strip,),) = column(chunks["/world/plan"], "strips")
     assert np.shape(strip) == (6, 3)
     assert column(chunks["/plan/cost"], "scalars") == [[2.5]]
+    found = views(recorded.path)
+    assert any("plans" in name for name in found)
+    assert "learning curve" not in found
 
 
 @pytest.mark.parametrize(
@@ -247,6 +260,23 @@ def test_a_learning_curve_shows_at_every_time(recorded, last):
     [[blob]] = column([chunk], "blob")
     with Image.open(io.BytesIO(bytes(blob))) as picture:
         assert picture.size[0] > 600
+
+
+def test_a_recording_without_a_training_has_no_view_of_learning(recorded, swimmer):
+    recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
+    recorded.close()
+    assert not any(
+        "learning" in name or "plans" in name or "bound" in name for name in views(recorded.path)
+    )
+
+
+def test_a_training_has_its_views_and_a_planner_has_its_own(recorded, swimmer):
+    recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
+    recorded.scene.show("learning_progress", progress(1, 1))
+    recorded.close()
+    found = views(recorded.path)
+    assert "learning curve" in found
+    assert not any("plans" in name for name in found)
 
 
 def test_time_begins_at_0_and_dates_are_those_of_the_stamps(recorded):

@@ -4,6 +4,7 @@
 import dataclasses
 import itertools
 import os
+import re
 import subprocess
 import sys
 from ctypes.util import find_library
@@ -220,6 +221,14 @@ def test_a_filmstrip_shows_the_robot_as_it_moves(run):
     for frame, after in itertools.pairwise(pictures):
         assert frame.std() > 5.0  # something is there
         assert np.any(frame != after)
+
+
+@needs_egl
+def test_a_robot_whose_model_has_no_light_is_seen(swimmer):
+    dark = re.sub("<light[^>]*/>", "", swimmer.mjcf)
+    assert "<light" not in dark
+    picture = next(frames(dark, swimmer.initial_state[None], 60, 80))
+    assert picture.mean() > 100.0  # of 255
 
 
 @needs_egl

@@ -7,12 +7,13 @@ hit.
 """
 
 import mmap
-import re
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer
 
@@ -29,7 +30,7 @@ from vgps_ros.bags.mcap_bytes import (
 )
 
 _RUN = 2**20  # messages outside chunks are taken together up to this size [bytes]
-_CANDIDATE = re.compile(rb"[\x06\x09](?=.{5}\x00\x00\x00)", re.DOTALL)  # a chunk or an attachment
+_BLOCK = 2**18  # searched at once for the beginning of a record; more does not stay in the cache
 
 
 def scan(path: Path) -> Content:
@@ -148,8 +149,7 @@ class _Scan:
 
     def _next(self, at: int) -> int:
         """Returns where the next whole chunk or attachment begins, or the end of the file."""
-        for candidate in _CANDIDATE.finditer(self._data, at):
-            begin = candidate.start()
+        for begin in _candidates(self._data, at):
             try:
                 kind, end = self._head(begin, len(self._data))
                 body = self._data[begin + HEAD.size : end]
@@ -186,3 +186,14 @@ class _Scan:
             content.is_complete = False
         else:  # the damage before it, which the scan may not have got past, is told by the index
             content.is_complete |= bool(content.indexes)
+
+
+def _candidates(data: mmap.mmap, at: int) -> Iterator[int]:
+    """Yields the places from `at` on where a chunk or an attachment of less than a TB may begin."""
+    for begin in range(at, len(data), _BLOCK):
+        block = np.frombuffer(data[begin : begin + _BLOCK + HEAD.size - 1], np.uint8)
+        kinds = block[: 1 - HEAD.size]
+        found = np.flatnonzero((kinds == Opcode.CHUNK) | (kinds == Opcode.ATTACHMENT))
+        for byte in range(HEAD.size - 3, HEAD.size):  # the highest of its length
+            found = found[block[found + byte] == 0]
+        yield from (begin + found).tolist()

@@ -14,7 +14,7 @@ from vgps_ros.core.arrays import Array, arrays_of, declared_shapes
 from vgps_ros.core.errors import InvalidInputError
 
 # Tolerance relative to a covariance's largest entry: inverses of badly scaled matrices err so far.
-_ROUNDING = 1e-3
+LARGEST_ROUNDING = 1e-3
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -73,8 +73,8 @@ def check_covariances(name: str, covariances: Array) -> None:
     skew = np.abs(scaled - scaled.transpose(0, 2, 1)).max(axis=(1, 2))
     smallest = np.linalg.eigvalsh(scaled)[:, 0]
     for wrong, what in (
-        (skew > _ROUNDING, "symmetric"),
-        (smallest < -_ROUNDING, "positive semidefinite"),
+        (skew > LARGEST_ROUNDING, "symmetric"),
+        (smallest < -LARGEST_ROUNDING, "positive semidefinite"),
     ):
         if wrong.any():
             raise InvalidInputError(

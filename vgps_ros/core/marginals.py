@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgps_ros.core.checks import LARGEST_ROUNDING
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
@@ -88,7 +89,7 @@ def state_covariances(
     """Returns Σ_1 … Σ_{T+1}, shape (T+1, n_dx, n_dx), by the recursion of section 4.
 
     Raises:
-        DivergenceError: a standard deviation passes STD_BOUND.
+        DivergenceError: a standard deviation passes STD_BOUND, or rounding has the upper hand.
     """
     horizon, n_dx, _ = linear.f_x.shape
     sigma_f = np.diag(spread.dynamics_std**2)
@@ -110,6 +111,7 @@ def state_covariances(
                 "std_limit, or shorten its horizon.",
                 "exploding_marginals",
             )
+    _check_rounding(sigma, gains)
     return sigma
 
 
@@ -179,6 +181,22 @@ def _in_pairs(roots: Array, count: int, rng: np.random.Generator) -> Array:
     noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
     deviations = _applied(roots, noise)
     return np.concatenate([deviations, -deviations])[:count]
+
+
+def _check_rounding(sigma: Array, gains: Array) -> None:
+    """Checks that enormous gains, which cancel enormous derivatives, leave some digits."""
+    skew = np.abs(sigma - sigma.transpose(0, 2, 1)).max(axis=(1, 2))
+    lost = skew > LARGEST_ROUNDING * np.abs(sigma).max(axis=(1, 2))
+    if lost.any():
+        step = int(np.argmax(lost))
+        raise DivergenceError(
+            f"The marginals are lost in rounding at step {step} of {len(gains)}: the gains reach "
+            f"{np.abs(gains[:step]).max():.0e} there, since a derivative jumps, as at a joint's "
+            'limit or in contact. Let forces begin softly (changes: {joints: {"*": {solref_limit: '
+            "[0.04, 1], solimp_limit: [0, 0.95, 0.1, 0.5, 2]}}}, and geoms likewise), or raise "
+            "ddp.regularization_floor.",
+            "exploding_marginals",
+        )
 
 
 def _capped(sigma: Array, limit: Array) -> Array:

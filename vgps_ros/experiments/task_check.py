@@ -65,7 +65,7 @@ def check_task(
     if not (np.isfinite(first.states).all() and np.isfinite(found.costs[0])):
         found.troubles.append(
             "The first rollout diverges: begin with smaller controls (begin: std), add damping "
-            "(changes: joints), or choose a shorter time step."
+            '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
         )
         return found
     linear, _ = task.dynamics.linearize(first)
@@ -134,8 +134,8 @@ def _too_hard(errors: list[float]) -> list[str]:
         return []
     return [
         f"The derivatives are off by {100 * error:.0f} % in a tenth of the steps: contact is too "
-        'hard; soften it (changes: geoms: {"*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, '
-        "2]}})."
+        'hard; soften it (changes: {geoms: {"*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, '
+        "2]}}})."
     ]
 
 

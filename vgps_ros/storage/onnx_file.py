@@ -18,7 +18,7 @@ from vgps_ros.core.records import Array
 NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
 _MOST_NODES = 10_000
-_DOMAINS = ("", "ai.onnx")
+DOMAINS = ("", "ai.onnx")
 
 
 def package(name: str) -> Any:
@@ -74,7 +74,9 @@ def parsed(content: bytes, name: str) -> Any:
     """
     onnx = package("onnx")
     if len(content) > LARGEST:
-        raise InvalidInputError(f"{name} is larger than {LARGEST / 1e6:.0f} MB.")
+        raise InvalidInputError(
+            f"{name} is larger than {LARGEST / 1e6:.0f} MB; use a smaller network."
+        )
     try:
         model = onnx.load_model_from_string(content)
     except Exception as error:  # of protobuf, whose classes differ between its implementations
@@ -84,23 +86,26 @@ def parsed(content: bytes, name: str) -> Any:
         ) from error
     graph = model.graph
     if not (graph.node and graph.input and graph.output):
-        raise InvalidInputError(f"{name} has no graph with nodes, inputs and outputs.")
+        raise InvalidInputError(
+            f"{name} has no graph with nodes, inputs and outputs; export it anew."
+        )
     if len(graph.node) > _MOST_NODES:
         raise InvalidInputError(
-            f"{name} has {len(graph.node)} nodes, but a policy may have at most {_MOST_NODES}."
+            f"{name} has {len(graph.node)} nodes, but a policy may have at most {_MOST_NODES}: "
+            "use a smaller network."
         )
     if model.functions:
         raise InvalidInputError(f"{name} has local functions; export it with them inlined.")
     for node in graph.node:
-        if node.domain not in _DOMAINS:
+        if node.domain not in DOMAINS:
             raise InvalidInputError(
                 f"{name} has the operator {quoted(node.op_type)} of {quoted(node.domain)}, but a "
-                "policy may use the operators of ONNX alone."
+                "policy may use the operators of ONNX alone; export it with these."
             )
         if any(a.HasField("g") or a.graphs for a in node.attribute):
             raise InvalidInputError(
                 f"{name} has a node {quoted(node.op_type)} with a graph of its own, but a policy "
-                "must be without loops and branches."
+                "must be without loops and branches; export it with them unrolled."
             )
     external = onnx.TensorProto.EXTERNAL
     for tensor in _tensors(graph):
@@ -141,6 +146,11 @@ def numbers_of(metadata: dict[str, str], key: str, default: float, count: int, n
     """
     words = metadata.get(key, str(default)).split(",")
     values = words * count if len(words) == 1 else words
+    if len(values) != count:
+        raise InvalidInputError(
+            f"The metadata {key!r} of {name} has {len(values)} values, but 'joint_names' has "
+            f"{count} joints; give a value for each of them, or one for all."
+        )
     return finite_array(f"the metadata {key!r} of {name}", values, (count,))
 
 

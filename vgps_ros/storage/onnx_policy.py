@@ -25,7 +25,15 @@ import numpy as np
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.storage.onnx_file import metadata_of, names_of, numbers_of, package, parsed
+from vgps_ros.storage.onnx_file import (
+    DOMAINS,
+    metadata_of,
+    names_of,
+    numbers_of,
+    package,
+    parsed,
+)
+from vgps_ros.storage.onnx_graph import IR_VERSION, OPSET
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _LONGEST = 5.0  # time for one observation, at the first time [s]
@@ -55,7 +63,7 @@ class OnnxPolicy:
     """
 
     def __init__(self, content: bytes, name: str, joints: Sequence[str]):
-        metadata = metadata_of(parsed(content, name))
+        metadata = metadata_of(model := parsed(content, name))
         self.content, self.task = content, metadata.get("task", "")
         self._name = name
         driven = names_of(metadata, "joint_names", name)
@@ -80,7 +88,8 @@ class OnnxPolicy:
         self._count = len(read)
         felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
         self.observed = (*read, *felt) if self._stiffness.any() else read
-        self._session, self._input, self._output = _session(content, name, self._count)
+        self._versions = _versions(model)
+        self._session, self._input, self._output = self._opened()
         self._kind = _KINDS[self._input.type]
         is_single = isinstance(self._input.shape[0], int) or len(self._input.shape) == 1
         self._most = 1 if is_single else None  # rows at once
@@ -106,6 +115,53 @@ class OnnxPolicy:
         ordered: Array = torques[:, self._order]
         return ordered.reshape(*inputs.shape[:-1], self.control_dim)
 
+    def _opened(self) -> tuple[Any, Any, Any]:
+        """Returns a session of onnxruntime, its input and its output.
+
+        Raises:
+            InvalidInputError: onnxruntime refuses the model, or its input does not fit.
+        """
+        runtime, name, count = _runtime(), self._name, self._count
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        # No graph is rewritten, so that all versions do the same operations in the same order.
+        options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
+        options.log_severity_level = 4
+        options.add_session_config_entry("session.use_env_allocators", "1")
+        try:
+            session = runtime.InferenceSession(
+                self.content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+            )
+        except Exception as error:  # of onnxruntime, see _outputs
+            raise self._refused(error) from error
+        given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
+        if len(given) != 1:
+            raise InvalidInputError(
+                f"{name} has the inputs {', '.join(i.name for i in given)}, but it must have one, "
+                "the observation; a network with a memory or a clock cannot be executed: export "
+                "one without."
+            )
+        (read,) = given
+        if read.type not in _KINDS or len(read.shape) not in (1, 2):
+            raise InvalidInputError(
+                f"{name} reads a {read.type} of shape {read.shape}, but it must read floats of "
+                f"shape [batch, {count}]; export it with such an input."
+            )
+        if read.shape[-1] != count and isinstance(read.shape[-1], int):
+            raise InvalidInputError(
+                f"{name} reads {read.shape[-1]} numbers, but its metadata 'observation_names' "
+                f"names {count}; name each number that it reads, in their order."
+            )
+        return session, read, outputs.get("actions", session.get_outputs()[0])
+
+    def _refused(self, error: Exception) -> InvalidInputError:
+        """Returns what onnxruntime says of the network, and what to do."""
+        return InvalidInputError(
+            f"{self._name} ({self._versions}) cannot be executed: {_sentence(error)} Export it "
+            f"anew, with opset {OPSET} and IR version {IR_VERSION} if these are the reason, and "
+            "try it with onnxruntime alone."
+        )
+
     def _outputs(self, rows: Array, options: Any = None) -> Array:
         """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
         given = rows.astype(self._kind).reshape(-1) if len(self._input.shape) == 1 else rows
@@ -114,16 +170,14 @@ class OnnxPolicy:
                 [self._output.name], {self._input.name: given.astype(self._kind)}, options
             )
         except Exception as error:  # of onnxruntime, which has no common class for its errors
-            raise InvalidInputError(
-                f"{self._name} cannot be executed: {_sentence(error)}"
-            ) from error
+            raise self._refused(error) from error
         return np.asarray(found, dtype=float)
 
     def _check(self, actions: Array) -> None:
         if actions.size != self.control_dim:
             raise InvalidInputError(
                 f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
-                f"{self.control_dim} joints."
+                f"{self.control_dim} joints; name one joint for each action."
             )
         if not np.isfinite(actions).all():
             raise InvalidInputError(
@@ -143,45 +197,6 @@ def _expanded(
         names += found
         offsets += default.tolist() if term == "joint_pos" else [0.0] * len(found)
     return tuple(names), np.array(offsets)
-
-
-def _session(content: bytes, name: str, count: int) -> tuple[Any, Any, Any]:
-    """Returns a session of onnxruntime, its input and its output.
-
-    Raises:
-        InvalidInputError: onnxruntime refuses the model, or it has no input of `count` numbers.
-    """
-    runtime = _runtime()
-    options = runtime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # No graph is rewritten, so that all versions do the same operations in the same order.
-    options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
-    options.log_severity_level = 4
-    options.add_session_config_entry("session.use_env_allocators", "1")
-    try:
-        session = runtime.InferenceSession(
-            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
-    except Exception as error:  # see above
-        raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
-    given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
-    if len(given) != 1:
-        raise InvalidInputError(
-            f"{name} has the inputs {', '.join(i.name for i in given)}, but it must have one, the "
-            "observation; a network with a memory or a clock cannot be executed."
-        )
-    (read,) = given
-    if read.type not in _KINDS or len(read.shape) not in (1, 2):
-        raise InvalidInputError(
-            f"{name} reads a {read.type} of shape {read.shape}, but it must read floats of shape "
-            f"[batch, {count}]."
-        )
-    if read.shape[-1] != count and isinstance(read.shape[-1], int):
-        raise InvalidInputError(
-            f"{name} reads {read.shape[-1]} numbers, but its metadata 'observation_names' names "
-            f"{count}."
-        )
-    return session, read, outputs.get("actions", session.get_outputs()[0])
 
 
 @cache
@@ -223,6 +238,12 @@ def _limited(name: str) -> Any:
     finally:
         timer.cancel()
         timer.join()
+
+
+def _versions(model: Any) -> str:
+    """Returns the versions of ONNX that a model names."""
+    opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
+    return f"opset {', '.join(opsets)}, IR version {model.ir_version}"
 
 
 def _sentence(error: Exception) -> str:

@@ -143,6 +143,11 @@ def _changes(model: mujoco.MjModel) -> list[str]:
             "  geoms:                                 # soft contact can be differentiated",
             '    "*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, 2]}',
         ]
+    if (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any():
+        lines += [
+            "  joints:                                # so can limits whose force begins softly",
+            '    "*": {solref_limit: [0.04, 1], solimp_limit: [0, 0.95, 0.1, 0.5, 2]}',
+        ]
     if not (model.body_weldid[model.geom_bodyid] == 0).any() and abs(model.opt.gravity[2]) > 0:
         lines.append("  floor: true                            # the model has none")
     if not model.nu:

@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The layout in which the Rerun viewer shows a recording of a run."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import mujoco
@@ -15,6 +15,7 @@ from vgps_ros.views.robot_shape import RobotShape
 
 _DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
 LEARNING_CURVE = "learning_curve"  # entity of the picture
+PLAN_COST, PLAN_TIME = "plan/cost", "plan/solve_time"
 _COSTS = ("stochastic_cost", "deterministic_cost", "ddp_cost", "initial_ddp_cost")
 
 
@@ -55,6 +56,7 @@ def blueprint(
     ground: rrb.LineGrid3D,
     *,
     has_base: bool = False,
+    logged: Collection[str] | None = None,
 ) -> rrb.Blueprint:
     """Returns the layout for a robot with the named hinges, its turning joints.
 
@@ -63,6 +65,8 @@ def blueprint(
         eye: from where the robot is seen.
         ground: lines on the ground.
         has_base: whether the robot has a free base, whose position is then shown too.
+        logged: entities that a complete recording holds; views of others are left out. None for a
+            recording that is still being written, which may hold all of them one day.
     """
     whole_run = rrb.VisibleTimeRanges(
         rrb.VisibleTimeRange(
@@ -71,28 +75,16 @@ def blueprint(
             end=rrb.TimeRangeBoundary.cursor_relative(),
         )
     )
-    left = rrb.Vertical(
-        rrb.Spatial3DView(
-            origin="world",
-            name="robot; centre of mass: learned (blue), initial DDP (black), plan (green)",
-            overrides={"world/centre_of_mass": [whole_run]},
-            eye_controls=eye,
-            line_grid=ground,
-        ),
-        rrb.Tabs(
-            rrb.Spatial2DView(origin=LEARNING_CURVE, name="learning curve"),
-            _series("cost by iteration", contents=[f"learning/{c}" for c in _COSTS]),
-            _series("alpha", contents=["learning/alpha"]),
-            _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
-            _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
-            _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
-            _series("policy noise [N·m]", origin="policy/noise_std"),
-            _series("modified cost of the DDP solves", origin="solves"),
-            _series("plans: cost, solve time [s]", origin="plan"),
-            name="learning",
-        ),
-        row_shares=[1, 1],
+    robot = rrb.Spatial3DView(
+        origin="world",
+        name="robot; centre of mass: learned (blue), initial DDP (black), plan (green)",
+        overrides={"world/centre_of_mass": [whole_run]},
+        eye_controls=eye,
+        line_grid=ground,
     )
+    below = [*_learning(logged), *_plans(logged)]
+    tabs = [rrb.Tabs(*below)] if below else []
+    left = rrb.Vertical(robot, *tabs, row_shares=[1] * (1 + len(tabs)))
     tubes = [
         _series(f"{name} [rad]: executed (blue) within q ± 2 sd (orange)",
                 origin=f"trajectory_distribution/{name}", legend=False)
@@ -111,6 +103,35 @@ def blueprint(
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]), panel, collapse_panels=True
     )
+
+
+def _learning(logged: Collection[str] | None) -> list[rrb.View]:
+    """Returns the views of a training, if there was one.
+
+    All but the first are blank until the reader chooses the timeline of iterations.
+    """
+    if logged is not None and LEARNING_CURVE not in logged:
+        return []
+    return [
+        rrb.Spatial2DView(origin=LEARNING_CURVE, name="learning curve"),
+        _series("cost by iteration", contents=[f"learning/{c}" for c in _COSTS]),
+        _series("alpha", contents=["learning/alpha"]),
+        _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
+        _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
+        _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
+        _series("policy noise [N·m]", origin="policy/noise_std"),
+        _series("modified cost of the DDP solves", origin="solves"),
+    ]
+
+
+def _plans(logged: Collection[str] | None) -> list[rrb.View]:
+    """Returns the views of the planner's figures, if it made plans."""
+    if logged is not None and PLAN_COST not in logged:
+        return []
+    return [
+        _series("cost of the plans", contents=[PLAN_COST], legend=False),
+        _series("solve time of the plans [s]", contents=[PLAN_TIME], legend=False),
+    ]
 
 
 def _series(name: str, *, legend: bool = True, **shown: Any) -> rrb.TimeSeriesView:

@@ -127,8 +127,8 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
 def _with_surroundings(mjcf: str) -> mujoco.MjModel:
     """Compiles an MJCF with soft light, a sky and a chequered ground."""
     spec = mujoco.MjSpec.from_string(mjcf)
-    spec.visual.headlight.ambient = [0.3, 0.3, 0.3]
-    spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    light = 0.3 if spec.lights else 0.5  # of each kind; the model's own lights add to it
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [light] * 3
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
         spec.add_texture(

@@ -111,7 +111,7 @@ class GraphScene:
             self._report(name, None)
 
     def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
-        """Draws the tubes of the last DDP solutions and the learning curve, and completes the file.
+        """Draws the last tubes and the learning curve, leaves out empty views, completes the file.
 
         Args:
             hurried: returns True once the caller cannot wait any longer for a slow disk.
@@ -121,8 +121,11 @@ class GraphScene:
         """
         if self._robot:
             self._robot.log_tubes()
-        if self._history and not hurried():
-            self._draw_learning_curve()
+        if not hurried():
+            if self._history:
+                self._draw_learning_curve()
+            if self._robot:
+                self._robot.lay_out(self.recording.logged)
         self.recording.close(hurried)
 
     @property

@@ -41,6 +41,7 @@ class Recording:
 
     Attributes:
         disk: the disk, which says what waits for it and why nothing can be written now.
+        logged: the entities to which something was logged.
 
     Raises:
         InvalidInputError: the file exists, or cannot be written.
@@ -59,6 +60,7 @@ class Recording:
                 f"The recording '{path}' cannot be written: {error}."
             ) from error
         self.disk = Disk()
+        self.logged: set[str] = set()
         self._file = DiskFile(self.disk, path)
         self._stream = rr.RecordingStream("vgps_ros", batcher_config=_BATCHES)
         # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
@@ -72,6 +74,7 @@ class Recording:
 
     def log(self, entity: str, *what: Any) -> None:
         """Adds components to an entity at the time that was set last."""
+        self.logged.add(entity)
         self._stream.log(entity, *what)
         # Rerun flushes by itself only when nothing was logged for a while. Otherwise a row of a
         # quiet entity would wait among the rows of busy ones and keep their memory in use.
@@ -81,6 +84,7 @@ class Recording:
 
     def log_static(self, entity: str, *what: Any) -> None:
         """Adds components to an entity that hold at all times."""
+        self.logged.add(entity)
         self._stream.log(entity, *what, static=True)
 
     def name_series(self, entity: str, names: Sequence[str], **style: Any) -> None:

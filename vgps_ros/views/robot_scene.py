@@ -5,6 +5,8 @@ Joint states get the same entities and timeline as from Rerun's own MCAP reader,
 recording and one made from a bag look alike.
 """
 
+from collections.abc import Collection
+
 import mujoco
 import numpy as np
 import rerun as rr
@@ -18,7 +20,7 @@ from vgps_ros.simulation.model import (
     hinge_names,
     state_names,
 )
-from vgps_ros.views.blueprint import blueprint, eye, ground
+from vgps_ros.views.blueprint import PLAN_COST, PLAN_TIME, blueprint, eye, ground
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_shape import RobotShape
@@ -78,10 +80,16 @@ class RobotScene:
         for name in self.hinge_names:
             executed = f"trajectory_distribution/{name}/executed"
             recording.name_series(executed, ["executed"], colors=[_LEARNED], widths=[2])
-        view = eye(model, self._shape), ground(model, self._shape)
-        recording.lay_out(blueprint(self.hinge_names, *view, has_base=self.states.base is not None))
+        self._view = eye(model, self._shape), ground(model, self._shape)
+        self.lay_out()
         for name, (_, picture) in self._geometries.items():
             recording.log_static(f"world/robot/{name}", picture)
+
+    def lay_out(self, logged: Collection[str] | None = None) -> None:
+        """Sets the recording's layout; `logged` is what it holds, once that is known."""
+        has_base = self.states.base is not None
+        layout = blueprint(self.hinge_names, *self._view, has_base=has_base, logged=logged)
+        self._recording.lay_out(layout)
 
     def log_state(self, stamp: int, state: Array, efforts: Array | None = None) -> None:
         """Draws the robot in a state x, shape (n_x,), at a time [ns].
@@ -129,8 +137,8 @@ class RobotScene:
         self._recording.set_time(stamp)
         line = rr.LineStrips3D([self._shape.path(states)], colors=_PLAN, radii=0.01)
         self._recording.log("world/plan", line)
-        self._recording.log("plan/cost", rr.Scalars(cost))
-        self._recording.log("plan/solve_time", rr.Scalars(solve_time))
+        self._recording.log(PLAN_COST, rr.Scalars(cost))
+        self._recording.log(PLAN_TIME, rr.Scalars(solve_time))
 
     def keep_solution(self, index: int, q: TrajectoryDistribution, time_step: float) -> None:
         """Keeps the newest q(ζ) of a trajectory index, for `log_tubes`."""
