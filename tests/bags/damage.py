@@ -166,6 +166,8 @@ def campaign(count: int, seed: int, tools: int) -> list[str]:
                 if found := try_one(original, Path(own), kind, some, rng):
                     wrong.append(f"damage {i} ({kind}): {found}")
                     print(wrong[-1], flush=True)
+            if (i + 1) % 100 == 0:
+                print(f"{i + 1} damages: {len(wrong)} went wrong.", flush=True)
     return wrong
 
 
