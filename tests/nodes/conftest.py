@@ -61,6 +61,12 @@ def may_mount() -> bool:
     return bool(shutil.which("unshare")) and not subprocess.run(command, check=False).returncode
 
 
+def private_memory(pid: int) -> float:
+    """Returns the memory that a process shares with nobody [MB]."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
+
+
 def executed(policy: GaussianPolicy, inputs: Array) -> Array:
     """Returns the torques without noise of an executor, (n_u,), for inputs (n_o,)."""
     return ExecutedPolicy(policy).mean(inputs)
