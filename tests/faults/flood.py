@@ -5,7 +5,7 @@
 
 Each minute it asks the recorder a question, which must be answered, and prints each node's memory.
 The recorder begins a new file often, and those that are closed are removed, as its disk would be
-full otherwise.
+full otherwise. What it keeps of each chunk, for the end of the bag, is no growth.
 """
 
 import argparse
@@ -26,10 +26,12 @@ from tests.nodes.conftest import Graph, open_graph, private_memory
 NODES = ("simulation", "policy_executor", "recorder", "visualizer")
 ANSWERED = 20.0  # in which the recorder answers a question amid the flood [s]
 FILE = 500.0  # size of the recorder's files [MB]
+INDEX = 165e-6  # that the recorder keeps of each chunk, of which a message has one at most [MB]
 
 
 def flood(folder: Path, minutes: float) -> list[str]:
     """Floods the graph; returns what is wrong, in sentences."""
+    # Times [s] with the memory that counts, and all of the memory [MB].
     samples: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
     wrong = []
     with open_graph(folder) as graph:
@@ -42,24 +44,27 @@ def flood(folder: Path, minutes: float) -> list[str]:
             graph.diagnosis(name, DiagnosticStatus.OK)
         command = [sys.executable, "-m", "tests.faults.strangers", "flood", str(60.0 * minutes)]
         strangers = graph.start_command("strangers", command)
-        began, minute = time.monotonic(), 0
-        print("minute", *(f"{name} [MB]" for name in NODES), "answer [s]", sep="\t")
+        began, minute, recorded = time.monotonic(), 0, 0
+        print("minute", *(f"{name} [MB]" for name in NODES), "recorded", "answer [s]", sep="\t")
         while strangers.running:
             graph.spin_for(PERIOD)
             now = time.monotonic()
             for name, process in processes.items():
                 if not process.running:
                     return [f"{name} ended: {process.output}"]
-                samples[name].append((now, private_memory(process.pid), 0.0))
+                memory = private_memory(process.pid)
+                kept = INDEX * recorded if name == "recorder" else 0.0
+                samples[name].append((now, memory - kept, memory))
             for file in _closed(folder / "bag"):
                 file.unlink()
             if now - began > 60.0 * minute:
-                memory = (f"{samples[name][-1][1]:.0f}" for name in NODES)
-                print(minute, *memory, f"{_answered(graph):.2f}", sep="\t", flush=True)
+                recorded = _recorded(graph)
+                row = [f"{samples[name][-1][2]:.0f}" for name in NODES]
+                print(minute, *row, recorded, f"{_answered(graph):.2f}", sep="\t", flush=True)
                 minute += 1
         print(strangers.output, end="")
     for name in NODES:
-        memory = np.array(samples[name])[:, 1]
+        memory = np.array(samples[name])[:, 2]
         rate = growth_rates(samples[name]).get("memory [MB/min]", 0.0)
         print(f"{name}: {rate:+.2f} MB/min, {memory.max() - memory[0]:.0f} MB above its beginning")
         if rate > FLAT["memory [MB/min]"] or memory.max() - memory[0] > GROWTH:
@@ -70,6 +75,12 @@ def flood(folder: Path, minutes: float) -> list[str]:
 def _closed(bag: Path) -> list[Path]:
     """Returns the files of a bag that its recorder has closed."""
     return sorted(bag.glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)[:-1]
+
+
+def _recorded(graph: Graph) -> int:
+    """Returns how many messages the recorder has taken so far."""
+    status = graph.diagnosis("recorder", None, timeout=ANSWERED)
+    return next(int(value.value) for value in status.values if value.key == "messages")
 
 
 def _answered(graph: Graph) -> float:
