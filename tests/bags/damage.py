@@ -126,7 +126,9 @@ def run(tool: str, bag: Path) -> str:
             vgps(words)
         except SystemExit as stop:
             code = stop.code or 0
-        except BaseException as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # also a panic of Rerun's
             return f"{type(error).__name__}: {error!s:.200}"
     if time.process_time() - began > MOST_SECONDS:
         return f"it took {time.process_time() - began:.0f} s of the processor"
