@@ -25,6 +25,7 @@ from tests.nodes.conftest import Graph, open_graph, private_memory
 
 NODES = ("simulation", "policy_executor", "recorder", "visualizer")
 ANSWERED = 20.0  # in which the recorder answers a question amid the flood [s]
+FILLING = 180.0  # in which what may wait in each node fills, beside the soak's warming up [s]
 FILE = 500.0  # size of the recorder's files [MB]
 INDEX = 165e-6  # that the recorder keeps of each chunk, of which a message has one at most [MB]
 
@@ -65,7 +66,8 @@ def flood(folder: Path, minutes: float) -> list[str]:
         print(strangers.output, end="")
     for name in NODES:
         memory = np.array(samples[name])[:, 2]
-        rate = growth_rates(samples[name]).get("memory [MB/min]", 0.0)
+        full = [sample for sample in samples[name] if sample[0] > began + FILLING]
+        rate = growth_rates(full).get("memory [MB/min]", 0.0) if full else 0.0
         print(f"{name}: {rate:+.2f} MB/min, {memory.max() - memory[0]:.0f} MB above its beginning")
         if rate > FLAT["memory [MB/min]"] or memory.max() - memory[0] > GROWTH:
             wrong.append(f"{name} grows.")
