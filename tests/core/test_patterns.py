@@ -30,4 +30,5 @@ def test_what_matches_nothing_is_refused_with_the_names_and_the_nearest():
 
 def test_many_names_are_listed_in_part_and_none_as_none():
     assert listed([f"n{i}" for i in range(14)]).endswith(", n11 and others")
+    assert listed([f"n{i}" for i in range(12)]).endswith(", n11")
     assert listed(()) == "none"
