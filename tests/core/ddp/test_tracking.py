@@ -49,6 +49,8 @@ def test_feedback_keeps_to_a_demonstration_from_which_its_torques_alone_diverge(
     assert np.abs(alone.states[-1] - demonstration.states[-1]).max() > 1e5
     followed, steps = track(unstable, demonstration, start, NAMES, tolerance=2e-3)
     assert_allclose(followed.states[-1], demonstration.states[-1], atol=1e-6)
+    two_later = np.abs(followed.states[2] - demonstration.states[2]).max()
+    assert two_later < 0.05e-3  # the least torques that do not diverge would leave a quarter
     assert steps == (7 + 3) * HORIZON
 
 
