@@ -27,7 +27,7 @@ NODES = ("simulation", "policy_executor", "recorder", "visualizer")
 ANSWERED = 20.0  # in which the recorder answers a question amid the flood [s]
 FILLING = 180.0  # in which what may wait in each node fills, beside the soak's warming up [s]
 FILE = 500.0  # size of the recorder's files [MB]
-INDEX = 165e-6  # that the recorder keeps of each chunk, of which a message has one at most [MB]
+INDEX = 40e-6  # that the recorder keeps of each chunk, of which a message has one at most [MB]
 
 
 def flood(folder: Path, minutes: float) -> list[str]:
