@@ -1,7 +1,7 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line reach the scripts.
 VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES PACKAGES BENCHMARKS PYTHON CXX \
-  ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
+  FLOOD_MINUTES ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
 given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
 ifneq ($(unknown),)
@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow coverage faults interrupts damages soak bench bench-peers site lint clean distclean
+.PHONY: help setup demo test test-slow coverage faults interrupts damages soak flood bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -42,6 +42,9 @@ damages: setup  ## damage COUNT=2000 bags at random and run every reader on them
 
 soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, files, bags
 	@scripts/run_faults.bash --minutes $(or $(SOAK_MINUTES),30) $(if $(SEED),--seed $(SEED))
+
+flood: setup  ## a stranger floods a robot and its recorder for FLOOD_MINUTES=60; memory by the minute
+	@bash -c 'source env.bash && exec python -m tests.faults.flood --minutes $(or $(FLOOD_MINUTES),60)'
 
 bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
 	@scripts/run_benchmarks.bash $(BENCHMARKS)

@@ -2,7 +2,9 @@
 """Fixtures that all unit tests share."""
 
 import dataclasses
+import os
 import signal
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -132,3 +134,18 @@ def random_distribution(rng):
         )
 
     return make
+
+
+@pytest.fixture
+def gate(monkeypatch):
+    """A disk that takes nothing until the gate is opened."""
+    gate, write = threading.Event(), os.pwrite
+
+    def slow(*arguments) -> int:
+        gate.wait()
+        return write(*arguments)
+
+    monkeypatch.setattr(os, "pwrite", slow)
+    gate.set()
+    yield gate
+    gate.set()

@@ -22,7 +22,7 @@ from vgps_ros.programs.__main__ import main as vgps
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 TOOLS = ("info", "check", "rerun", "table", "plot", "reindex")
-MOST_SECONDS = 60.0  # for one tool on a small bag, on a machine that does much else
+MOST_SECONDS = 20.0  # of the processor, for one tool on a small bag
 KINDS = (
     *("bit", "bits", "cut", "zeros", "garbage", "length", "without", "doubled", "swapped"),
     *("metadata", "manifest", "foreign", "pipe", "missing", "device"),
@@ -119,17 +119,19 @@ def run(tool: str, bag: Path) -> str:
     words = ["plot", str(bag)] if tool == "plot" else ["bag", tool, str(bag)]
     if tool in ("rerun", "table", "plot"):
         words += ["--output", str(output)]
-    began = time.monotonic()
+    began = time.process_time()
     heard, code = io.StringIO(), 0
     with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
         try:
             vgps(words)
         except SystemExit as stop:
             code = stop.code or 0
-        except BaseException as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # also a panic of Rerun's
             return f"{type(error).__name__}: {error!s:.200}"
-    if time.monotonic() - began > MOST_SECONDS:
-        return f"it took {time.monotonic() - began:.0f} s"
+    if time.process_time() - began > MOST_SECONDS:
+        return f"it took {time.process_time() - began:.0f} s of the processor"
     if code and tool == "rerun" and output.exists():
         return "half a recording is left"
     return ""
@@ -166,6 +168,8 @@ def campaign(count: int, seed: int, tools: int) -> list[str]:
                 if found := try_one(original, Path(own), kind, some, rng):
                     wrong.append(f"damage {i} ({kind}): {found}")
                     print(wrong[-1], flush=True)
+            if (i + 1) % 100 == 0:
+                print(f"{i + 1} damages: {len(wrong)} went wrong.", flush=True)
     return wrong
 
 

@@ -240,6 +240,14 @@ def test_an_altered_policy_is_found_even_if_it_never_drove(tmp_path, capsys, par
     assert f"Wrong: the policy of iteration {iteration} is not its learner's." in found
 
 
+def test_a_policy_that_cannot_be_read_is_named_by_its_iteration(tmp_path):
+    def change(message):
+        is_policy = message.topic == "/policy"
+        return message.data.replace(b"softplus", b"softplux") if is_policy else message.data
+
+    fails(["check", str(copy(tmp_path / "bag", change))], "The policy of iteration 1 cannot be")
+
+
 def test_what_cannot_be_proven_is_said_and_has_an_exit_code_of_its_own(tmp_path, capsys):
     """As bags of older versions are: no digests, no counts, no manifest."""
 

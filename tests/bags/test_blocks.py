@@ -65,6 +65,21 @@ def test_a_chunk_on_the_disk_takes_few_bytes_of_memory(begun):
     assert taken < 400 * 1000
 
 
+def test_of_a_file_that_is_closed_a_recorder_keeps_forty_bytes_of_each_chunk(begun):
+    """Until its bag ends, which may have many files."""
+    writer, file = begun(Nowhere())
+    write_chunks(writer, 1000, file, packs=True)
+    writer.close(bag_information(TOPICS, []))
+    tracemalloc.start()
+    try:
+        digest = writer.digest
+        taken = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert len(digest.unpacked().chunks) == 1001
+    assert taken < 45 * 1000
+
+
 def test_packed_blocks_change_no_byte_of_the_file(begun):
     contents = []
     for packs in (False, True):
@@ -73,9 +88,9 @@ def test_packed_blocks_change_no_byte_of_the_file(begun):
         writer.close(bag_information(TOPICS, []))
         contents.append(file.getvalue())
         assert writer.digest.sha256 == hashlib.sha256(file.getvalue()).hexdigest()
-        for begin, end, sha256 in writer.digest.chunks:
+        for begin, end, sha256 in writer.digest.unpacked().chunks:
             assert sha256 == hashlib.sha256(file.getvalue()[begin:end]).hexdigest()
-        assert len(writer.digest.chunks) == 21
+        assert len(writer.digest.unpacked().chunks) == 21
     assert contents[0] == contents[1]
     summary = make_reader(io.BytesIO(contents[0])).get_summary()
     assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 20

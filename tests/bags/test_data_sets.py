@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.bags.altered import SAMPLE, definitions
+from tests.bags.altered import SAMPLE, copy, definitions
 from vgps_ros.bags import BagReader, BagWriter, episode
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.simulation.model import compile_model
@@ -143,3 +143,24 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_left(written, tmp_path
     assert [path.name for path in Path(tmp_path).iterdir()] == ["set"]
     written(SAMPLE)
     assert (tmp_path / "set" / "motions.parquet").is_file()
+
+
+def test_only_motions_of_one_robot_at_one_rate_make_a_data_set(written, tmp_path):
+    count = iter(range(10_000))
+
+    def without(message, kept):
+        is_dropped = message.topic == "/joint_states" and not kept(next(count))
+        return None if is_dropped else message.data
+
+    half = copy(tmp_path / "half", lambda message: without(message, lambda i: i % 2 == 0))
+    none = copy(tmp_path / "none", lambda message: without(message, lambda i: False))
+    other = copy(tmp_path / "other", lambda m: m.data.replace(b"front_joint", b"other_joint"))
+    for bag, sentence in (
+        (half, "half' has a state each 0.04 s, but the bag before it each 0.02 s"),
+        (none, "no messages on joint_states"),
+        (other, "other' is of another robot than the bag before it, by '"),
+    ):
+        with pytest.raises(SystemExit) as stop:
+            written(SAMPLE, bag)
+        assert sentence in str(stop.value.code)
+    assert not (tmp_path / "set").exists()

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from vgps_ros.core.checks import finite_array, one_of, positive
+from vgps_ros.core.arrays import arrays_of, from_arrays
+from vgps_ros.core.checks import check_record, finite_array, one_of, positive
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 
 
@@ -43,6 +44,27 @@ def test_unknown_name_is_refused_with_the_valid_ones():
     assert one_of("form", "b", ("b", "a")) == "b"
     with pytest.raises(InvalidInputError, match=r"form is 'c', but it must be one of a, b\."):
         one_of("form", "c", ("b", "a"))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "sentence"),
+    [
+        ("mean.controls", lambda a: a[:, :1], r"q\.mean\.controls has shape \(6, 1\), but it must"),
+        ("gains", lambda a: a * np.nan, r"q\.gains is nan at index"),
+        ("state_covariances", lambda a: a + np.eye(4, k=1), "is not symmetric at step 0, as a cov"),
+        ("control_covariances", lambda a: a - 9 * np.eye(2), "is not positive semidefinite at ste"),
+    ],
+)
+def test_a_record_is_checked_as_its_arrays_are_declared(
+    random_distribution, name, change, sentence
+):
+    q = random_distribution()
+    sizes = {"T": 6, "n_x": 4, "n_dx": 4, "n_u": 2}
+    check_record("q", q, **sizes)
+    arrays = arrays_of(q)
+    bad = from_arrays(type(q), {**arrays, name: change(arrays[name])})
+    with pytest.raises(InvalidInputError, match=sentence):
+        check_record("q", bad, **sizes)
 
 
 def test_refusals_are_both_ours_and_pythons():

@@ -69,6 +69,17 @@ def test_one_state_is_moved_by_many_deviations_as_by_each_alone(states, rng):
     )
 
 
+def test_derivatives_are_carried_back_to_the_state_that_was_moved(states, rng, finite_differences):
+    """With the deviation first, a rotation of the state before it turns in another frame."""
+    x, delta, reading = states[0, 0], rng.uniform(-1, 1, 21), rng.standard_normal((3, 23))
+    moved = SPACE.add(x, delta)
+    there = finite_differences(lambda e: reading @ SPACE.add(moved, e), np.zeros(21))
+    expected = finite_differences(
+        lambda e: reading @ SPACE.add(SPACE.add(x, e), delta), np.zeros(21)
+    )
+    assert_allclose(SPACE.carried_back(there, delta), expected, atol=1e-8)
+
+
 def test_a_rotation_is_taken_the_short_way_whatever_the_sign_of_its_quaternion(states):
     x = states[0, 0]
     flipped = x.copy()

@@ -42,7 +42,7 @@ LASTING = r"vgps (node|live|view)\b"
 
 NOT_RUN = {
     r"make (test|coverage|lint|site)|\.ci/run": "this test is a part of it",
-    r"make (faults|soak)": "takes at least ten minutes; tests/faults runs one fault of each kind",
+    r"make (faults|soak|flood)": "takes ten minutes or more; tests/faults runs one of each kind",
     r"make bench|python -m benchmarks --help": "installs the peers; tests/benchmarks tries it",
     r"pip install": "downloads; make setup has installed it, and make test-slow installs anew",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "

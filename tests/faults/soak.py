@@ -23,7 +23,7 @@ from scipy.stats import theilslopes
 from tests.faults.campaign import Tally, strike, verify
 from tests.faults.kinds import FAULTS
 from tests.faults.system import NODES, System
-from tests.nodes.conftest import open_graph
+from tests.nodes.conftest import open_graph, private_memory
 
 PERIOD = 2.0  # between two samples [s]
 WARM_UP = 120.0  # in which a process takes what it needs to work [s]
@@ -92,7 +92,7 @@ class Lives:
         for name in NODES:
             pid = system.processes[name].pid
             try:
-                sample = (time.monotonic(), _memory(pid), float(len(list(_open_files(pid)))))
+                sample = (time.monotonic(), private_memory(pid), float(len(list(_open_files(pid)))))
             except OSError:  # it is about to be started again
                 continue
             self._samples.setdefault(pid, (name, []))[1].append(sample)
@@ -154,12 +154,6 @@ def _choose(rng: Random) -> str:
     ending = [kind for kind in FAULTS if kind.endswith(KILLING)]
     others = [kind for kind in FAULTS if kind not in ending]
     return rng.choice(ending if rng.random() < 0.2 else others)
-
-
-def _memory(pid: int) -> float:
-    """Returns what a process has for itself [MB]; /dev/shm is watched on its own."""
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
 
 
 def _open_files(pid: int) -> list[Path]:

@@ -1,8 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Messages of others cannot take all of a node's memory, however large or many they are."""
 
+import os
 import signal
-from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from tests.nodes.conftest import private_memory
 from vgps_ros.messages.conversions import pack
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
@@ -20,12 +21,6 @@ EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 SIZE = 2_000_000  # of a large message [bytes]
 COUNT = 600  # of them, 1.2 GB in all
 MOST = 700.0  # far below that, and above what a node may take before it gives messages up [MB]
-
-
-def memory_of(process) -> float:
-    """Returns the memory that the process shares with nobody [MB]."""
-    lines = Path(f"/proc/{process}/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
 
 
 class Sender:
@@ -59,20 +54,20 @@ def test_unread_messages_are_given_up_where_they_take_too_much_memory(graph):
         graph.spin_until(large.get_subscription_count)
         message = Float64MultiArray(data=pack([0.5] * (SIZE // 8)))
         graph.spin_for(1.0)
-        before = memory_of("self")
+        before = private_memory(os.getpid())
         for _ in range(COUNT):
             large.publish(message)
-            if memory_of("self") > before + 3.0 * MOST:
+            if private_memory(os.getpid()) > before + 3.0 * MOST:
                 break
-        risen = memory_of("self") - before
+        risen = private_memory(os.getpid()) - before
         graph.spin_until(lambda: inbox.dropped["large"], what="messages that are given up")
         graph.spin_for(1.0)
         assert "of large: what waited there took more than" in inbox.warning()
-        assert memory_of("self") < before + 0.5 * risen
+        assert private_memory(os.getpid()) < before + 0.5 * risen
         # Of those that come now only few wait, and the newest are still taken.
         for _ in range(COUNT):
             large.publish(message)
-        assert memory_of("self") < before + MOST
+        assert private_memory(os.getpid()) < before + MOST
         before_these = count
         graph.spin_until(lambda: count > before_these)
     finally:
@@ -120,16 +115,18 @@ def test_memory_of_a_backlog_is_given_back_once_it_is_read(graph, tmp_path):
         graph.spin_until(large.get_subscription_count)
         message = Float64MultiArray(data=pack([0.5] * (SIZE // 8)))
 
-        before = highest = memory_of(recorder.pid)
+        before = highest = private_memory(recorder.pid)
         recorder.send(signal.SIGSTOP)
         for _ in range(60):
             large.publish(message)
         recorder.send(signal.SIGCONT)
         for _ in range(30):
             graph.spin_for(0.1)
-            highest = max(highest, memory_of(recorder.pid))
+            highest = max(highest, private_memory(recorder.pid))
         assert highest > before + 50.0
         half = before + 0.5 * (highest - before)
-        graph.spin_until(lambda: memory_of(recorder.pid) < half, what="memory that is given back")
+        graph.spin_until(
+            lambda: private_memory(recorder.pid) < half, what="memory that is given back"
+        )
     finally:
         sender.close()

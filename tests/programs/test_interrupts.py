@@ -34,3 +34,29 @@ def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struc
     script = [sys.executable, "-c", _BEGINNING.format(struck)]
     done = subprocess.run(script, check=False, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (3, "")
+
+
+_FAILING = """
+import ctypes, os, signal, sys
+from vgps_ros.programs import __main__, check
+
+def run(_):
+    if sys.argv[2] == "interrupted":
+        ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()
+    raise RuntimeError("no compiled object yet")
+
+check.run = run
+__main__.main()
+"""
+
+
+@pytest.mark.parametrize("task", ["interrupted", "undisturbed"])
+def test_an_error_that_follows_an_interrupt_is_no_error_of_the_program(task):
+    """As of numba, which lacks the compiled loop whose compilation was interrupted."""
+    script = [sys.executable, "-c", _FAILING, "check", task]
+    done = subprocess.run(script, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    if task == "interrupted":
+        assert done.stderr == "vgps check: interrupted.\n"
+    else:
+        assert done.stderr.endswith("RuntimeError: no compiled object yet\n")

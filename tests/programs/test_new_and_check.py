@@ -143,6 +143,13 @@ def test_a_first_motion_that_diverges_is_said_with_what_helps(folder, capsys):
     assert "The first rollout diverges: begin with smaller controls" in shown
 
 
+def test_settings_with_which_no_training_could_begin_are_refused(folder, capsys):
+    task = folder / "task.yaml"
+    task.write_text(TASK.replace("WEIGHT", "0.01") + "search: {hidden_units: []}\n")
+    words = ends_with(capsys, "check", str(task))
+    assert "hidden_units is empty, but it must have at least one value." in words
+
+
 def test_a_picture_replaces_no_file(folder, capsys):
     (folder / "task.yaml").write_text(TASK.replace("WEIGHT", "1.0"))
     main(["check", "task.yaml", "--iterations", "3", "--picture", "motion.png"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.bound import balanced_deviations, expected_cost, expected_divergence
+from vgps_ros.core.bound import expected_cost, expected_divergence
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.search.methods import search
 from vgps_ros.search.optimization_request import first_request
@@ -75,15 +75,6 @@ def test_the_expected_cost_is_the_mean_over_draws(rotor, rng):
     costs = rotor.cost(q.mean.states[:-1] + deviations, controls).sum(axis=1)
     error = costs.std() / np.sqrt(len(costs))
     assert expected_cost(q, rotor.cost) == pytest.approx(costs.mean(), abs=5 * error)
-
-
-def test_balanced_deviations_have_exactly_the_marginals_moments(random_distribution, rng):
-    q = random_distribution()
-    deviations = balanced_deviations(q, rng)
-    assert deviations.shape == (8, 6, 4)
-    assert_allclose(deviations.mean(axis=0), 0.0, atol=1e-15)
-    found = np.einsum("stx,sty->txy", deviations, deviations) / 8
-    assert_allclose(found, q.state_covariances[:-1], rtol=1e-10, atol=1e-12)
 
 
 def test_at_a_fixed_alpha_no_step_lowers_the_bound(rotor):

@@ -2,63 +2,18 @@
 """A slow, full or hanging disk: nobody waits for it, and what it took can be read."""
 
 import os
-import re
-import resource
 import subprocess
 import sys
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from errno import EFBIG
 from pathlib import Path
 
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
-from vgps_ros.bags import BagReader, BagWriter
-from vgps_ros.bags.reindex import missing_parts, reindex
-from vgps_ros.bags.writer import UnfinishedBagError
+from tests.bags.numbered import Bag, limited, numbers
+from vgps_ros.bags import BagWriter
+from vgps_ros.bags.reindex import missing_parts
 from vgps_ros.core.errors import InvalidInputError
-
-KIND = "sensor_msgs/msg/JointState"
-HASH = get_typestore(Stores.ROS2_JAZZY).hash_rihs01(KIND)
-SIZE = 1000  # of a message [bytes]
-
-
-@contextmanager
-def limited(size: float) -> Iterator[None]:
-    """No file may grow beyond a size [bytes]: as a full disk, without one."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-class Bag(BagWriter):
-    """A bag with one topic, whose messages are numbered."""
-
-    def __init__(self, path: Path, **settings):
-        super().__init__(path, **settings)
-        self.add_topic("/a", KIND, HASH, [])
-        self.count = 0
-
-    def fill(self, count: int) -> None:
-        for _ in range(count):
-            self.count += 1
-            self.write("/a", self.count, self.count.to_bytes(4, "little") + bytes(SIZE - 4))
-
-
-def numbers(path: Path) -> list[int]:
-    with AnyReader([path]) as reader:
-        found = []
-        for _, stamp, data in reader.messages():
-            assert int.from_bytes(data[:4], "little") == stamp
-            found.append(stamp)
-    return found
+from vgps_ros.storage.disk import Disk, DiskFile
 
 
 def test_when_there_is_space_again_it_goes_on_and_nothing_is_lost(tmp_path):
@@ -80,109 +35,38 @@ def test_when_there_is_space_again_it_goes_on_and_nothing_is_lost(tmp_path):
     assert missing_parts(bag.path) == ""
 
 
-# The space is used up by a chunk, within one, within the index, and in the second file of several.
-@pytest.mark.parametrize("settings", [{}, {"max_file_size": 1_000_000}, {"compression": "lz4"}])
-@pytest.mark.parametrize("size", [100, 300, 5_000, 280_000, 527_200, 785_000, 790_000])
-def test_closed_on_a_full_disk_it_keeps_what_the_disk_took(tmp_path, size, settings):
-    bag = Bag(tmp_path / "bag", **settings)
-    bag.attach("parameters.yaml", "seed: 3", 1)
-    bag.fill(1)
-    bag.flush()
-    sentence = ""
-    with limited(size):
-        bag.fill(2999)
-        start = time.monotonic()
-        try:
-            bag.close()
-        except UnfinishedBagError as error:
-            sentence = str(error)
-        assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert bool(missing_parts(bag.path)) == bool(sentence)
-    if sentence:
-        assert re.search("ulimit -f.*bag reindex", sentence)
-        reindex(bag.path)
-    assert numbers(bag.path) == list(range(1, bag.message_count + 1))
-    assert bag.message_count + bag.lost == 3000
-    with BagReader(bag.path) as reader:
-        assert reader.attachments() == {"parameters.yaml": "seed: 3"}
-
-
-@pytest.fixture
-def gate(monkeypatch):
-    """A disk that takes nothing until the gate is opened."""
-    gate, write = threading.Event(), os.pwrite
-
-    def slow(*arguments) -> int:
-        gate.wait()
-        return write(*arguments)
-
-    monkeypatch.setattr(os, "pwrite", slow)
-    gate.set()
-    yield gate
-    gate.set()
-
-
-def test_a_slow_disk_holds_nothing_up_and_what_is_too_much_is_counted(tmp_path, gate):
-    bag = Bag(tmp_path / "bag", max_backlog=5_000_000)
-    bag.flush()
+def test_a_hanging_disk_is_given_up_after_a_while_and_its_file_cut_once_it_moves(tmp_path, gate):
+    disk = Disk()
+    file = DiskFile(disk, tmp_path / "file")
+    file.write(b"first")
+    assert disk.drain()
     gate.clear()
-    bag.fill(10_000)  # would not return if it waited
-    bag.flush(wait=False)
-    assert 5_000_000 < bag.disk.backlog < 6_000_000
-    assert 4_000 < bag.lost < 5_500
-    assert bag.disk.fault is None
+    file.write(b"second")
+    assert not disk.drain(patience=0.1)
+    assert (file.tell(), file.written, disk.backlog) == (11, 5, 6)
+    assert not disk.abandon()  # the write hangs, so that nothing may be cut
     gate.set()
-    bag.flush()
-    kept = bag.message_count
-    bag.fill(1)
-    bag.close()
-    assert numbers(bag.path) == [*range(1, kept + 1), 10_001]
-    assert kept + bag.lost == 10_000
+    assert disk.abandon()
+    assert disk.backlog == 0
+    file.cut(5)
+    file.write(b" and third")
+    file.close()
+    assert disk.drain()
+    assert file.is_closed
+    assert file.path.read_bytes() == b"first and third"
+    disk.stop()
 
 
-def test_the_end_waits_for_a_slow_disk_unless_it_is_hurried(tmp_path, monkeypatch):
-    write, filled = os.pwrite, threading.Event()
-
-    def slow(*arguments) -> int:
-        filled.wait()  # however long a busy machine takes to fill the bags
-        time.sleep(0.2)
-        return write(*arguments)
-
-    monkeypatch.setattr(os, "pwrite", slow)
-    patient, hurried = Bag(tmp_path / "patient"), Bag(tmp_path / "hurried")
-    for bag in (patient, hurried):
-        bag.fill(4000)
-    filled.set()
-    start = time.monotonic()
-    with suppress(UnfinishedBagError):  # where the end of the file comes too late as well
-        hurried.close(lambda: True)
-    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert hurried.lost > 0
-    patient.close()
-    assert patient.lost == 0
-    assert numbers(patient.path) == list(range(1, 4001))
-
-
-def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):
-    bag = Bag(tmp_path / "bag")
-    bag.fill(500)
-    bag.flush()
+def test_a_user_in_a_hurry_waits_only_a_moment_for_a_slow_disk(tmp_path, gate):
+    disk = Disk()
+    file = DiskFile(disk, tmp_path / "file")
     gate.clear()
-    bag.fill(500)
-    start = time.monotonic()
-    with pytest.raises(UnfinishedBagError, match="hangs"):
-        bag.close()
-    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert (bag.message_count, bag.lost) == (500, 500)
+    file.write(b"first")
+    assert not disk.drain(hurried=lambda: True)
     gate.set()
-    deadline = time.monotonic() + 10.0
-    while "still being recorded" in missing_parts(bag.path) and time.monotonic() < deadline:
-        time.sleep(0.02)  # until the write that hung has ended
-    assert re.search(r"bag_0\.mcap. [0-9]+ messages", missing_parts(bag.path))
-    reindex(bag.path)
-    kept = numbers(bag.path)
-    assert kept == list(range(1, len(kept) + 1))
-    assert len(kept) >= 500  # the write that hung may have come through
+    assert disk.drain()
+    assert file.path.read_bytes() == b"first"
+    disk.stop()
 
 
 def test_some_space_is_kept_for_the_end_of_the_bag(tmp_path):
@@ -193,42 +77,10 @@ def test_some_space_is_kept_for_the_end_of_the_bag(tmp_path):
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_bag_whose_metadata_cannot_be_written_says_so(tmp_path):
-    bag = Bag(tmp_path / "bag")
-    bag.fill(10)
-    (bag.path / "metadata.yaml").mkdir()
-    with pytest.raises(UnfinishedBagError, match=r"metadata\.yaml cannot be written, Is"):
-        bag.close()
-    (bag.path / "metadata.yaml").rmdir()
-    assert [file.name for file in bag.path.iterdir()] == ["bag_0.mcap"]
-    reindex(bag.path)
-    assert numbers(bag.path) == list(range(1, 11))
-
-
-@pytest.mark.parametrize("full", ["rebuilt", "metadata"])
-def test_a_full_disk_stops_reindexing_and_changes_nothing(tmp_path, full):
-    bag = Bag(tmp_path / "bag")
-    bag.fill(500)
-    bag.flush()
-    killed = tmp_path / "killed"
-    killed.mkdir()
-    (killed / "bag_0.mcap").write_bytes((bag.path / "bag_0.mcap").read_bytes())
-    bag.close()
-    before = (killed / "bag_0.mcap").read_bytes()
-    with (
-        limited(300_000 if full == "rebuilt" else len(before) + 100),
-        pytest.raises(OSError, match="too large"),
-    ):
-        reindex(killed)
-    assert {f.name: f.read_bytes() for f in killed.iterdir()} == {"bag_0.mcap": before}
-    reindex(killed)
-    assert numbers(killed) == list(range(1, 501))
-
-
 FILLS_A_DISK = """
 import errno, sys
 from pathlib import Path
-from tests.storage.test_disk import Bag, numbers
+from tests.bags.numbered import Bag, numbers
 from vgps_ros.bags.reindex import missing_parts
 folder = Path(sys.argv[1])
 bag = Bag(folder / "bag", min_space=int(sys.argv[2]))

@@ -6,14 +6,13 @@ attachment, so that the file may be cut after it.
 """
 
 import hashlib
-import struct
 from collections import Counter, deque
 from typing import Any, NamedTuple
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import AttachmentIndex, ChunkIndex, McapRecord
 
-_DIGEST = struct.Struct("<Q32s")  # end of a block [bytes], and its SHA-256
+from vgps_ros.bags.manifest import DIGEST, PackedDigest
 
 _Entry = ChunkIndex | AttachmentIndex
 
@@ -67,7 +66,7 @@ class Blocks:
             self._counts += block.counts
             self._entries[type(entry)] += bytes_of(entry)
             self._numbers[type(entry)] += 1
-            self._digests += _DIGEST.pack(block.end, block.sha256)
+            self._digests += DIGEST.pack(block.end, block.sha256)
             if isinstance(entry, ChunkIndex):
                 start = entry.message_start_time
                 self._first = min(self._first or start, start)
@@ -94,15 +93,12 @@ class Blocks:
         """Takes the bytes after the last block into the file's digest."""
         self._hash.update(end)
 
-    def digests(self) -> tuple[str, list[tuple[int, int, str]]]:
-        """Returns the SHA-256 of the file, and begin, end [bytes] and SHA-256 of each block."""
-        found = [*_DIGEST.iter_unpack(self._digests), *((b.end, b.sha256) for b in self._blocks)]
-        begins = [self._begin, *(stop for stop, _ in found)]
-        blocks = [
-            (begin, stop, sha256.hex())
-            for begin, (stop, sha256) in zip(begins, found, strict=False)
-        ]
-        return self._hash.hexdigest(), blocks
+    def digest(self, messages: dict[str, int]) -> PackedDigest:
+        """Returns the digest of the file with these numbers of messages by topic."""
+        rest = b"".join(DIGEST.pack(block.end, block.sha256) for block in self._blocks)
+        return PackedDigest(
+            self._hash.hexdigest(), self._begin, bytes(self._digests) + rest, messages
+        )
 
 
 def bytes_of(*parts: McapRecord) -> bytes:

@@ -5,9 +5,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.bags.recorded_policies import onnx_content, policy_messages
-from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.policy_file import PolicyFile
 
@@ -55,13 +53,8 @@ def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyC
         k = int(message.iteration)
         wanted = said[message.task, k]
         before = said[message.task, k - 1] if k > 1 else {""}
-        try:
-            policy = policy_from_msg(message)
-            digests = {policy_digest(policy, digest) for digest in before}
-        except InvalidInputError as error:
-            raise InvalidInputError(
-                f"The policy of iteration {k} cannot be read: {error}"
-            ) from error
+        policy = learned_policy(message)
+        digests = {policy_digest(policy, digest) for digest in before}
         if digests & wanted or policy_digest(policy) == trusted_digest:
             found.proven += 1
         elif wanted and before:

@@ -5,6 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from vgps_ros.bags.reader import BagReader
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.storage.onnx_policy import OnnxPolicy
 
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
@@ -19,6 +22,20 @@ def policy_messages(bag: BagReader) -> Iterator[tuple[int, Any]]:
     topics = [bag.filled_topics[name] for name in ("policy", ONNX) if name in bag.filled_topics]
     for message in bag.messages(topics or [bag.needed_topic("policy")]):
         yield message.stamp, bag.decode(message)
+
+
+def learned_policy(message: Any) -> GaussianPolicy:
+    """Returns the policy that a message of a learner holds.
+
+    Raises:
+        InvalidInputError: it holds none.
+    """
+    try:
+        return policy_from_msg(message)
+    except InvalidInputError as error:
+        raise InvalidInputError(
+            f"The policy of iteration {message.iteration} cannot be read: {error}"
+        ) from error
 
 
 def onnx_content(message: Any) -> bytes | None:

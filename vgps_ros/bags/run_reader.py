@@ -6,8 +6,9 @@ from typing import Any
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.episode import last_episode
+from vgps_ros.bags.recorded_policies import learned_policy
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import distribution_from_msg, policy_from_msg
+from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.messages.progress import result_from_msgs
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
@@ -70,5 +71,5 @@ def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:
     begin = max(i for i, message in enumerate(progress) if i == 0 or message.iteration == 1)
     # A learner that was started again repeats the iteration that it goes on from.
     history = {message.iteration: message for message in progress[begin:]}
-    policy = policy_from_msg(policies[-1]) if policies else None
+    policy = learned_policy(policies[-1]) if policies else None
     return result_from_msgs(list(history.values()), policy)

@@ -18,7 +18,7 @@ from mcap import records
 from mcap.opcode import Opcode
 
 from vgps_ros.bags.blocks import Blocks, bytes_of
-from vgps_ros.bags.manifest import FileDigest
+from vgps_ros.bags.manifest import PackedDigest
 from vgps_ros.bags.mcap_bytes import MAGIC
 from vgps_ros.bags.storage import Topic
 from vgps_ros.core.checks import one_of
@@ -69,9 +69,9 @@ class StorageWriter:
         return {topic: self._counts[channel.id] for topic, channel in self._channels.items()}
 
     @property
-    def digest(self) -> FileDigest:
+    def digest(self) -> PackedDigest:
         """The digest of the file up to here; once it is closed, it covers the whole file."""
-        return FileDigest(*self._blocks.digests(), self.counts)
+        return self._blocks.digest(self.counts)
 
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""

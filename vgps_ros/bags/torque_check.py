@@ -19,7 +19,7 @@ from vgps_ros.bags import BagReader, recorded_policies
 from vgps_ros.bags.answered_states import AnsweredStates
 from vgps_ros.bags.executor_log import Counted, ExecutorLog
 from vgps_ros.bags.recorded_executor import RecordedExecutor
-from vgps_ros.bags.recorded_policies import onnx_content, policy_messages
+from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK, Timeline
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import Array
@@ -27,7 +27,6 @@ from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_from_msg,
     nanoseconds,
-    policy_from_msg,
 )
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
@@ -224,7 +223,7 @@ def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> 
     for received, message in policy_messages(bag):
         content = onnx_content(message)
         if content is None:
-            policy = ExecutedPolicy(executor.named(policy_from_msg(message)))
+            policy = ExecutedPolicy(executor.named(learned_policy(message)))
             timeline.add(received, (message.iteration, policy))
         else:
             network = recorded_policies.onnx_policy(content, joints)

@@ -9,7 +9,7 @@ from typing import Any
 
 from vgps_ros.bags.definitions import MessageDefinitions
 from vgps_ros.bags.manifest import FILE_NAME as MANIFEST
-from vgps_ros.bags.manifest import FileDigest, write_manifest
+from vgps_ros.bags.manifest import PackedDigest, write_manifest
 from vgps_ros.bags.metadata import FILE_NAME as METADATA
 from vgps_ros.bags.metadata import bag_information, write_metadata
 from vgps_ros.bags.storage import FileSummary, Topic
@@ -68,7 +68,7 @@ class BagWriter:
         self._max_backlog = max_backlog
         self._definitions = MessageDefinitions()
         self._attachments: dict[str, tuple[bytes, int]] = {}
-        self._digests: dict[str, FileDigest] = {}  # of the files that have all of their content
+        self._digests: dict[str, PackedDigest] = {}  # of the files that have all of their content
         self._finished: list[FileSummary] = []  # files that are on the disk as a whole
         self._files: list[_BagFile] = []  # those that are not; the last one takes the messages
         try:

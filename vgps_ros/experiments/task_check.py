@@ -12,6 +12,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import Task
 
@@ -53,7 +54,11 @@ def check_task(
         iterations: most iterations of DDP.
         seed: seed of the first controls, where they are drawn.
         on_iteration: called with the number of each iteration and the cost after it.
+
+    Raises:
+        InvalidInputError: the task's settings of the policy search are out of range.
     """
+    search_settings(task)
     found = TaskCheck()
     request = first_request(task, seed, iterations)
     try:

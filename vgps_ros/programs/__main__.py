@@ -18,6 +18,7 @@ from vgps_ros.ros_runtime.interruptible import LATER, may_raise
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
 
+_struck: list[int] = []  # the signals that have come to interrupt the program
 COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("[!_]*.py"))
 
 
@@ -49,6 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else "needs more than is installed: run `pip install '.[standalone]'`"
         )
         sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
+    finally:
+        if arguments is None:  # or an interrupt that waits would kill Python while it ends
+            signal.signal(signal.SIGALRM, signal.SIG_IGN)
 
 
 def _heed_interrupts() -> None:
@@ -57,8 +61,9 @@ def _heed_interrupts() -> None:
     heed(_interrupt)
 
 
-def _interrupt(_number: int, frame: FrameType | None) -> None:
+def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over."""
+    _struck.append(number)
     if may_raise(frame):
         raise KeyboardInterrupt
     signal.setitimer(signal.ITIMER_REAL, LATER)
@@ -97,6 +102,10 @@ def _run(words: Sequence[str]) -> None:
     except (VgpsError, OSError) as error:
         sys.exit(f"{name}: {_told(error)}")
     except KeyboardInterrupt:
+        sys.exit(f"{name}: {sentence}")
+    except Exception:  # as of numba, when what it has called through C was interrupted
+        if not _struck:
+            raise
         sys.exit(f"{name}: {sentence}")
 
 
