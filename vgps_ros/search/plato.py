@@ -14,7 +14,7 @@ al., CoRL 2017): like guiding rollouts of GPS it has a share of π_G's noise.
 Choices: the targets are the actions of the plans that drive, where PLATO makes further plans for
 them, without the policy's cost; that takes half as many. A plan serves several control steps, by
 its gains, and may begin with the DDP solution as well as with the plan before it. A rollout teaches
-until its robot falls or it has no plan left.
+until its robot falls or it has no plan left. The simulator steps of the plans are not counted.
 """
 
 from contextlib import suppress
