@@ -4,9 +4,9 @@
 Each policy is tried from 40 perturbed starts for 10 s, with each size of push, slope and payload:
 the pushes of these trials are in no training. What has been trained or tried is not done again, so
 a script that was stopped goes on. It writes docs/robustness.json, its picture, and the table of the
-page. After `source env.bash`:
+page, with all policies of the output folder. After `source env.bash`:
 
-    python scripts/robustness_table.py                          # about twenty minutes of two cores
+    python scripts/robustness_table.py                          # all policies
     python scripts/robustness_table.py --policies "1 start" "1 push"
 """
 
@@ -43,14 +43,20 @@ TRIALS = (
 
 def measured(label: str, folder: Path) -> dict[str, Any]:
     """Returns what `vgps evaluate` says of a policy, which is trained and tried if it has not."""
-    output = folder / label.replace(" ", "_")
-    found = output / "robustness.json"
+    found = trials_of(label, folder)
+    output = found.parent
     if not found.exists():
         print(f"{label} ...", flush=True)
-        vgps("train", *OF_ALL, *POLICIES[label], "--output", str(output))
+        if not (output / "distribution.npz").exists():  # the last file that a training writes
+            vgps("train", *OF_ALL, *POLICIES[label], "--output", str(output))
         vgps("evaluate", str(output), *TRIALS, "--json", str(found))
     result: dict[str, Any] = json.loads(found.read_text())
     return result
+
+
+def trials_of(label: str, folder: Path) -> Path:
+    """Returns the file of a policy's trials."""
+    return folder / label.replace(" ", "_") / "robustness.json"
 
 
 def vgps(*words: str) -> None:
@@ -84,7 +90,11 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=ROOT / "recordings" / "robustness")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    found = {label: measured(label, arguments.output) for label in arguments.policies}
+    found = {
+        label: measured(label, arguments.output)
+        for label in POLICIES
+        if label in arguments.policies or trials_of(label, arguments.output).exists()
+    }
     RESULTS.write_text(json.dumps(found, indent=1) + "\n")
     rollouts = next(iter(found.values()))["rollouts"]
     save(survival_curves(found, rollouts), RESULTS.with_suffix(".png"))
