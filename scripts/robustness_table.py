@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from vgps_ros.search.robustness import ENOUGH
 from vgps_ros.views.plots import save
 from vgps_ros.views.robustness import survival_curves
 
@@ -72,11 +73,13 @@ def table(found: Mapping[str, Mapping[str, Any]]) -> str:
     text = f"\n| {' | '.join(head)} |\n|{'---|' * len(head)}\n"
     for label, result in found.items():
         own = result["robustness"]
-        cells = [f"{share:.0%}".replace("%", " %") for share in own["pushes"]["survival"]]
+        shares = own["pushes"]["survival"]
+        cells = [f"{share:.0%}".replace("%", " %") for share in shares]
         (_, push), slope, (_, payload) = (
-            own[kind]["borne"] or (0, 0) for kind in ("pushes", "slopes", "payloads")
+            own[kind]["borne"] for kind in ("pushes", "slopes", "payloads")
         )
-        cells.append(f"{push:g} N·s, {slope[0]:g} to {slope[1]:g} rad, {payload:g} kg")
+        borne = f"{push:g} N·s, {slope[0]:g} to {slope[1]:g} rad, {payload:g} kg"
+        cells.append(borne if shares[0] >= ENOUGH else "falls without any")
         text += f"| {label} | {' | '.join(cells)} |\n"
     return text + "\n"
 
@@ -97,7 +100,8 @@ def main() -> None:
     }
     RESULTS.write_text(json.dumps(found, indent=1) + "\n")
     rollouts = next(iter(found.values()))["rollouts"]
-    save(survival_curves(found, rollouts), RESULTS.with_suffix(".png"))
+    shares = {label: result["robustness"] for label, result in found.items()}
+    save(survival_curves(shares, rollouts), RESULTS.with_suffix(".png"))
     before, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(before + BEGIN + table(found) + END + rest.partition(END)[2])
 

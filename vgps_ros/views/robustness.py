@@ -50,7 +50,9 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
     panels[0].set_ylabel(f"survive, of {rollouts} [%]")
     handles, labels = panels[0].get_legend_handles_labels()
     if len(found) > 1:
-        figure.legend(handles, labels, frameon=False, ncols=4, loc="outside upper center")
+        figure.legend(
+            handles, labels, frameon=False, ncols=len(_COLOURS), loc="outside upper center"
+        )
     return figure
 
 
