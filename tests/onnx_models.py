@@ -28,13 +28,13 @@ def elu_mean(layers, inputs):
 
 
 def model(nodes, n_in, n_out, tensors=(), metadata=None, kind=np.float32, rows=1, **options):
-    """A model with the input obs and the output actions."""
-    element = ELEMENTS[kind]
+    """A model with the input obs and the output actions; rows=None: vectors, without a batch."""
+    element, batch = ELEMENTS[kind], [] if rows is None else [rows]
     graph = helper.make_graph(
         nodes,
         "policy",
-        options.pop("inputs", [helper.make_tensor_value_info("obs", element, [rows, n_in])]),
-        [helper.make_tensor_value_info("actions", element, [rows, n_out])],
+        options.pop("inputs", [helper.make_tensor_value_info("obs", element, [*batch, n_in])]),
+        [helper.make_tensor_value_info("actions", element, [*batch, n_out])],
         [numpy_helper.from_array(np.asarray(values), name) for name, values in tensors],
     )
     opset = options.pop("opset", 17)

@@ -37,6 +37,15 @@ def test_it_computes_what_the_network_does_for_one_observation_and_for_many(rng)
         np.testing.assert_allclose(found.mean(inputs[0, 0]), expected[0, 0], atol=1e-6)
 
 
+def test_a_network_may_read_one_vector_without_a_batch(rng):
+    weights = rng.standard_normal((5, 2)).astype(np.float32)
+    nodes = [helper.make_node("MatMul", ["obs", "w"], ["actions"])]
+    found = policy(model(nodes, 5, 2, [("w", weights)], NAMES, rows=None))
+    inputs = rng.standard_normal((3, 5))
+    for given in (inputs, inputs[0], inputs[:1], inputs[:0]):
+        np.testing.assert_allclose(found.mean(given), given @ weights, atol=1e-5)
+
+
 def test_onnxruntime_says_nothing_to_its_maker(tmp_path):
     """Where it does, it begins with a file of its session beside other temporary ones."""
     given = {"CI", "ORT_DISABLE_TELEMETRY"}

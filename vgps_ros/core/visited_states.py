@@ -60,9 +60,8 @@ def likeliest_steps(
     variances, axes = np.linalg.eigh(widened(covariances))
     variances = np.maximum(variances, LOWEST_STD**2)  # rounding can make them negative
     whitening = axes / np.sqrt(variances)[:, None, :]
-    squares = np.stack(
-        [np.sum(((inputs - m) @ w) ** 2, axis=1) for m, w in zip(means, whitening, strict=True)]
-    )
+    deviations = ((inputs - m) @ w for m, w in zip(means, whitening, strict=True))
+    squares = np.stack([np.einsum("ni,ni->n", d, d) for d in deviations])
     densities = -0.5 * (squares + np.log(variances).sum(axis=1)[:, None])
     step = densities.argmax(axis=0)
     return step, np.sqrt(squares[step, np.arange(len(inputs))] / inputs.shape[1])

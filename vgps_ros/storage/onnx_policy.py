@@ -92,7 +92,7 @@ class OnnxPolicy:
         self._session, self._input, self._output = self._opened()
         self._kind = _KINDS[self._input.type]
         is_single = isinstance(self._input.shape[0], int) or len(self._input.shape) == 1
-        self._most = 1 if is_single else None  # rows at once
+        self._takes_many = not is_single
         with _limited(name) as options:
             self._check(self._outputs(np.zeros((1, self._count)), options))
 
@@ -105,9 +105,12 @@ class OnnxPolicy:
         """Returns μ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o)."""
         rows = inputs.reshape(-1, inputs.shape[-1])
         read = rows[:, : self._count] - self._offsets
-        step = self._most or max(1, len(rows))
-        parts = [self._outputs(read[i : i + step]) for i in range(0, len(rows), step)]
-        torques = self._scale * np.concatenate([*parts, np.empty((0, self.control_dim))])
+        if len(rows) == 1 or (self._takes_many and len(rows)):
+            actions = self._outputs(read)
+        else:
+            one_by_one = [self._outputs(row) for row in read[:, None]]
+            actions = np.concatenate([*one_by_one, np.empty((0, self.control_dim))])
+        torques = self._scale * actions
         if self._stiffness.any():
             position, velocity = np.split(rows[:, self._count :], 2, axis=1)
             target = self._default + torques
@@ -164,14 +167,14 @@ class OnnxPolicy:
 
     def _outputs(self, rows: Array, options: Any = None) -> Array:
         """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
-        given = rows.astype(self._kind).reshape(-1) if len(self._input.shape) == 1 else rows
+        given = rows.astype(self._kind)
+        if len(self._input.shape) == 1:
+            given = given.reshape(-1)
         try:
-            (found,) = self._session.run(
-                [self._output.name], {self._input.name: given.astype(self._kind)}, options
-            )
+            (found,) = self._session.run([self._output.name], {self._input.name: given}, options)
         except Exception as error:  # of onnxruntime, which has no common class for its errors
             raise self._refused(error) from error
-        return np.asarray(found, dtype=float)
+        return np.asarray(found, dtype=float).reshape(len(rows), -1)
 
     def _check(self, actions: Array) -> None:
         if actions.size != self.control_dim:
