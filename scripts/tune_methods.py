@@ -163,7 +163,7 @@ def write(studies: Studies) -> None:
     if len({len(finished(study)) for study in studies.values()}) > 1:
         return
     for own in best.values():
-        own |= {other: own[method] for other, method in SHARED.items() if method in own}
+        own |= {other: dict(own[method]) for other, method in SHARED.items() if method in own}
     comment = next(line for line in TUNED.read_text().splitlines() if line.startswith("#"))
     TUNED.write_text(f"{comment}\n{yaml.safe_dump(best, sort_keys=False)}")
 
@@ -171,7 +171,7 @@ def write(studies: Studies) -> None:
 def main() -> None:
     """Runs the trials that the arguments name."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--trials", type=int, default=8, help="of each method on each task")
+    parser.add_argument("--trials", type=int, default=6, help="of each method on each task")
     parser.add_argument("--methods", nargs="+", choices=SPACES, default=list(SPACES))
     arguments = parser.parse_args()
     silence_mujoco()

@@ -21,6 +21,7 @@ def test_situations_start_on_the_way_of_the_first_motion_each_with_its_push():
     chosen = {"situations": 5, "disturb.start_before": 1.0, "disturb.push": 10.0}
     found = situations(walker, with_values(SearchSettings(), chosen), 3)
     assert len({each.task.initial_state.tobytes() for each in found}) == 5
+    np.testing.assert_array_equal(found[0].task.initial_state, walker.initial_state)
     assert {each.disturbance.push for each in found} == {(10.0, 0.0), (-10.0, 0.0)}
     for each in found:
         np.testing.assert_array_equal(each.guess_states[0], each.task.initial_state)

@@ -161,10 +161,12 @@ def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_
     assert last.evaluation.stochastic_costs.shape == (9,)
 
 
-def test_one_initial_state_is_the_tasks_and_several_vary_where_it_says(swimmer):
+def test_the_first_initial_state_is_the_tasks_and_others_vary_where_it_says(swimmer):
     (only,) = initial_states(swimmer, QUICK, seed=0)
     np.testing.assert_array_equal(only, swimmer.initial_state)
-    states = np.array(initial_states(swimmer, replace(QUICK, situations=1000), seed=0))
+    first, *others = initial_states(swimmer, replace(QUICK, situations=1000), seed=0)
+    np.testing.assert_array_equal(first, only)
+    states = np.array(others)
     std = swimmer.varied_state_std
     assert_allclose(states.std(axis=0), std, atol=5 * 0.3 / np.sqrt(2000))
     np.testing.assert_array_equal(states[:, std == 0], 0.0)

@@ -2,7 +2,8 @@
 """The situations from which one policy learns: starts, and disturbances of the robot.
 
 Each has its own q(ζ), and all train one policy (section 5). Nothing tells the policy in which one
-it is, but what it reads.
+it is, but what it reads. The first one starts at the task's x_1, where a policy is tried: one that
+learned from starts on the way alone need not get going.
 """
 
 from dataclasses import dataclass, replace
@@ -46,12 +47,11 @@ def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situatio
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
-    """Returns the task's x_1 for each situation, or draws around it if there are several."""
-    if settings.situations == 1:
-        return [task.initial_state]
+    """Returns x_1 of each situation: the task's, of which the others are draws around it."""
     rng = generator(seed, Stream.INITIAL_STATES)
     draws = rng.standard_normal((settings.situations, len(task.varied_state_std)))
-    return list(task.dynamics.space.add(task.initial_state, task.varied_state_std * draws))
+    others = task.dynamics.space.add(task.initial_state, task.varied_state_std * draws)[1:]
+    return [task.initial_state, *others]
 
 
 def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: Array) -> Situation:
@@ -59,7 +59,8 @@ def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: A
         generator(seed, stream, i) for stream in (Stream.DISTURBANCES, Stream.INITIAL_CONTROLS)
     )
     disturbance = draw_disturbance(task, settings.disturb, rng)
-    begun = round(settings.disturb.start_before * rng.uniform() / task.dynamics.time_step)
+    latest = settings.disturb.start_before if i else 0.0
+    begun = round(latest * rng.uniform() / task.dynamics.time_step)
     guess, states = None, task.path
     if begun:
         motion = _later(task, start, begun, rng_of_motion)

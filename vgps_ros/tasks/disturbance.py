@@ -72,7 +72,7 @@ class DisturbanceSettings:
 
     start_before: float = setting(
         0.0,
-        "time of the first motion before which situations start, such as a gait's period [s]",
+        "time of the first motion before which situations but the first start, as a gait [s]",
         minimum=0.0,
         maximum=1e6,
     )
