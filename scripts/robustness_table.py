@@ -26,13 +26,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE, RESULTS = ROOT / "docs" / "robustness.md", ROOT / "docs" / "robustness.json"
 BEGIN, END = "<!-- table: robustness -->\n", "<!-- end of table -->"
 OF_ALL = ("--task", "walker", "--seed", "401", "--hidden-units", "64", "--alphas", "0.3", "5")
-PUSHED = ("--disturb-push", "40", "--disturb-start-before", "1.2", "--situations")
+PUSHED = ("--disturb-push", "40")
+LATER = (*PUSHED, "--disturb-start-before", "1.2", "--situations")
 POLICIES = {
     "1 start": (),
-    "1 push": (*PUSHED, "1"),
-    "2 pushes": (*PUSHED, "2"),
-    "4 pushes": (*PUSHED, "4"),
-    "8 pushes": (*PUSHED, "8"),
+    "1 push": PUSHED,
+    "2 pushes": (*LATER, "2"),
+    "4 pushes": (*LATER, "4"),
+    "8 pushes": (*LATER, "8"),
 }
 PUSHES = (0, 10, 20, 30, 40, 50, 60)  # [N·s]
 TRIALS = (

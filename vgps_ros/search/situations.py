@@ -40,8 +40,10 @@ def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situatio
     """Draws the situations; see the settings `situations` and `disturb`.
 
     Raises:
-        InvalidInputError: a disturbance does not suit the robot.
+        InvalidInputError: a disturbance does not suit the robot, or no situation can start later.
     """
+    if settings.disturb.start_before:
+        _check_later_starts(task, settings.situations)
     starts = initial_states(task, settings, seed)
     return [_situation(task, settings, seed, i, start) for i, start in enumerate(starts)]
 
@@ -71,12 +73,21 @@ def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: A
     return Situation(here, disturbance, guess, states)
 
 
-def _later(task: Task, start: Array, begun: int, rng: np.random.Generator) -> Trajectory:
-    """Returns the task's first motion from a start on, but without its first steps."""
+def _check_later_starts(task: Task, count: int) -> None:
     if task.demonstrate is None:
         raise InvalidInputError(
             f"disturb.start_before is set, but the first motion of the task {task.name} follows no "
             "law that could go on for longer; leave it out."
         )
+    if count == 1:
+        raise InvalidInputError(
+            "disturb.start_before is set, but the first situation starts where the task does, and "
+            "there is no other one; set situations to 2 or more, or leave it out."
+        )
+
+
+def _later(task: Task, start: Array, begun: int, rng: np.random.Generator) -> Trajectory:
+    """Returns the task's first motion from a start on, but without its first steps."""
+    assert task.demonstrate is not None
     motion = task.demonstrate(start, begun + task.planned_horizon, rng)
     return Trajectory(motion.states[begun:], motion.controls[begun:])

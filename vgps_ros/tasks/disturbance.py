@@ -72,7 +72,7 @@ class DisturbanceSettings:
 
     start_before: float = setting(
         0.0,
-        "time of the first motion before which situations but the first start, as a gait [s]",
+        "time of the first motion before which all but the first situation start [s]",
         minimum=0.0,
         maximum=1e6,
     )
