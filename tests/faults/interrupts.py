@@ -37,7 +37,7 @@ _STARTERS = {
 }
 MODES = tuple(_STARTERS)
 FIRST, LAST = 0.02, 4.0  # of the times after the start at which the signal comes [s]
-SOON = 5.0  # in which a program ends on a machine with nothing else to do [s]
+SOON = 5.0  # in which a program ends where nothing else runs [s]
 PATIENCE = 60.0  # after which it is killed, and counts as one that does not end [s]
 _MARK = "VGPS_INTERRUPTED"
 

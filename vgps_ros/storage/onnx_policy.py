@@ -87,12 +87,13 @@ class OnnxPolicy:
         self._offsets = offsets
         self._count = len(read)
         felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
-        self.observed = (*read, *felt) if self._stiffness.any() else read
+        self._holds_positions = bool(self._stiffness.any())
+        self.observed = (*read, *felt) if self._holds_positions else read
         self._versions = _versions(model)
-        self._session, self._input, self._output = self._opened()
-        self._kind = _KINDS[self._input.type]
-        is_single = isinstance(self._input.shape[0], int) or len(self._input.shape) == 1
-        self._takes_many = not is_single
+        self._session, given, output = self._opened()
+        self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
+        self._is_vector = len(given.shape) == 1
+        self._takes_many = not self._is_vector and not isinstance(given.shape[0], int)
         with _limited(name) as options:
             self._check(self._outputs(np.zeros((1, self._count)), options))
 
@@ -111,11 +112,11 @@ class OnnxPolicy:
             one_by_one = [self._outputs(row) for row in read[:, None]]
             actions = np.concatenate([*one_by_one, np.empty((0, self.control_dim))])
         torques = self._scale * actions
-        if self._stiffness.any():
+        if self._holds_positions:
             position, velocity = np.split(rows[:, self._count :], 2, axis=1)
             target = self._default + torques
             torques = self._stiffness * (target - position) - self._damping * velocity
-        ordered: Array = torques[:, self._order]
+        ordered = torques.take(self._order, axis=1)
         return ordered.reshape(*inputs.shape[:-1], self.control_dim)
 
     def _opened(self) -> tuple[Any, Any, Any]:
@@ -168,10 +169,10 @@ class OnnxPolicy:
     def _outputs(self, rows: Array, options: Any = None) -> Array:
         """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
         given = rows.astype(self._kind)
-        if len(self._input.shape) == 1:
+        if self._is_vector:
             given = given.reshape(-1)
         try:
-            (found,) = self._session.run([self._output.name], {self._input.name: given}, options)
+            (found,) = self._session.run([self._output], {self._input: given}, options)
         except Exception as error:  # of onnxruntime, which has no common class for its errors
             raise self._refused(error) from error
         return np.asarray(found, dtype=float).reshape(len(rows), -1)
