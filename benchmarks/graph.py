@@ -77,15 +77,22 @@ def policy_file(task: Task, folder: Path) -> Path:
     return folder / "policy.json"
 
 
-def network_file(task: Task, folder: Path) -> Path:
-    """Writes the same policy as a network of others, which onnxruntime executes."""
+def exported_file(task: Task, folder: Path) -> Path:
+    """Writes the same policy as an ONNX file."""
     policy, _ = load_policy(policy_file(task, folder))
     exported = ExportedPolicy(policy, task.dynamics.control_limits, "float32")
-    content = to_onnx(exported, metadata(task, policy, folder))
-    model = parsed(content, "The policy")
+    path = folder / "policy.onnx"
+    path.write_bytes(to_onnx(exported, metadata(task, policy, folder)))
+    return path
+
+
+def network_file(task: Task, folder: Path) -> Path:
+    """Writes the same policy as a network of others, which onnxruntime executes."""
+    model = parsed(exported_file(task, folder).read_bytes(), "The policy")
     model.graph.name = "network of others"
-    (folder / "network.onnx").write_bytes(model.SerializeToString())
-    return folder / "network.onnx"
+    path = folder / "network.onnx"
+    path.write_bytes(model.SerializeToString())
+    return path
 
 
 def _round_trips(graph: Bench, task: Task) -> list[float]:

@@ -1,8 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The control loop with a policy in onnxruntime beside the same policy executed by this project.
+"""The control loop with a policy in an ONNX file beside the same policy in `policy.json`.
 
-Both loops stand in one graph, in a namespace each, and step in turns, so that whatever else the
-machine does slows both.
+A file of ours becomes the policy that it was; a network of others runs in onnxruntime. The loops
+stand in one graph, in a namespace each, and step in turns, so that whatever else the machine does
+slows all.
 """
 
 import statistics
@@ -15,7 +16,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
 
-from benchmarks.graph import network_file, policy_file
+from benchmarks.graph import exported_file, network_file, policy_file
 from benchmarks.processes import Bench, bench
 from benchmarks.timing import Comparison
 from vgps_ros.core.records import Array
@@ -24,14 +25,15 @@ from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.tasks import make_task
 
 STEPS, PAIRS = 200, 60  # of a burst; bursts of each
-LOOPS = ("network", "ours")
+LOOPS = ("exported", "network", "native")
 
 
 def network_loop() -> Iterator[Comparison]:
-    """The lock-step loop with the policy in onnxruntime against the same policy, ours."""
+    """The lock-step loop with a policy in an ONNX file against the same policy, native."""
     task = make_task("swimmer")
     with TemporaryDirectory() as folder, bench() as graph:
-        files = (network_file(task, Path(folder)), policy_file(task, Path(folder)))
+        write = (exported_file, network_file, policy_file)
+        files = [write_one(task, Path(folder)) for write_one in write]
         torques: dict[str, dict[int, Array]] = {name: {} for name in LOOPS}
         for name, file in zip(LOOPS, files, strict=True):
             frames = [f"/{topic}:={topic}" for topic in ("clock", "tf", "tf_static")]
@@ -48,21 +50,23 @@ def network_loop() -> Iterator[Comparison]:
         for name in LOOPS:
             burst(graph, name)  # warm
         graph.spin_to(time.monotonic() + 1.0)
-        common = sorted(set(torques[LOOPS[0]]) & set(torques[LOOPS[1]]))
-        theirs, mine = (np.array([torques[name][t] for t in common]) for name in LOOPS)
-        miss = float(np.abs(theirs - mine).max() / np.abs(mine).max())
-        pairs = [tuple(burst(graph, name) for name in LOOPS) for _ in range(PAIRS)]
-    network, ours = (statistics.median(rates) for rates in zip(*pairs, strict=True))
-    ratios = statistics.quantiles([pair[0] / pair[1] for pair in pairs], n=4)
-    yield Comparison(
-        "lock-step loop: policy in onnxruntime / the same policy, ours",
-        network,
-        ours,
-        0.9,
-        unit="loops/s",
-        spread=0.5 * (ratios[2] - ratios[0]),
-        remark=f"torques of {len(common)} steps differ by at most {miss:.0e} of the largest",
-    )
+        common = sorted(set.intersection(*(set(torques[name]) for name in LOOPS)))
+        found = {name: np.array([torques[name][t] for t in common]) for name in LOOPS}
+        rates = np.array([[burst(graph, name) for name in LOOPS] for _ in range(PAIRS)])
+    native = LOOPS.index("native")
+    kinds = ("an exported policy", "a network of others in onnxruntime")
+    for i, kind in enumerate(kinds):
+        miss = np.abs(found[LOOPS[i]] - found["native"]).max() / np.abs(found["native"]).max()
+        low, _, high = statistics.quantiles(rates[:, i] / rates[:, native], n=4)
+        yield Comparison(
+            f"lock-step loop: {kind} / the same policy, native",
+            float(np.median(rates[:, i])),
+            float(np.median(rates[:, native])),
+            0.9,
+            unit="loops/s",
+            spread=0.5 * (high - low),
+            remark=f"torques of {len(common)} steps differ by at most {miss:.0e} of the largest",
+        )
 
 
 def burst(graph: Bench, name: str) -> float:
