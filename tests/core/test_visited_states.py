@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
+from vgps_ros.core import visited_states
 from vgps_ros.core.observation import widened
 from vgps_ros.core.visited_states import likeliest_steps, visited_targets
 
@@ -66,3 +67,19 @@ def test_marginals_that_are_flat_are_as_wide_as_the_least_deviation(q, coordinat
     visited = q.mean.states[None, :-1] + [0.01, 0.0, 0.0, 0.0]
     _, distance = likeliest_steps(q, coordinates(0, 1, 2, 3), visited[0])
     assert_allclose(distance, np.sqrt(1 / 4), rtol=1e-6)
+
+
+def test_of_a_long_motion_the_steps_around_the_best_of_some_are_tried(
+    random_distribution, coordinates, rng, monkeypatch
+):
+    q = random_distribution(horizon=HORIZON)
+    q.mean.states[:] = 3.0 * np.arange(HORIZON + 1)[:, None]
+    q.state_covariances[:] = np.eye(4)
+    o = q.mean.states[:-1].repeat(5, axis=0) + rng.standard_normal((5 * HORIZON, 4))
+    o[7] = np.nan  # a rollout that has diverged
+    expected = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
+    monkeypatch.setattr(visited_states, "MOST_CANDIDATES", 4)
+    step, distance = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
+    sound = np.arange(len(o)) != 7
+    assert_array_equal(step[sound], expected[0][sound])
+    assert_allclose(distance, expected[1], rtol=1e-9)

@@ -18,6 +18,8 @@ from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginal
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
+MOST_CANDIDATES = 500
+
 
 def visited_targets(
     q: TrajectoryDistribution, observation: Observation, visited: Array, limit: float
@@ -51,6 +53,9 @@ def likeliest_steps(
 ) -> tuple[Array, Array]:
     """Returns the step τ at which each input is likeliest, shape (N,), and the distance from q.
 
+    Of a long motion it tries MOST_CANDIDATES steps, evenly spaced, and then those around the best
+    one, so that its time grows with N alone.
+
     Args:
         q: the distribution.
         observation: h.
@@ -60,11 +65,22 @@ def likeliest_steps(
     variances, axes = np.linalg.eigh(widened(covariances))
     variances = np.maximum(variances, LOWEST_STD**2)  # rounding can make them negative
     whitening = axes / np.sqrt(variances)[:, None, :]
-    deviations = ((inputs - m) @ w for m, w in zip(means, whitening, strict=True))
+    volumes = np.log(variances).sum(axis=1)
+    stride = -(-len(means) // MOST_CANDIDATES)
+    coarse = np.arange(0, len(means), stride)
+    deviations = ((inputs - means[t]) @ whitening[t] for t in coarse)
     squares = np.stack([np.einsum("ni,ni->n", d, d) for d in deviations])
-    densities = -0.5 * (squares + np.log(variances).sum(axis=1)[:, None])
-    step = densities.argmax(axis=0)
-    return step, np.sqrt(squares[step, np.arange(len(inputs))] / inputs.shape[1])
+    chosen = (squares + volumes[coarse, None]).argmin(axis=0)
+    begin, square = coarse[chosen], squares[chosen, np.arange(len(inputs))]
+    step = begin
+    for shift in (*range(1 - stride, 0), *range(1, stride)):
+        near = np.clip(begin + shift, 0, len(means) - 1)
+        d = np.einsum("ni,nij->nj", inputs - means[near], whitening[near])
+        other = np.einsum("ni,ni->n", d, d)
+        is_likelier = other + volumes[near] < square + volumes[step]
+        step = np.where(is_likelier, near, step)
+        square = np.where(is_likelier, other, square)
+    return step, np.sqrt(square / inputs.shape[1])
 
 
 def _is_read(q: TrajectoryDistribution, observation: Observation) -> Array:
