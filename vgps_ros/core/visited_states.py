@@ -18,7 +18,7 @@ from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginal
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
-MOST_CANDIDATES = 500
+MOST_CANDIDATES = 500  # steps of a motion with all of which a state is compared
 
 
 def visited_targets(
@@ -53,8 +53,8 @@ def likeliest_steps(
 ) -> tuple[Array, Array]:
     """Returns the step τ at which each input is likeliest, shape (N,), and the distance from q.
 
-    Of a long motion it tries MOST_CANDIDATES steps, evenly spaced, and then those around the best
-    one, so that its time grows with N alone.
+    Of a longer motion it compares each input with MOST_CANDIDATES steps at most, evenly spaced, and
+    then with those around the likeliest one, so that its time hardly grows with the motion.
 
     Args:
         q: the distribution.

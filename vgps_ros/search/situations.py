@@ -2,8 +2,8 @@
 """The situations from which one policy learns: starts, and disturbances of the robot.
 
 Each has its own q(ζ), and all train one policy (section 5). Nothing tells the policy in which one
-it is, but what it reads. The first one starts at the task's x_1, where a policy is tried: one that
-learned from starts on the way alone need not get going.
+it is, but what it reads. The first one starts at the task's x_1, where policies are tried: one that
+had learned only from starts on the way fell there.
 """
 
 from dataclasses import dataclass, replace
@@ -74,6 +74,7 @@ def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: A
 
 
 def _check_later_starts(task: Task, count: int) -> None:
+    """Checks that some situation can start on the way of the first motion."""
     if task.demonstrate is None:
         raise InvalidInputError(
             f"disturb.start_before is set, but the first motion of the task {task.name} follows no "
