@@ -6,7 +6,15 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from vgps_ros.core.arrays import arrays_of, from_arrays
-from vgps_ros.core.checks import check_record, finite_array, one_of, positive
+from vgps_ros.core.checks import (
+    check_covariances,
+    check_record,
+    finite_array,
+    nearest,
+    one_of,
+    positive,
+    quoted,
+)
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 
 
@@ -65,6 +73,36 @@ def test_a_record_is_checked_as_its_arrays_are_declared(
     bad = from_arrays(type(q), {**arrays, name: change(arrays[name])})
     with pytest.raises(InvalidInputError, match=sentence):
         check_record("q", bad, **sizes)
+
+
+@pytest.mark.parametrize(
+    ("small", "what"),
+    [([[1.0, 0.01], [0.0, 1.0]], "symmetric"), (np.diag([1.0, -0.01]), "positive semidefinite")],
+)
+def test_each_covariance_is_judged_by_its_own_size(small, what):
+    large = 1e6 * np.array([[1.0, 1e-6], [0.0, 1.0]])  # it differs from symmetry by rounding alone
+    check_covariances("S", np.stack([large, 1e-6 * np.eye(2), np.zeros((2, 2))]))
+    with pytest.raises(InvalidInputError, match=f"S is not {what} at step 1, as a covariance"):
+        check_covariances("S", np.stack([large, 1e-6 * np.array(small)]))
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        ("hüfte", "'hüfte'"),
+        ("two\nlines", r"'two\nlines'"),
+        ([1.5, None], "[1.5, None]"),
+        ("a" * 100, f"'{'a' * 27}...{'a' * 28}'"),
+        ("\n" * 100, "'" + 13 * r"\n" + "\\..." + 14 * r"\n" + "'"),
+    ],
+)
+def test_a_value_is_quoted_on_one_line_and_not_too_long(value, shown):
+    assert quoted(value) == shown
+
+
+def test_the_nearest_name_alone_is_asked_for():
+    assert nearest("swimer", ["swimmer", "swimmers", "walker"]) == " Did you mean 'swimmer'?"
+    assert nearest("rotor", ["swimmer", "walker"]) == ""
 
 
 def test_refusals_are_both_ours_and_pythons():

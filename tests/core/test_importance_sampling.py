@@ -123,6 +123,26 @@ def test_the_loss_is_the_objective_in_standardised_units_with_its_gradient(
     assert_allclose(gradient, slopes, rtol=1e-4, atol=1e-5)
 
 
+def test_the_search_moves_parameters_and_logarithms_of_the_noise_in_standardised_units(
+    policies, samples, scaling, monkeypatch
+):
+    policy, step = policies[0], 1e-4
+    theta = scaling.to_standard(policy.parameters)
+    log_sigma = np.log(policy.noise_std / scaling.output_scale)
+    _, slope = importance_sampling._Loss(samples, 0.3, scaling).at(theta, log_sigma)
+
+    def descend(start, value_and_gradient, iterations):
+        return start - step * value_and_gradient(start)[1]
+
+    monkeypatch.setattr(importance_sampling, "minimize_lbfgs", descend)
+    moved = maximize(policy, [samples, samples], 0.3, scaling, iterations=1)
+    by_theta, by_log_sigma = np.split(-2 * step * slope, [len(theta)])
+    assert_allclose(moved.parameters, scaling.to_raw(theta + by_theta), rtol=1e-12)
+    assert_allclose(moved.noise_std, policy.noise_std * np.exp(by_log_sigma), rtol=1e-12)
+    monkeypatch.setattr(importance_sampling, "minimize_lbfgs", lambda start, *_: start * np.nan)
+    assert maximize(policy, [samples], 0.3, scaling, iterations=1) is policy
+
+
 def test_the_search_raises_the_objective(policies, samples, scaling):
     policy = policies[0]
     better = maximize(policy, [samples, samples], 1e-2, scaling, iterations=30)

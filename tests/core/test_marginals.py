@@ -176,8 +176,11 @@ def test_marginals_of_which_rounding_leaves_nothing_are_named_with_the_step():
     linear = LinearDynamics(f_x, np.tile(np.eye(5), (2, 1, 1)))
     noise = np.array([np.zeros((5, 5)), 100.0 * np.eye(5)])
     start = Spread(np.eye(5)[0], np.zeros(5), np.full(5, np.inf))
-    with pytest.raises(DivergenceError, match=r"rounding at step 2 of 2: the gains reach 1e\+09"):
+    with pytest.raises(
+        DivergenceError, match=r"rounding at step 2 of 2: the gains reach 1e\+09"
+    ) as caught:
         state_covariances(linear, gains, noise, start)
+    assert caught.value.status == "exploding_marginals"
 
 
 def test_marginals_that_explode_are_named_with_the_step():

@@ -2,6 +2,7 @@
 """A program says what it is at, but only where that takes long."""
 
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,6 +20,19 @@ def test_nobody_is_told_of_a_moment(capsys):
     notice.progress_lines("Samples")(0.5)
     time.sleep(0.2)
     assert capsys.readouterr().out == ""
+
+
+def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
+    clock = iter([0.0, 1.0, 10.0, 19.0, 20.0, 40.0])
+    monkeypatch.setattr(notice, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(notice, "_DELAY", 2.0)
+    report = notice.progress_lines("Samples")
+    for share in (0.1, 0.25, 0.4, 0.5, 1.0):
+        report(share)
+    assert capsys.readouterr().out.splitlines() == [
+        "Samples: 25 %, about 30 s left.",
+        "Samples: 50 %, about 20 s left.",
+    ]
 
 
 def test_progress_that_takes_long_is_told_once_in_a_while(capsys):

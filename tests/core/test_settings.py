@@ -8,7 +8,7 @@ import pytest
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.settings import check_settings, settings_of, with_values
+from vgps_ros.core.settings import Setting, check_settings, settings_of, with_values
 from vgps_ros.search.settings import SearchSettings
 
 
@@ -41,6 +41,20 @@ def test_wrong_values_are_refused_with_a_sentence(name, value, sentence):
     with pytest.raises(InvalidInputError) as error:
         with_values(SearchSettings(), {name: value})
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({}, "any value"),
+        ({"minimum": 0.5}, "at least 0.5"),
+        ({"maximum": 2.0}, "at most 2"),
+        ({"minimum": 0.0, "maximum": 2.0}, "from 0 to 2"),
+        ({"choices": ("a", "b")}, "one of a, b"),
+    ],
+)
+def test_a_range_is_told_in_words(limits, words):
+    assert Setting("name", 1.0, "what it does", **limits).range() == words
 
 
 def test_a_record_built_with_a_wrong_value_is_refused():

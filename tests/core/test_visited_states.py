@@ -83,3 +83,24 @@ def test_of_a_long_motion_the_steps_around_the_best_of_some_are_tried(
     sound = np.arange(len(o)) != 7
     assert_array_equal(step[sound], expected[0][sound])
     assert_allclose(distance, expected[1], rtol=1e-9)
+
+
+def test_all_steps_up_to_the_next_of_some_are_tried_by_their_densities(
+    random_distribution, coordinates, rng, monkeypatch
+):
+    q = random_distribution(horizon=HORIZON)
+    q.mean.states[:] = 0.5 * np.arange(HORIZON + 1)[:, None]
+    widths = np.exp(rng.standard_normal(HORIZON + 1))
+    q.state_covariances[:] = widths[:, None, None] * np.eye(4)
+    o = rng.uniform(0.0, 6.0, (300, 4))
+    means, covariances = q.mean.states[:-1], widened(q.state_covariances[:-1])
+    densities = np.array(
+        [multivariate_normal(*m).logpdf(o) for m in zip(means, covariances, strict=True)]
+    )
+    best = 3 * densities[::3].argmax(axis=0)  # of steps 0, 3, 6, 9
+    is_near = np.abs(np.arange(HORIZON)[:, None] - best) < 3
+    expected = np.where(is_near, densities, -np.inf).argmax(axis=0)
+    monkeypatch.setattr(visited_states, "MOST_CANDIDATES", 4)
+    step, _ = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
+    assert set(expected - best) == {-2, -1, 0, 1, 2}
+    assert_array_equal(step, expected)

@@ -50,7 +50,9 @@ def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
         np.testing.assert_array_equal(state_from_msg(states[step], task.joint_names), x)
         x = task.dynamics.step(x, horizon.control(x, step)[0])
     horizon.stop()
-    # Of each plan there is a message, whose motion begins where the robot was.
+    # Of each plan there is a message, whose motion begins where the robot was. The last one may
+    # come after the torques that it gave.
+    graph.spin_until(lambda: len(plans) == steps // 3, what="all plans")
     assert [nanoseconds(p.header.stamp) // PERIOD for p in plans] == list(range(0, steps, 3))
     planned = trajectory_from_msg(plans[4].trajectory)
     np.testing.assert_array_equal(planned.states[0], state_from_msg(states[12], task.joint_names))

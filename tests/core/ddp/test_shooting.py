@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from vgps_ros.core.ddp import forward_pass as forward_pass_module
 from vgps_ros.core.ddp.forward_pass import Problem, forward_pass
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.errors import DivergenceError
@@ -59,6 +60,30 @@ def test_the_model_knows_what_closing_the_gaps_costs(first_steps):
     _, around, (step,) = first_steps()
     assert step.gaps is None
     assert_allclose(step.expected_reduction, around.cost - step.cost, rtol=1e-9)
+
+
+@pytest.mark.parametrize("slope", [-3.0, -0.4, 0.1, 2.0])
+def test_the_worth_of_the_gaps_is_the_least_that_leaves_half_of_it(lq_problem, guess, slope):
+    """Where the cost rises by r while they close, 2 r; where it falls, nothing."""
+    problem = lq_problem()
+    initial = guess(problem)
+    gaps = problem.gaps(initial)
+    whole = Problem(problem, problem)
+    around = whole.around(initial, gaps=gaps)
+    policy = whole.local_policy(around, 0.0)
+    model, _ = forward_pass_module._while_closing(gaps, around, policy)
+    # The same gaps and policy, with gradients of the cost that make its slope another one.
+    scale = slope / model.slope
+    e = around.expansion
+    tilted = dataclasses.replace(e, c_x=scale * e.c_x, c_u=scale * e.c_u)
+    found, worth = forward_pass_module._while_closing(
+        gaps, dataclasses.replace(around, expansion=tilted), policy
+    )
+    rise = -found.expected_reduction(1.0)
+    assert_allclose(rise, slope + 0.5 * model.curvature, rtol=1e-9)
+    assert worth == pytest.approx(max(0.0, 2.0 * rise))
+    half = found.expected_reduction(1.0) + worth
+    assert half == pytest.approx(worth / 2) if rise > 0.0 else worth == 0.0
 
 
 class Steeper:

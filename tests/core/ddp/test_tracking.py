@@ -54,12 +54,27 @@ def test_feedback_keeps_to_a_demonstration_from_which_its_torques_alone_diverge(
     assert steps == (7 + 3) * HORIZON
 
 
+def test_the_feedback_is_that_of_the_regulator_s_riccati_recursion(unstable, demonstration):
+    """With μ on the next state's deviation, as in the backward pass, in gains alone."""
+    V, gains = np.zeros((4, 4)), np.empty((HORIZON, 2, 4))
+    for t in reversed(range(HORIZON)):
+        A, B = unstable.linear.f_x[t], unstable.linear.f_u[t]
+        Q_xx, Q_ux, Q_uu = 2 * np.eye(4) + A.T @ V @ A, B.T @ V @ A, 2e-4 * np.eye(2) + B.T @ V @ B
+        K = -np.linalg.solve(Q_uu + 0.1 * B.T @ B, Q_ux + 0.1 * B.T @ A)
+        V = Q_xx + K.T @ Q_uu @ K + K.T @ Q_ux + Q_ux.T @ K
+        gains[t] = K
+    start = demonstration.states[0] + [0.1, -0.2, 0.3, 0.4]
+    (expected,) = unstable.follow_each(start, [demonstration], gains)
+    followed, _ = track(unstable, demonstration, start, NAMES, tolerance=1.0)
+    assert_allclose(followed.controls, expected.controls, rtol=0, atol=1e-9)
+
+
 def test_a_demonstration_that_is_left_is_refused_with_the_place_and_the_joint(
     unstable, demonstration
 ):
-    start = demonstration.states[0] + [0.0, 0.5, 0.0, 0.0]
+    demonstration.states[3, 1] += 0.5
     sentence = (
-        r"at step 0 \(0\.00 s\) knee is 0\.5 away from it, but at most 0\.1 is allowed; check"
+        r"at step 3 \(0\.30 s\) knee is 0\.5 away from it, but at most 0\.1 is allowed; check"
     )
     with pytest.raises(DivergenceError, match=sentence):
-        track(unstable, demonstration, start, NAMES, tolerance=0.1)
+        track(unstable, demonstration, demonstration.states[0], NAMES, tolerance=0.1)

@@ -53,6 +53,31 @@ def test_a_plan_is_never_worse_than_the_one_given_and_stays_in_its_limits(method
     assert found.mean() > plan.mean() + 1.0
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_second_set_is_drawn_around_the_best_or_with_mean_and_spread_of_the_elites(method):
+    seen, plan = [], np.linspace(-1.0, 1.0, 18).reshape(9, 2)
+    planner = sampler(method, iterations=2, std=np.array([0.5, 0.01]))
+
+    def cost(plans):
+        seen.append(plans)
+        return (plans**2).sum(axis=(1, 2))
+
+    planner.improved(plan, cost, np.random.default_rng(3))
+    rng, spline = np.random.default_rng(3), interpolation(9, 3)
+    std = planner.std * np.geomspace(1.0, 0.1, 32)[:, None, None]
+    noises = [rng.standard_normal((32, 3, 2)) for _ in range(2)]
+    for noise in noises:
+        noise[0] = 0.0
+    first = plan + spline @ (noises[0] * std)
+    assert_allclose(seen[0], first)
+    elites = np.argsort((first**2).sum(axis=(1, 2)))[:8]
+    centre = first[elites[0]]
+    if method == "cross_entropy":
+        centre = first[elites].mean(axis=0)
+        std = np.maximum((noises[0] * std)[elites].std(axis=0), 0.1 * planner.std)
+    assert_allclose(seen[1], centre + spline @ (noises[1] * std))
+
+
 def test_plans_that_diverge_are_not_taken(rng):
     def cost(plans):
         return np.where(plans[:, 0, 0] > 0.0, np.inf, plans[:, 0, 0] ** 2)
@@ -116,6 +141,39 @@ def test_a_receding_horizon_solves_a_linear_quadratic_problem(problem, method, a
     assert motion.states.shape == (21, 2)
     assert_allclose(motion.states, problem.simulate(start, motion.controls[None])[0], atol=1e-12)
     assert (1 - 1e-12) * least <= total(motion) < (1 + above) * least
+
+
+class Worsened(Integrator):
+    """The same, whose refined plans cost more, and which notes the places of its plans."""
+
+    def __init__(self):
+        self.places = []
+
+    def score(self, states, plans, first):
+        self.places.append(first)
+        return super().score(states, plans, first)
+
+    def refine(self, motion, first):
+        self.places.append(first)
+        return motion.controls + 1.0
+
+
+def test_a_refined_plan_that_costs_more_is_left_and_each_plan_knows_its_place():
+    problem, start = Worsened(), np.array([2.0, -1.0])
+    motions = [
+        receding_motion(p, sampler(), start, 7, 3, np.random.default_rng(1))
+        for p in (problem, Integrator())
+    ]
+    assert_array_equal(motions[0].controls, motions[1].controls)
+    assert problem.places == [0, 0, 0, 3, 3, 3, 6, 6, 6]
+
+
+def test_a_motion_begins_with_the_least_torques_that_its_limits_allow(rng):
+    planner = sampler(low=np.array([0.5, -3.0]), high=np.array([3.0, -1.0]))
+    motion = receding_motion(
+        *(Integrator(), planner, np.ones(2), 7, 3, rng), is_cancelled=lambda: True
+    )
+    assert_array_equal(motion.controls, np.tile([0.5, -1.0], (7, 1)))
 
 
 def test_the_same_seed_gives_the_same_motion_and_progress_ends_at_one():
