@@ -120,6 +120,23 @@ def test_parameters_are_weights_and_biases(inputs, units, controls, options, cou
     assert Architecture(names, units, controls, **options).num_parameters == count
 
 
+@pytest.mark.parametrize(
+    ("layers", "width", "sentence"),
+    [
+        (100, 1, "The policy has 101 layers, but it must have at most 100."),
+        (1, 333_334, "has 1000003 parameters, but it must have at most 1000000: use fewer"),
+    ],
+)
+def test_a_network_that_is_too_large_is_refused(layers, width, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        Architecture(("x0",), (width,) * layers, 1)
+
+
+def test_a_network_may_be_as_large_as_the_limits():
+    assert Architecture(("x0",), (1,) * 99, 1).num_parameters == 200
+    assert Architecture(("x0",), (333_333,), 1).num_parameters == 1_000_000
+
+
 def test_log_density_is_scipys(random_policy, rng):
     policy = random_policy(control_dim=3)
     inputs, controls = rng.standard_normal((6, 3)), rng.standard_normal((6, 3))

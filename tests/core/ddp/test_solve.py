@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
 from vgps_ros.core.ddp.backward_pass import backward_pass
-from vgps_ros.core.ddp.solve import Status, solve
+from vgps_ros.core.ddp.forward_pass import Problem
+from vgps_ros.core.ddp.solve import Status, centre_of_q, solve
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Trajectory
@@ -108,8 +109,26 @@ def test_known_derivatives_change_nothing(swim, short_swimmer, rng):
     task = short_swimmer
     controls = task.guess(np.random.default_rng(20131205))
     initial = task.dynamics.rollout(task.initial_state, lambda t, _: controls[t], task.horizon)
-    given = swim(max_iterations=2, linear_dynamics=task.dynamics.linearize(initial)[0])
-    assert_array_equal(given.trajectory.states, swim(max_iterations=2).trajectory.states)
+    linear, steps = task.dynamics.linearize(initial)
+    given, plain = swim(max_iterations=2, linear_dynamics=linear), swim(max_iterations=2)
+    assert_array_equal(given.trajectory.states, plain.trajectory.states)
+    assert plain.simulator_steps - given.simulator_steps == steps
+    # The others are those of two more expansions, and of each step that was tried.
+    sizes = np.array([i.step_size for i in plain.iterations])
+    tried = 1 + np.log(sizes) / np.log(task.optimizer.ddp.line_search_shrink)
+    rollout = task.horizon * task.dynamics.substeps
+    assert plain.simulator_steps == 3 * steps + round(tried.sum()) * rollout
+
+
+def test_where_quu_is_indefinite_there_is_no_q(lq_problem):
+    problem = lq_problem()
+    concave = dataclasses.replace(problem, hessians=-problem.hessians)
+    whole = Problem(concave, concave)
+    with pytest.raises(
+        DivergenceError, match=r"not positive definite at dis.*=0.1; raise"
+    ) as caught:
+        centre_of_q(whole, whole.around(concave.at_rest()), 0.1)
+    assert caught.value.status == "indefinite_quu"
 
 
 def test_regularisation_never_falls_below_its_floor(swim, short_swimmer):
