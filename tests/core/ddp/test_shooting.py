@@ -62,7 +62,7 @@ def test_the_model_knows_what_closing_the_gaps_costs(first_steps):
     assert_allclose(step.expected_reduction, around.cost - step.cost, rtol=1e-9)
 
 
-@pytest.mark.parametrize("slope", [-3.0, -0.4, 0.1, 2.0])
+@pytest.mark.parametrize("slope", [-3.0, -0.4, 0.001, 2.0])
 def test_the_worth_of_the_gaps_is_the_least_that_leaves_half_of_it(lq_problem, guess, slope):
     """Where the cost rises by r while they close, 2 r; where it falls, nothing."""
     problem = lq_problem()
@@ -104,6 +104,35 @@ def test_a_shorter_step_closes_its_share_of_the_gaps(first_steps):
     for step in tried:
         left = (1.0 - step.step_size) * around.gaps if step.gaps is not None else 0.0
         assert_allclose(problem.gaps(step.trajectory), left, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_what_a_shorter_step_leaves_of_gaps_is_closed_by_feedback_where_that_is_cheap(
+    lq_problem, guess, rng, is_closed
+):
+    problem = lq_problem()
+    initial = guess(problem)  # whose gaps are large
+    if is_closed:
+        controls = initial.controls
+        nearby = problem.rollout(initial.states[0], lambda t, x: controls[t], problem.horizon)
+        noise = 1e-3 * rng.standard_normal(nearby.states.shape)
+        initial = Trajectory(nearby.states + noise, controls)
+    gaps, whole = problem.gaps(initial), Problem(problem, Steeper(problem))
+    around = whole.around(initial, gaps=gaps)
+    policy = whole.local_policy(around, 0.0)
+    *rejected, beside, taken = forward_pass(whole, around, policy, PLAIN)
+    assert not any(step.is_accepted for step in rejected)
+    # The closed one is the result, or beside it.
+    closed, left = (taken, beside) if is_closed else (beside, taken)
+    assert left.is_accepted
+    assert closed.is_accepted == is_closed
+    assert closed.step_size == left.step_size < 1.0
+    assert closed.expected_reduction == left.expected_reduction
+    assert_allclose(left.gaps, (1.0 - left.step_size) * gaps)
+    (followed,) = problem.follow_each(initial.states[0], [left.trajectory], policy.gains)
+    assert closed.gaps is None
+    assert_array_equal(closed.trajectory.states, followed.states)
+    assert closed.cost == problem.values(followed).sum()
 
 
 def test_gaps_change_nothing_about_q_once_they_are_closed(lq_problem, guess):
