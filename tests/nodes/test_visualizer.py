@@ -176,6 +176,12 @@ def test_live_and_from_the_bag_the_recording_is_the_same(graph, random_policy, t
     graph.spin_until(lambda: "/joint_states" in dict(graph.node.get_topic_names_and_types()))
     graph.spin_for(1.0)  # until the recorder has found what there is
     graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+
+    def listeners():
+        return {i.node_name for i in graph.node.get_subscriptions_info_by_topic("joint_command")}
+
+    graph.spin_until(lambda: {"recorder", "visualizer"} <= listeners())
+    graph.spin_for(1.0)  # until the executor knows of them as well
     states = graph.messages(JointState, "joint_states")
     request = StepSimulation.Request(steps=100)
     graph.call(StepSimulation, "simulation/step_simulation", request)
