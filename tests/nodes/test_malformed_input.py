@@ -200,10 +200,13 @@ class World:
         return responses
 
     def send(self, kind, name, request):
+        return self.client(kind, name).call_async(request)
+
+    def client(self, kind, name):
         if name not in self.clients:
             self.clients[name] = self.graph.node.create_client(kind, name)
             self.graph.spin_until(self.clients[name].service_is_ready, what=name)
-        return self.clients[name].call_async(request)
+        return self.clients[name]
 
     def publish(self, kind, topic, messages, qos=STREAM):
         if topic not in self.publishers:
@@ -413,6 +416,12 @@ def test_goals_for_the_simulation(world):
     counts = st.sampled_from((0, 0, 1, 2, 2**32, 2**63, 2**64 - 1))
     pause = SetSimulationState.Request(state=PAUSED)
     orders = st.sampled_from(("pause", "cancel", "ask"))
+
+    # The services of an action, unlike ours, do not answer again where they know no client yet.
+    world.client(action.SendGoalService, f"{name}/send_goal")
+    world.client(action.GetResultService, f"{name}/get_result")
+    world.client(CancelGoal, f"{name}/cancel_goal")
+    world.graph.spin_for(1.0)
 
     def send(batch):
         for steps, order in batch:
