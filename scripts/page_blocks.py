@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from comparison_blocks import comparison_block, improvement_block
+
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.S)
 Figures = dict[str, Any]
@@ -101,6 +103,8 @@ BLOCKS: dict[str, Callable[[Figures], str]] = {
     "walker": walker_block,
     "five_units": five_units_block,
     "exported": exported_block,
+    "comparison": comparison_block,
+    "improvement": improvement_block,
 }
 
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from comparison_blocks import summed_up
 from matplotlib.figure import Figure
 from onnx_parity import parity
 from page_blocks import ROOT, Figures, pages, with_figures
@@ -224,6 +225,7 @@ PARTS: dict[str, Callable[[Path, int], Any]] = {
     "three_robots": three_robots,
     "demonstration": demonstration,
     "exported": exported,
+    "comparison": lambda output, seeds: summed_up(ROOT / "docs" / "figure1.csv"),
     "walker": ten_units,
     "walker_five_units": lambda output, seeds: walker(
         output, seeds, 5, 130, "--params-file", FIVE_UNITS

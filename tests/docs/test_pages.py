@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """README, CONTRIBUTING and docs: what they name exists, their code runs, their figures hold."""
 
-import importlib.util
+import importlib
 import json
 import os
 import re
@@ -94,10 +94,9 @@ def test_the_readmes_lines_of_python_train_a_swimmer(tmp_path):
     )
 
 
-def test_the_pages_quote_the_figures_of_the_committed_runs():
-    spec = importlib.util.spec_from_file_location("page_blocks", ROOT / "scripts/page_blocks.py")
-    blocks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(blocks)
+def test_the_pages_quote_the_figures_of_the_committed_runs(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    blocks = importlib.import_module("page_blocks")
     figures = json.loads((ROOT / "docs" / "figures.json").read_text())
     quoted = set()
     for page in blocks.pages():
@@ -108,6 +107,13 @@ def test_the_pages_quote_the_figures_of_the_committed_runs():
     figures["swimmer"]["four_initial_states"]["deterministic"] = 0.123
     readme = (ROOT / "README.md").read_text()
     assert "0.123" in blocks.with_figures(readme, figures)
+
+
+def test_the_comparison_s_figures_are_those_of_its_rows(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    blocks = importlib.import_module("comparison_blocks")
+    figures = json.loads((ROOT / "docs" / "figures.json").read_text())
+    assert blocks.summed_up(ROOT / "docs" / "figure1.csv") == figures["comparison"]
 
 
 def test_the_script_that_writes_the_figures_checks_them():
