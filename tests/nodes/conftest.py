@@ -198,8 +198,15 @@ class Graph:
         assert not bad, "\n".join(bad)
 
     def remove_orphaned_memory(self) -> None:
-        """Removes what killed processes have left, as `fastdds shm clean` does."""
-        remove_orphans({segment for process in self.processes for segment in process.orphaned})
+        """Removes what killed processes have left, as `fastdds shm clean` does.
+
+        The ports of a domain stay as well where a process has ended by its timer (`exit_after`).
+        """
+        killed = {segment for process in self.processes for segment in process.orphaned}
+        first = 7400 + 250 * self.domain_id
+        numbers = (7000, *range(first, first + 250))  # 7000 is of all domains
+        ports = {Path(f"/dev/shm/fastrtps_port{number}") for number in numbers}
+        remove_orphans(killed | {port for port in ports if port.exists()})
 
     # The test's own node
 
