@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vgps_ros.core.ddp import forward_pass as forward_pass_module
-from vgps_ros.core.ddp.forward_pass import Problem, forward_pass
+from vgps_ros.core.ddp.forward_pass import Problem, _while_closing, forward_pass
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
@@ -71,14 +70,12 @@ def test_the_worth_of_the_gaps_is_the_least_that_leaves_half_of_it(lq_problem, g
     whole = Problem(problem, problem)
     around = whole.around(initial, gaps=gaps)
     policy = whole.local_policy(around, 0.0)
-    model, _ = forward_pass_module._while_closing(gaps, around, policy)
+    model, _ = _while_closing(gaps, around, policy)
     # The same gaps and policy, with gradients of the cost that make its slope another one.
     scale = slope / model.slope
     e = around.expansion
     tilted = dataclasses.replace(e, c_x=scale * e.c_x, c_u=scale * e.c_u)
-    found, worth = forward_pass_module._while_closing(
-        gaps, dataclasses.replace(around, expansion=tilted), policy
-    )
+    found, worth = _while_closing(gaps, dataclasses.replace(around, expansion=tilted), policy)
     rise = -found.expected_reduction(1.0)
     assert_allclose(rise, slope + 0.5 * model.curvature, rtol=1e-9)
     assert worth == pytest.approx(max(0.0, 2.0 * rise))
