@@ -1,11 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Trains swimmers and walkers on seeds that no setting was chosen on, and writes docs/policies.md.
+"""Trains policies on seeds that no setting was chosen on, and writes docs/policies.md.
 
 Task, units and seed are all that a training is given; the rest are the defaults. Each training adds
 a line to docs/policies.jsonl once it is measured; those that have a line are not run again, and one
 that was stopped goes on where it was. After `source env.bash`:
 
-    python scripts/policy_table.py                  # all trainings, about an hour and a half
+    python scripts/policy_table.py                  # all trainings, about two hours
     python scripts/policy_table.py --tasks walker --seeds 701 702
     python scripts/policy_table.py --seeds          # no trainings: writes the page from the lines
 """
@@ -24,20 +24,25 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, LINES = ROOT / "docs" / "policies.md", ROOT / "docs" / "policies.jsonl"
 BEGIN, END = "<!-- table: policies -->\n", "<!-- end of table -->"
-UNITS = {"swimmer": (5, 10), "walker": (10, 5)}
+UNITS = {"swimmer": (5, 10), "walker": (10, 5), "hopper": (64,)}
 FRESH = range(701, 711)
-# Of each trial of a walker: its name, its length [s], and its further arguments.
-TRIALS = (
-    ("perturbed", 20, ("--rollouts", "20")),
-    ("noise_4s", 4, ("--rollouts", "40", "--stochastic")),
-    ("noise_20s", 20, ("--rollouts", "40", "--stochastic")),
-)
+NOISY = ("--rollouts", "40", "--stochastic")
+# Of each trial of a robot that can fall: its name, its length [s], and its further arguments.
+TRIALS = {
+    "walker": (
+        ("perturbed_20s", 20, ("--rollouts", "20")),
+        ("noise_4s", 4, NOISY),
+        ("noise_20s", 20, NOISY),
+    ),
+    "hopper": (("perturbed_10s", 10, ("--rollouts", "40")), ("noise_4s", 4, NOISY)),
+}
 # What each column shows: its title, its form, and which of its values is the worst.
 COLUMNS: dict[str, tuple[str, str, Callable[..., float]]] = {
     "deterministic_cost": ("without noise ÷ DDP", "{:.3f}", max),
     "stochastic_cost_mean": ("with noise ÷ DDP, mean", "{:.3f}", max),
     "stochastic_cost_median": ("median", "{:.3f}", max),
-    "perturbed": ("perturbed, without noise, 20 s", "{:.0%}", min),
+    "perturbed_10s": ("perturbed, without noise, 10 s", "{:.0%}", min),
+    "perturbed_20s": ("perturbed, without noise, 20 s", "{:.0%}", min),
     "noise_4s": ("with noise, 4 s", "{:.0%}", min),
     "noise_20s": ("with noise, 20 s", "{:.0%}", min),
     "seconds": ("processor time [s]", "{:.0f}", max),
@@ -66,7 +71,7 @@ def run(task: str, units: int, seed: int, folder: Path) -> dict[str, Any]:
     # A rollout that diverged has no cost.
     line |= {name: last[name] and last[name] / ddp for name in COLUMNS if name in last}
     line |= {"noise_std": last["noise_std"]}
-    for name, length, more in TRIALS if task == "walker" else ():
+    for name, length, more in TRIALS.get(task, ()):
         file = output / f"{name}.json"
         vgps("evaluate", output, "--seconds", length, *more, "--json", file, "--overwrite")
         line[name] = json.loads(file.read_text())["survival"]
