@@ -1,16 +1,22 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Copies of the recorded sample in which messages are altered, for the program `bag`."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from rclpy.parameter import Parameter
+from rosbags.typesys import Stores, get_typestore
 
 from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.bags.reader import BagMessage
 from vgps_ros.programs.__main__ import main as vgps
 
+_STORE = get_typestore(Stores.ROS2_JAZZY)
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 with BagReader(SAMPLE) as _bag:
     ALL = _bag.counts["/joint_command"]
@@ -20,7 +26,7 @@ def main(arguments):
     vgps(["bag", *arguments])
 
 
-def definitions(bag: Path) -> dict[str, str]:
+def definitions_of(bag: Path) -> dict[str, str]:
     """The definition of each type, as the bag holds it."""
     (file,) = bag.glob("*.mcap")
     with file.open("rb") as stream:
@@ -31,11 +37,33 @@ def definitions(bag: Path) -> dict[str, str]:
 def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
     """Writes the sample again, each message as `change` has it; None leaves it out.
 
+    Keyword arguments are added to the executor's recorded parameters, also where it speaks of them.
+    """
+    changed = ((message, change(message)) for message in sample())
+    kept = [replace(message, data=data) for message, data in changed if data is not None]
+    for i, message in enumerate(kept):
+        if message.topic == "/parameter_events":
+            kept[i] = replace(message, data=_with_values(message.data, parameters))
+    return rewritten(target, kept, attachments, **parameters)
+
+
+def sample() -> list[BagMessage]:
+    """The messages of the sample."""
+    with BagReader(SAMPLE) as bag:
+        return list(bag.messages())
+
+
+def rewritten(
+    target: Path, messages, attachments: bool = True, definitions=None, **parameters
+) -> Path:
+    """Writes the sample with other messages, in the order of their times.
+
     Keyword arguments are added to the executor's recorded parameters.
     """
     writer = BagWriter(target)
     # The sample's definitions, since it may be older than the installed ones.
-    writer._definitions = SimpleNamespace(find=definitions(SAMPLE).__getitem__)
+    known = definitions_of(SAMPLE) | (definitions or {})
+    writer._definitions = SimpleNamespace(find=known.__getitem__)
     with BagReader(SAMPLE) as bag:
         for topic, kind in bag.topics.items():
             writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
@@ -45,11 +73,30 @@ def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
                 if content:
                     content["/policy_executor"]["ros__parameters"].update(parameters)
                 writer.attach(name, yaml.safe_dump(content) if content else text, bag.start)
-        for message in bag.messages():
-            if (data := change(message)) is not None:
-                writer.write(message.topic, message.stamp, data)
+    for message in sorted(messages, key=lambda message: message.stamp):
+        writer.write(message.topic, message.stamp, message.data)
     writer.close()
     return target
+
+
+def _with_values(data: bytes, parameters) -> bytes:
+    """An event in which the executor says these values of its parameters."""
+    kind = "rcl_interfaces/msg/ParameterEvent"
+    event = _STORE.deserialize_cdr(data, kind)
+    for parameter in event.new_parameters if event.node == "/policy_executor" else ():
+        if parameter.name in parameters:
+            value = Parameter(parameter.name, value=parameters[parameter.name])
+            for field in (
+                "type",
+                "bool_value",
+                "string_value",
+                "double_value",
+                "double_array_value",
+            ):
+                said = getattr(value.get_parameter_value(), field)
+                said = np.array(said) if field.endswith("array_value") else said
+                setattr(parameter.value, field, said)
+    return bytes(_STORE.serialize_cdr(event, kind))
 
 
 def fails(arguments: list[str], sentence: str) -> None:

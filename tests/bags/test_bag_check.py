@@ -176,7 +176,8 @@ def test_a_state_that_is_not_finite_is_counted_and_needs_no_torque(tmp_path, cap
 def test_an_older_policy_that_reads_what_no_state_has_is_refused():
     """Policies of older bags hold the indices of what they read."""
     model = make_task("swimmer").dynamics.model
-    executor = RecordedExecutor(SimpleNamespace(attachments=dict, of_robot=list), model)
+    empty = SimpleNamespace(attachments=dict, of_robot=list, filled_topics={})
+    executor = RecordedExecutor(empty, model)
     shape = Architecture((1, 9), (2,), 2)
     policy = GaussianPolicy(shape, np.ones(shape.num_parameters), np.ones(2))
     names = state_names(model)

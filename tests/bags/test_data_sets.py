@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.bags.altered import SAMPLE, copy, definitions
+from tests.bags.altered import SAMPLE, copy, definitions_of
 from vgps_ros.bags import BagReader, BagWriter, episode
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.simulation.model import compile_model
@@ -91,7 +91,7 @@ def test_a_reset_begins_an_episode_with_torques_of_its_own(
     """The whole run comes twice; torques are read from the states or from what answered them."""
     monkeypatch.setattr(episode, "controls_are_forces", lambda _: by_efforts)
     writer = BagWriter(tmp_path / "bag")
-    writer._definitions = SimpleNamespace(find=definitions(SAMPLE).__getitem__)
+    writer._definitions = SimpleNamespace(find=definitions_of(SAMPLE).__getitem__)
     with BagReader(SAMPLE) as bag:
         model = compile_model(bag.mjcf())
         for topic in ("/robot_description", "/joint_states", "/joint_command"):

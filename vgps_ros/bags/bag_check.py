@@ -6,8 +6,11 @@ from pathlib import Path
 
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.manifest import check_manifest, signer
+from vgps_ros.bags.metadata import contradictions
 from vgps_ros.bags.policy_check import check_policies
-from vgps_ros.bags.torque_check import TOLERANCE, TorqueCheck, check_torques
+from vgps_ros.bags.torque_check import TOLERANCE, check_torques
+from vgps_ros.bags.torque_counts import TorqueCheck
+from vgps_ros.bags.type_check import altered_types
 from vgps_ros.storage.policy_file import PolicyFile
 
 
@@ -50,7 +53,8 @@ def check_bag(
         found.torques = check_torques(bag)
         _judge_torques(found)
         policies = check_policies(bag, trusted)
-        counts = bag.counts
+        altered = altered_types(bag)
+        found.wrong += [f"the definition of {kind} is not that type's" for kind in altered]
         found.wrong += bag.damages
     total = policies.proven + policies.unproven + len(policies.altered)
     if policies.proven:
@@ -58,7 +62,9 @@ def check_bag(
     found.wrong += [f"the policy of iteration {k} is not its learner's" for k in policies.altered]
     if policies.unproven:
         found.unproven.append(f"{policies.unproven} policies, of which no learner says a digest")
-    _judge_files(found, path, counts)
+    _judge_files(found, bag)
+    if policies.missing:
+        found.unproven.append(f"{policies.missing} policies that the learner named are missing")
     if signers:
         found.proven.append(f"the signature of {signer(path, signers)}")
     return found
@@ -69,17 +75,30 @@ def _judge_torques(found: BagCheck) -> None:
     agreeing = torques.deterministic + torques.stochastic + torques.close
     explained = agreeing + torques.safe + torques.last
     total = explained + torques.rounded + torques.unchecked + torques.stateless
-    total += torques.unexplained + torques.different
+    total += torques.unexplained + torques.different + torques.early
     if explained:
         found.proven.append(f"{explained} of {total} torques")
     for count, words in (
         (torques.different, "torques differ from what the policy gives"),
         (torques.unexplained, "torques are zero or safe, and nothing says that they had to be"),
-        (torques.stateless, "torques answer states that are not in the bag"),
+        (
+            torques.stateless,
+            "torques answer states that are not in the bag, or are unusable",
+        ),
         (torques.unanswered, "states lack the torque that answers them"),
+        (torques.surplus, "torques are more than the states that they answer"),
+        (torques.disordered, "torques came after that of a later state"),
     ):
         if count:
             found.wrong.append(f"{count} {words}")
+    found.wrong += torques.parameters
+    for count, words in (
+        (torques.early, "torques came before the first state"),
+        (torques.unknown, "states lack a torque, and the executor said nothing when they came"),
+        (torques.absent, "states are missing between those that are there"),
+    ):
+        if count:
+            found.unproven.append(f"{count} {words}")
     if torques.rounded:
         found.unproven.append(
             f"{torques.rounded} torques of an old version, which computed them by BLAS; they agree "
@@ -94,14 +113,19 @@ def _judge_torques(found: BagCheck) -> None:
         found.wrong.append(f"the executor counted {less} torques more and {more} less")
 
 
-def _judge_files(found: BagCheck, path: Path, counts: dict[str, int]) -> None:
-    manifest = check_manifest(path)
+def _judge_files(found: BagCheck, bag: BagReader) -> None:
+    for file in bag.files:
+        if count := file.content.misplaced():
+            found.wrong.append(f"{count} chunks are not where the index of {file.path.name} says")
+    manifest = check_manifest(bag.path)
     if manifest is None:
         found.unproven.append("the files, since the bag has no manifest.json")
         return
     found.proven.append(f"{manifest.chunks} chunks in {manifest.files} files")
     found.wrong += manifest.wrong
-    if manifest.messages != {topic: count for topic, count in counts.items() if count}:
+    if manifest.messages != {topic: count for topic, count in bag.counts.items() if count}:
         found.wrong.append("the numbers of messages are not those of the recorder")
+    told = contradictions(bag.path, (file.summary for file in bag.files), bag.type_hashes)
+    found.wrong += [f"{key} in metadata.yaml is not that of the files" for key in told]
     if manifest.lost:
         found.unproven.append(f"{manifest.lost} messages, which the recorder lost")

@@ -97,6 +97,15 @@ class Content:
             not in whole
         ]
 
+    def misplaced(self) -> int:
+        """Returns how many chunks the index has at places where none begins.
+
+        Other readers go by the index, so they would read something else there.
+        """
+        places = {(place.begin, place.end - place.begin) for place in self.places}
+        named = [(index.chunk_start_offset, index.chunk_length) for index in self.indexes]
+        return sum(place not in places for place in named)
+
 
 def messages(path: Path, place: Place) -> Iterator[RawMessage]:
     """Yields the messages of a chunk that was found whole.

@@ -11,9 +11,12 @@ from vgps_ros.bags.timeline import SLACK
 from vgps_ros.messages.executor_diagnostics import (
     COMMANDS_SENT,
     IS_ACTIVE,
+    OWNS,
     POLICY_OF_ITERATION,
     SAFE_ACTION_DRIVES,
 )
+
+QUIET = 3 * 10**9  # without a word from the executor, after which nothing is known of it [ns]
 
 
 class _Status(NamedTuple):
@@ -44,9 +47,10 @@ class ExecutorLog:
 
     Args:
         bag: the bag; one without diagnostics tells nothing.
+        commands: topic of the executor's commands, which its diagnostics name as its own.
     """
 
-    def __init__(self, bag: BagReader):
+    def __init__(self, bag: BagReader, commands: str):
         self._all: list[_Status] = []
         topic = bag.filled_topics.get("diagnostics")
         for received, message in bag.decoded(topic) if topic else ():
@@ -54,14 +58,27 @@ class ExecutorLog:
                 if not bag.of_robot([status.name]):
                     continue  # all robots of a domain share the topic
                 values = {pair.key: pair.value for pair in status.values}
-                if COMMANDS_SENT in values or SAFE_ACTION_DRIVES in status.message:
+                is_its_own = commands in values.get(OWNS, commands).split()
+                if is_its_own and (COMMANDS_SENT in values or SAFE_ACTION_DRIVES in status.message):
                     self._add(received, values, SAFE_ACTION_DRIVES in status.message)
+        if self.counts:  # so each of its statuses does
+            self._all = [status for status in self._all if status.sent is not None]
         self._received = [status.received for status in self._all]
 
     @property
     def counts(self) -> bool:
         """True if the executor counted its commands, as all versions do that state their bits."""
         return any(status.sent is not None for status in self._all)
+
+    def knows(self, time: int) -> bool:
+        """Returns whether the executor said anything shortly before or after a time [ns].
+
+        What came before its first status is known, too, if it had sent nothing until then.
+        """
+        at = bisect_right(self._received, time)
+        around = self._received[max(0, at - 1) : at + 1]
+        is_first = at == 0 and bool(self._all) and not self._all[0].sent
+        return is_first or any(abs(received - time) <= QUIET for received in around)
 
     def has_fault(self, time: int) -> bool:
         """Returns whether the safe action may have driven at a time [ns].
@@ -115,7 +132,7 @@ class ExecutorLog:
 
     def _add(self, received: int, values: dict[str, str], has_fault: bool) -> None:
         text = values.get(COMMANDS_SENT, "")
-        sent = int(text) if text.isdecimal() else None
+        sent = int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else None
         is_ready = values.get(IS_ACTIVE) == "True" and POLICY_OF_ITERATION in values
         before = self._all[-1] if self._all else None
         is_other = before is not None and (sent or 0) < (before.sent or 0)

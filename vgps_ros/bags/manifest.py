@@ -123,6 +123,10 @@ def check_manifest(path: Path) -> ManifestCheck | None:
             if Path(name).name != name or not (path / name).is_file():
                 wrong.append(f"{name} is missing")
                 continue
+            begins = [begin for begin, _, _ in file.chunks]
+            ends = [end for _, end, _ in file.chunks]
+            if begins[1:] != ends[:-1] or any(e <= b for b, e in zip(begins, ends, strict=True)):
+                wrong.append(f"the manifest's chunks of {name} do not follow each other")
             with (path / name).open("rb") as stream:
                 altered = list(_altered(stream, file.chunks))
                 is_whole = _digest(stream) == file.sha256

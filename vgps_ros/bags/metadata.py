@@ -2,7 +2,7 @@
 """Writes the `metadata.yaml` of a rosbag2 bag, in version 9 of its format."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,19 @@ from vgps_ros.storage.plain_yaml import read_yaml
 FILE_NAME = "metadata.yaml"
 _FOREIGN_STORAGE, _FOREIGN_MODES = ("sqlite3",), ("file", "message", "FILE", "MESSAGE")
 _LARGEST = 2**24  # of a description that is read [bytes]
+# What `metadata.yaml` tells of the files and topics, by its keys.
+_TOLD: dict[str, Callable[[Any], Any]] = {
+    "starting_time": lambda told: told["starting_time"]["nanoseconds_since_epoch"],
+    "duration": lambda told: told["duration"]["nanoseconds"],
+    "message_count": lambda told: told["message_count"],
+    "topics_with_message_count": lambda told: {
+        (t["topic_metadata"]["name"], t["topic_metadata"]["type_description_hash"]): t[
+            "message_count"
+        ]
+        for t in told["topics_with_message_count"]
+    },
+    "files": lambda told: {file["path"]: file["message_count"] for file in told["files"]},
+}
 
 
 def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
@@ -72,6 +85,25 @@ def type_hashes(folder: Path) -> dict[str, str]:
         return {str(t["name"]): str(t["type_description_hash"]).strip() for t in topics}
     except (InvalidInputError, KeyError, TypeError):
         return {}
+
+
+def contradictions(
+    folder: Path, files: Iterable[FileSummary], type_hashes: Mapping[str, str]
+) -> list[str]:
+    """Returns what `metadata.yaml` tells of a bag's files and topics that is not so, by its keys.
+
+    Args:
+        folder: folder of the bag.
+        files: what is in its files.
+        type_hashes: the type hash of each topic in them.
+    """
+    topics = [Topic(name, "", given, (), "") for name, given in type_hashes.items()]
+    truth = yaml.safe_load(bag_information(topics, list(files)))
+    try:
+        told = _information(folder)
+        return [key for key, read in _TOLD.items() if read(told) != read(truth)]
+    except (AttributeError, InvalidInputError, KeyError, TypeError):
+        return list(_TOLD)
 
 
 def read_metadata(folder: Path) -> list[str] | None:

@@ -3,9 +3,11 @@
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
+from vgps_ros.bags.timeline import SLACK
 from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.policy_file import PolicyFile
 
@@ -18,11 +20,21 @@ class PolicyCheck:
         proven: those whose digest is what their learner, or a file, says.
         unproven: those of which nobody says a digest.
         altered: the iterations of those that have another digest than their learner says.
+        missing: those that are not in the bag, although their learner says a digest.
     """
 
     proven: int
     unproven: int
     altered: list[int]
+    missing: int = 0
+
+
+class _Link(NamedTuple):
+    """A digest in the chain of a training, as its learner says it just after the policy."""
+
+    received: int  # [ns]
+    digest: str
+    before: str | None  # of the iteration before; None if that is not in the bag
 
 
 def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyCheck:
@@ -35,30 +47,43 @@ def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyC
     Raises:
         InvalidInputError: a policy cannot be read.
     """
-    # By task and iteration, since a bag may hold several trainings.
-    said: dict[tuple[str, int], set[str]] = defaultdict(set)
-    topic = bag.filled_topics.get("learning_progress")
-    for _, message in bag.decoded(topic) if topic else ():
-        digest = getattr(message, "policy_digest", "")
-        if digest:
-            said[message.task, message.iteration].add(digest)
-    found = PolicyCheck(0, 0, [])
+    links = _links(bag)
+    found, missing = PolicyCheck(0, 0, []), {link for several in links.values() for link in several}
     trusted_digest = policy_digest(trusted.gaussian) if trusted and trusted.gaussian else ""
-    for _, message in policy_messages(bag):
+    for received, message in policy_messages(bag):
         if (content := onnx_content(message)) is not None:
             is_trusted = trusted is not None and content == trusted.content
             found.proven += is_trusted
             found.unproven += not is_trusted
             continue
-        k = int(message.iteration)
-        wanted = said[message.task, k]
-        before = said[message.task, k - 1] if k > 1 else {""}
-        policy = learned_policy(message)
-        digests = {policy_digest(policy, digest) for digest in before}
-        if digests & wanted or policy_digest(policy) == trusted_digest:
+        k, policy = int(message.iteration), learned_policy(message)
+        several = links[message.task, k]
+        befores = {link.before for link in several}
+        digests = {policy_digest(policy, before) for before in befores if before is not None}
+        matching = {link for link in several if link.digest in digests}
+        # One that a learner keeps for late subscribers may be of a training before the bag.
+        own = [link for link in several if abs(link.received - received) <= SLACK]
+        missing -= matching or set(own)
+        if matching or policy_digest(policy) == trusted_digest:
             found.proven += 1
-        elif wanted and before:
+        elif own and None not in befores:
             found.altered.append(k)
         else:
             found.unproven += 1
+    found.missing = len(missing)
     return found
+
+
+def _links(bag: BagReader) -> dict[tuple[str, int], list[_Link]]:
+    """Reads the digests by task and iteration; a bag may hold several trainings."""
+    links: dict[tuple[str, int], list[_Link]] = defaultdict(list)
+    latest: dict[str, tuple[int, str]] = {}  # the newest iteration of a task, and its digest
+    topic = bag.filled_topics.get("learning_progress")
+    for received, message in bag.decoded(topic) if topic else ():
+        digest, task, k = getattr(message, "policy_digest", ""), message.task, message.iteration
+        iteration, newest = latest.get(task, (0, ""))
+        before = "" if k == 1 else newest if iteration == k - 1 else None
+        if digest:
+            links[task, k].append(_Link(received, digest, before))
+        latest[task] = (k, digest)
+    return links

@@ -208,9 +208,7 @@ class BagReader:
             InvalidInputError: the message does not fit the definition.
         """
         try:
-            if message.kind not in self._store.fielddefs:
-                definition = self._definitions[message.kind]
-                self._store.register(get_types_from_msg(definition, message.kind))
+            self._register(message.kind)
             return self._store.deserialize_cdr(message.data, message.kind)
         except Exception as error:
             # A damaged message or definition raises errors of many kinds deep inside the library.
@@ -218,3 +216,26 @@ class BagReader:
                 f"A message on {message.topic} at {message.stamp} ns is not a "
                 f"valid {message.kind}: {error!s:.200}."
             ) from error
+
+    @property
+    def types_read(self) -> set[str]:
+        """The types of the messages that were decoded so far, and of their fields."""
+        return set(self._store.fielddefs)
+
+    def definition_hash(self, kind: str) -> str:
+        """Returns the RIHS01 hash of the definition that the bag holds of a type.
+
+        Raises:
+            InvalidInputError: it is not a definition.
+        """
+        try:
+            self._register(kind)
+            return self._store.hash_rihs01(kind)
+        except Exception as error:  # as above
+            raise InvalidInputError(
+                f"The definition of {kind} in '{self.path}' cannot be read: {error!s:.200}."
+            ) from error
+
+    def _register(self, kind: str) -> None:
+        if kind not in self._store.fielddefs:
+            self._store.register(get_types_from_msg(self._definitions[kind], kind))

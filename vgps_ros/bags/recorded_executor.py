@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.bags import BagReader
+from vgps_ros.bags.recorded_parameters import RecordedParameters
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
@@ -24,7 +25,6 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
-from vgps_ros.storage.plain_yaml import read_yaml
 from vgps_ros.tasks import recorded_task
 
 
@@ -38,7 +38,7 @@ class RecordedExecutor:
         model: the robot.
 
     Attributes:
-        seed: seed of the policy's noise.
+        parameters: those of all nodes.
         is_in_lock_step: whether a simulation waited for the answer to each state.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
@@ -48,18 +48,10 @@ class RecordedExecutor:
     """
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
-        nodes = read_yaml(bag.attachments().get("parameters.yaml", ""), "parameters.yaml") or {}
-        try:
-            of_nodes: list[dict[str, Any]] = [
-                dict(nodes[name]["ros__parameters"]) for name in bag.of_robot(nodes)
-            ]
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise InvalidInputError("parameters.yaml does not hold nodes' parameters.") from error
-        parameters = next((p for p in of_nodes if {"seed", "stochastic"} <= set(p)), {})
-        simulated = next((p for p in of_nodes if {"mode", "real_time_factor"} <= set(p)), {})
+        self.parameters = RecordedParameters(bag)
+        self._node, parameters = self.parameters.having("seed", "stochastic")
+        _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
-        self.seed = parameters.get("seed", 0)
-        SEED.check(self.seed)
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
         self._readings: dict[tuple[str, ...], Readings] = {}
@@ -81,6 +73,21 @@ class RecordedExecutor:
             self.settings.torque_rate_limit,
             self._task.dynamics.time_step if self._task else 0.0,
         )
+
+    @property
+    def control_period(self) -> int:
+        """The robot's control period [ns]; 0 in a bag of an old version, which does not tell it."""
+        return round(self._task.dynamics.time_step * 1e9) if self._task else 0
+
+    def seeds(self, received: int) -> list[int | None]:
+        """Returns the seeds of the noise that torques of a time [ns] may have; None is no noise."""
+        if not self._node:
+            return [None]
+        noisy = self.parameters.around(self._node, "stochastic", received)
+        seeds = self.parameters.around(self._node, "seed", received)
+        for seed in seeds:
+            SEED.check(seed)
+        return [seed for is_noisy in noisy for seed in (seeds if is_noisy else [None])]
 
     def named(self, policy: GaussianPolicy) -> GaussianPolicy:
         """Returns the policy with the names of what it reads; old bags have a state's indices.

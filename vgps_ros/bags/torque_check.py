@@ -11,16 +11,18 @@ A torque answers the state that has the same stamp. The topics reach a recorder 
 the bag may hold a state or a policy somewhat later than the torque that was computed from it.
 """
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vgps_ros.bags import BagReader, recorded_policies
 from vgps_ros.bags.answered_states import AnsweredStates
-from vgps_ros.bags.executor_log import Counted, ExecutorLog
+from vgps_ros.bags.executor_log import ExecutorLog
 from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK, Timeline
+from vgps_ros.bags.torque_counts import TorqueCheck
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
@@ -39,49 +41,6 @@ _NEEDED = ("joint_states", "joint_command")
 TOLERANCE = 1e-9
 
 
-@dataclass
-class TorqueCheck:
-    """The outcome of a check, as numbers of torques and states.
-
-    Attributes:
-        deterministic: torques that equal the policy's mean.
-        stochastic: torques that equal the policy's mean plus the noise of the recorded seed.
-        close: torques of an ONNX network that equal its output within `onnx_policy.TOLERANCE`.
-        rounded: torques of an old version that equal one of these within `TOLERANCE`.
-        clipped: torques among these kinds that are at a limit of their size.
-        rate_limited: torques among these kinds that are at a limit of their change.
-        safe: other torques, of the safe action where the diagnostics say that it drove.
-        last: zero torques with which the executor ended its activity.
-        unexplained: zero or safe torques where nothing says that the safe action drove.
-        unchecked: torques whose change is limited, but whose predecessor is not in the bag.
-        unusable: states that no torque may answer, such as one that is not finite.
-        unanswered: states without a torque while a policy drove in lock-step.
-        skipped: states without a torque while a policy drove in real time.
-        stateless: torques whose state is not in the bag, although earlier states are.
-        different: torques that neither the policy nor the safe action gives.
-        counted: the executor's own count; None of a version that did not count.
-        first_difference: a sentence on the first torque that is wrong.
-    """
-
-    deterministic: int = 0
-    stochastic: int = 0
-    close: int = 0
-    rounded: int = 0
-    clipped: int = 0
-    rate_limited: int = 0
-    safe: int = 0
-    last: int = 0
-    unexplained: int = 0
-    unchecked: int = 0
-    unusable: int = 0
-    unanswered: int = 0
-    skipped: int = 0
-    stateless: int = 0
-    different: int = 0
-    counted: Counted | None = None
-    first_difference: str = ""
-
-
 def check_torques(bag: BagReader) -> TorqueCheck:
     """Compares every recorded torque with what the recorded policy gives.
 
@@ -92,9 +51,10 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     topics = {name: bag.needed_topic(name) for name in _NEEDED}
     executor, actuated = RecordedExecutor(bag, model), actuated_joint_names(model)
     policies, marginals = _policies(bag, executor, actuated), _marginals(bag, executor)
-    states, log = AnsweredStates(bag, model), ExecutorLog(bag)
-    found = TorqueCheck(unusable=states.unusable)
-    commands: list[int] = []
+    states, log = AnsweredStates(bag, model), ExecutorLog(bag, topics["joint_command"])
+    contradictions = executor.parameters.contradictions()
+    found = TorqueCheck(unusable=states.unusable, parameters=contradictions)
+    commands, answered_stamps = list[int](), list[int]()
     before: _Sent | None = None
     for received, message in bag.decoded(topics["joint_command"]):
         stamp = nanoseconds(message.header.stamp)
@@ -106,20 +66,27 @@ def check_torques(bag: BagReader) -> TorqueCheck:
             had = marginals.around(received) or [()]
             sent = _Sent(torques, stamp, received, known, answered, had, before)
             is_safe, is_answer = _compare(found, sent, executor, log, actuated)
-            before = sent
+            before = replace(sent, before=None, is_last=is_safe and not is_answer)
+        elif received < states.begin:
+            found.early += 1
         else:
-            found.stateless += received > states.begin
+            found.stateless += 1
         if is_safe:
             executor.limiter.note_safe(torques)
         else:
             executor.limiter.note(torques, stamp)
+            answered_stamps += [stamp] * is_answer
         commands.append(received)
         if is_answer:
             states.note_answer(stamp, received)
     found.counted = log.count(commands) if log.counts else None
     lock_step, begin = executor.is_in_lock_step, policies.received[0] + SLACK
-    unanswered = states.unanswered(log, begin, is_in_lock_step=lock_step)
-    found.unanswered, found.skipped = (unanswered, 0) if lock_step else (0, unanswered)
+    lacking, found.unknown = states.unanswered(log, begin, is_in_lock_step=lock_step)
+    found.unanswered, found.skipped = (lacking, 0) if lock_step else (0, lacking)
+    if lock_step and executor.control_period:
+        found.absent = states.absent(executor.control_period)
+    found.surplus = states.surplus(Counter(answered_stamps))
+    found.disordered = states.disordered(answered_stamps)
     return found
 
 
@@ -134,6 +101,7 @@ class _Sent:
     states: list[Array]
     marginals: list[tuple[TrainingMarginals, ...]]
     before: "_Sent | None"  # the torques before; None for the first
+    is_last: bool = False  # whether the executor ended its activity with them
 
 
 def _compare(
@@ -147,7 +115,7 @@ def _compare(
     limiter = executor.limiter
     for state in sent.states:
         for _, policy in sent.policies:
-            for seed in (None, executor.seed):
+            for seed in executor.seeds(sent.received):
                 inputs = executor.inputs(policy.policy, state)
                 wanted = policy.control(inputs, sent.stamp, seed)
                 expected = limiter.limited(wanted, sent.stamp)
@@ -180,7 +148,8 @@ def _compare(
 
 def _counts_safe(found: TorqueCheck, sent: _Sent, log: ExecutorLog) -> bool:
     """Counts torques of the safe action by what explains them; returns whether they answer."""
-    repeats = sent.before is not None and sent.before.stamp == sent.stamp
+    before = sent.before
+    repeats = before is not None and before.stamp == sent.stamp and not before.is_last
     if log.has_fault(sent.received):
         found.safe += 1
         return True

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
 PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  # keys of values
+OWNS = "owns"  # key of a value: the topics that this node alone may publish
 POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
 SAFE_ACTION_DRIVES = "Not the controller drives, but the safe action"  # begins a status's sentence
 

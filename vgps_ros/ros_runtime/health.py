@@ -12,11 +12,12 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.executor_diagnostics import OWNS
 from vgps_ros.ros_runtime import middleware
 from vgps_ros.ros_runtime.given_parameters import check_given_parameters
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, OWNS, Peers
+from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, Peers
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 

@@ -16,6 +16,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.executor_diagnostics import OWNS
 from vgps_ros.ros_runtime.ending import end_with
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.parameters import declare
@@ -26,7 +27,6 @@ INSTANCE = "instance"  # key of the value that tells one run of a node from the 
 _LARGEST = 2**18  # of a message on /diagnostics [bytes]
 _LAST_WORDS = 1.5  # after what a node said last, another run of it may be heard instead [s]
 _GRACE = 1.0  # in which, once this process goes on, every node at work is heard again [s]
-OWNS = "owns"  # key of the value that names the topics that only one node may publish
 TRAINING = "training"  # key of the value that tells how far a training is; empty: there is none
 
 PEER_TIMEOUT = Setting(
