@@ -176,7 +176,7 @@ def main() -> int:
             for _ in range(arguments.count):
                 delay = rng.uniform(*arguments.between or (FIRST, rng.choice((0.5, LAST))))
                 with tempfile.TemporaryDirectory(prefix="vgps_ros_") as folder:
-                    outcome = strike(kind, mode, delay, Path(folder), rng.randrange(101, 233))
+                    outcome = strike(kind, mode, delay, Path(folder), rng.randrange(101, 232))
                 slowest = max(slowest, outcome.seconds)
                 late[name] += outcome.is_late
                 if outcome.wrong:

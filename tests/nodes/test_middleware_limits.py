@@ -62,3 +62,12 @@ def test_a_node_for_which_the_domain_has_no_port_left_says_so(graph):
     with strangers(graph.domain_id, ALL + 1):
         node = graph.start("simulation", start_paused=True)
         graph.spin_until_output(node, f"none of the {ALL} places of domain {graph.domain_id}")
+
+
+@pytest.mark.parametrize("domain_id", ["232", "300", "-1", "mine"])
+def test_a_domain_without_the_ports_that_nodes_need_is_refused(graph, domain_id):
+    node = graph.start("simulation", prefix=["env", f"ROS_DOMAIN_ID={domain_id}"])
+    assert node.wait() == 1
+    wanted = f"ROS_DOMAIN_ID is '{domain_id}', but it must be 0 to 231"
+    assert wanted in node.output
+    assert "Traceback" not in node.output

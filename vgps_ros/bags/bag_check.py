@@ -56,10 +56,11 @@ def check_bag(
         altered = altered_types(bag)
         found.wrong += [f"the definition of {kind} is not that type's" for kind in altered]
         found.wrong += bag.damages
-    total = policies.proven + policies.unproven + len(policies.altered)
+    total = policies.proven + policies.unproven + len(policies.altered) + len(policies.refused)
     if policies.proven:
         found.proven.append(f"{policies.proven} of {total} policies")
     found.wrong += [f"the policy of iteration {k} is not its learner's" for k in policies.altered]
+    found.wrong += _refused("policies", policies.refused)
     if policies.unproven:
         found.unproven.append(f"{policies.unproven} policies, of which no learner says a digest")
     _judge_files(found, bag)
@@ -68,6 +69,12 @@ def check_bag(
     if signers:
         found.proven.append(f"the signature of {signer(path, signers)}")
     return found
+
+
+def _refused(kind: str, sentences: list[str]) -> list[str]:
+    if not sentences:
+        return []
+    return [f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"]
 
 
 def _judge_torques(found: BagCheck) -> None:
@@ -91,7 +98,7 @@ def _judge_torques(found: BagCheck) -> None:
     ):
         if count:
             found.wrong.append(f"{count} {words}")
-    found.wrong += torques.parameters
+    found.wrong += torques.parameters + _refused("commands", torques.refused)
     for count, words in (
         (torques.early, "torques came before the first state"),
         (torques.unknown, "states lack a torque, and the executor said nothing when they came"),

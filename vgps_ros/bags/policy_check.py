@@ -8,6 +8,7 @@ from typing import NamedTuple
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.policy_file import PolicyFile
 
@@ -20,12 +21,14 @@ class PolicyCheck:
         proven: those whose digest is what their learner, or a file, says.
         unproven: those of which nobody says a digest.
         altered: the iterations of those that have another digest than their learner says.
+        refused: a sentence on each that cannot be read.
         missing: those that are not in the bag, although their learner says a digest.
     """
 
     proven: int
     unproven: int
     altered: list[int]
+    refused: list[str]
     missing: int = 0
 
 
@@ -43,20 +46,24 @@ def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyC
     Args:
         bag: the bag.
         trusted: a policy that needs no learner, such as one that was loaded from a file.
-
-    Raises:
-        InvalidInputError: a policy cannot be read.
     """
     links = _links(bag)
-    found, missing = PolicyCheck(0, 0, []), {link for several in links.values() for link in several}
+    found, missing = (
+        PolicyCheck(0, 0, [], []),
+        {link for several in links.values() for link in several},
+    )
     trusted_digest = policy_digest(trusted.gaussian) if trusted and trusted.gaussian else ""
-    for received, message in policy_messages(bag):
+    for received, message in policy_messages(bag, found.refused):
         if (content := onnx_content(message)) is not None:
             is_trusted = trusted is not None and content == trusted.content
             found.proven += is_trusted
             found.unproven += not is_trusted
             continue
-        k, policy = int(message.iteration), learned_policy(message)
+        try:
+            k, policy = int(message.iteration), learned_policy(message)
+        except InvalidInputError as error:
+            found.refused.append(str(error))
+            continue
         several = links[message.task, k]
         befores = {link.before for link in several}
         digests = {policy_digest(policy, before) for before in befores if before is not None}

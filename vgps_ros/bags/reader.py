@@ -193,10 +193,25 @@ class BagReader:
         while waiting:
             yield heappop(waiting)[2]
 
-    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Yields the time of receipt [ns] and the decoded message, for each message of a topic."""
-        for message in self.messages([topic]):
-            yield message.stamp, self.decode(message)
+    def decoded(self, *topics: str, refused: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+        """Yields the time of receipt [ns] and the decoded message, for each message of some topics.
+
+        Args:
+            topics: full names of the topics.
+            refused: takes a sentence on each message that cannot be read; without it, one raises.
+
+        Raises:
+            InvalidInputError: a topic is not in the bag, or a message does not fit its definition.
+        """
+        for message in self.messages(topics):
+            try:
+                decoded = self.decode(message)
+            except InvalidInputError as error:  # noqa: PERF203
+                if refused is None:
+                    raise
+                refused.append(str(error))
+            else:
+                yield message.stamp, decoded
 
     def decode(self, message: BagMessage) -> Any:
         """Decodes a message with the definition that the bag holds.

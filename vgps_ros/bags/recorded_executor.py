@@ -106,10 +106,24 @@ class RecordedExecutor:
 
     def inputs(self, policy: Policy, state: Array) -> Array:
         """Returns what the policy reads of a state, shape (n_o,)."""
+        return self._readings_of(policy)(state)
+
+    def check_fits(self, policy: Policy) -> None:
+        """Refuses a policy that no executor of this robot could use.
+
+        Raises:
+            InvalidInputError: the robot lacks what it reads, or has another number of torques.
+        """
+        self._readings_of(policy)
+        wanted = len(self._simulations.model.actuator_ctrlrange)
+        if isinstance(policy, GaussianPolicy) and (given := len(policy.noise_std)) != wanted:
+            raise InvalidInputError(f"The policy has {given} torques, but the robot has {wanted}.")
+
+    def _readings_of(self, policy: Policy) -> Readings:
         names = policy.observed
         if names not in self._readings:
             self._readings[names] = Readings(self._simulations, names)
-        return self._readings[names](state)
+        return self._readings[names]
 
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
         """Returns the training marginals that the executor computed from a distribution."""

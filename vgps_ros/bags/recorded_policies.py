@@ -13,15 +13,18 @@ from vgps_ros.storage.onnx_policy import OnnxPolicy
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
 
 
-def policy_messages(bag: BagReader) -> Iterator[tuple[int, Any]]:
-    """Yields the time of receipt [ns] and the message of each policy, in their order.
+def policy_messages(bag: BagReader, refused: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+    """Returns the time of receipt [ns] and the message of each policy, in their order.
+
+    Args:
+        bag: the bag.
+        refused: takes a sentence on each message that cannot be read; without it, one raises.
 
     Raises:
         InvalidInputError: the bag has no policy, or a message is none.
     """
     topics = [bag.filled_topics[name] for name in ("policy", ONNX) if name in bag.filled_topics]
-    for message in bag.messages(topics or [bag.needed_topic("policy")]):
-        yield message.stamp, bag.decode(message)
+    return bag.decoded(*(topics or [bag.needed_topic("policy")]), refused=refused)
 
 
 def learned_policy(message: Any) -> GaussianPolicy:

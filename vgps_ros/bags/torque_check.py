@@ -12,6 +12,7 @@ the bag may hold a state or a policy somewhat later than the torque that was com
 """
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,8 @@ from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK, Timeline
 from vgps_ros.bags.torque_counts import TorqueCheck
-from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import ExecutedPolicy, Policy
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -56,9 +58,13 @@ def check_torques(bag: BagReader) -> TorqueCheck:
     found = TorqueCheck(unusable=states.unusable, parameters=contradictions)
     commands, answered_stamps = list[int](), list[int]()
     before: _Sent | None = None
-    for received, message in bag.decoded(topics["joint_command"]):
+    for received, message in bag.decoded(topics["joint_command"], refused=found.refused):
         stamp = nanoseconds(message.header.stamp)
-        torques = command_from_msg(message, actuated)
+        try:
+            torques = command_from_msg(message, actuated)
+        except InvalidInputError as error:
+            found.refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
+            continue
         is_safe = is_answer = False
         if answered := states.around(stamp, received):
             # Even the first policy may be recorded late, since it was published long before.
@@ -187,16 +193,21 @@ def _agreement(
 
 
 def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> Timeline:
-    """Reads the policies, each with its iteration."""
+    """Reads the policies that the executor could use, each with its iteration."""
     timeline = Timeline()
-    for received, message in policy_messages(bag):
-        content = onnx_content(message)
-        if content is None:
-            policy = ExecutedPolicy(executor.named(learned_policy(message)))
-            timeline.add(received, (message.iteration, policy))
-        else:
-            network = recorded_policies.onnx_policy(content, joints)
-            timeline.add(received, (0, ExecutedPolicy(network)))
+    for received, message in policy_messages(bag, refused=[]):
+        policy: Policy
+        with suppress(InvalidInputError):  # of which it kept the one before
+            if (content := onnx_content(message)) is None:
+                iteration, policy = message.iteration, executor.named(learned_policy(message))
+            else:
+                iteration, policy = 0, recorded_policies.onnx_policy(content, joints)
+            executor.check_fits(policy)
+            timeline.add(received, (iteration, ExecutedPolicy(policy)))
+    if not timeline.values:
+        raise InvalidInputError(
+            f"'{bag.path}' has no policy that its robot could use; record a run with a policy."
+        )
     return timeline
 
 

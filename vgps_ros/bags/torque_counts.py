@@ -34,6 +34,7 @@ class TorqueCheck:
         counted: the executor's own count; None of a version that did not count.
         first_difference: a sentence on the first torque that is wrong.
         parameters: a sentence on each parameter that is recorded in two ways.
+        refused: a sentence on each command that cannot be read.
     """
 
     deterministic: int = 0
@@ -59,3 +60,4 @@ class TorqueCheck:
     counted: Counted | None = None
     first_difference: str = ""
     parameters: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)

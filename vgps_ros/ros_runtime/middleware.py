@@ -24,7 +24,7 @@ _TRACING_NEEDS = 2**15  # of which most is a margin [bytes]
 _USUAL_SEGMENT = 2**19  # without a profile [bytes]
 _BESIDE = 2**21  # for ports and locks [bytes]
 _LIST = 0.06  # size of the list of a segment's blocks, as a part of the segment
-_FIRST_PORT, _PORTS_PER_DOMAIN, _PORTS_PER_PLACE = 7410, 250, 2
+_FIRST_PORT, _LAST_PORT, _PORTS_PER_DOMAIN, _PORTS_PER_PLACE = 7410, 65535, 250, 2
 _done_without: list[str] = []  # a sentence, if this process had to do without shared memory
 
 
@@ -49,7 +49,11 @@ def within_limits() -> Iterator[None]:
 
     Where /dev/shm is too full for it, the middleware does without. It manages the memory of queues
     as the profile says, if the profile says so for all of them.
+
+    Raises:
+        VgpsError: ROS_DOMAIN_ID is no domain, or one with fewer ports than the profile needs.
     """
+    _check_ports(os.environ.get("ROS_DOMAIN_ID", ""))
     profile = None
     if all(map(_says_memory, ("data_writer", "data_reader"))):
         os.environ.setdefault(_HEEDED, "1")
@@ -70,7 +74,7 @@ def within_limits() -> Iterator[None]:
 
 def trouble(domain_id: int) -> str:
     """Returns a sentence on the limit that this process has hit; empty if it has hit none."""
-    reach = min((int(element.text or 0) for element in _profile("maxInitialPeersRange")), default=0)
+    reach = _reach()
     if reach and not any(place < reach for place in _places(domain_id)):
         return (
             f"This process has none of the {reach} places of domain {domain_id} to which others "
@@ -78,6 +82,20 @@ def trouble(domain_id: int) -> str:
             "ROS_DOMAIN_ID."
         )
     return " ".join(_done_without)
+
+
+def _reach() -> int:
+    """Returns to how many places of a domain a process announces itself; 0 if nothing says it."""
+    return min((int(element.text or 0) for element in _profile("maxInitialPeersRange")), default=0)
+
+
+def _check_ports(domain_id: str) -> None:
+    highest = (_LAST_PORT - _FIRST_PORT - _PORTS_PER_PLACE * _reach() + 1) // _PORTS_PER_DOMAIN
+    if domain_id and domain_id not in map(str, range(highest + 1)):
+        raise VgpsError(
+            f"ROS_DOMAIN_ID is '{domain_id:.20}', but it must be 0 to {highest}, since domains beyond "
+            "have too few ports for all processes that must find each other: choose a lower one."
+        )
 
 
 def _profile(name: str) -> list[ElementTree.Element]:
