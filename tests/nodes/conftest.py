@@ -43,7 +43,7 @@ from vgps_ros.tasks import Task
 T = TypeVar("T")
 
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
-DOMAINS = range(101, 233)
+DOMAINS = range(101, 232)
 # A prefix by which a process has a /dev/shm of its own, of a size, of which some is filled; both
 # follow it.
 SMALL_MEMORY = (
@@ -331,7 +331,7 @@ def _free_domain() -> Iterator[int]:
                 continue
             yield domain_id
             return
-    raise RuntimeError("All ROS domains from 101 to 232 are taken by other tests.")
+    raise RuntimeError("All ROS domains from 101 to 231 are taken by other tests.")
 
 
 def remove_orphans(segments: set[Path]) -> None:

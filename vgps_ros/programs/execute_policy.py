@@ -12,7 +12,7 @@ from pathlib import Path
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.experiments.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_memory
+from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
 from vgps_ros.tasks.settings import TASK
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Runs the policy as the arguments say."""
     if arguments.json:
         refuse_existing([arguments.json], overwrite=arguments.overwrite)
-    check_memory()
+    check_machine()
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Column, Table

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from vgps_ros import NODES
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.ros_runtime.middleware import check_memory
+from vgps_ros.ros_runtime.middleware import check_machine
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -57,7 +57,7 @@ def start(name: str, arguments: Sequence[str]) -> NoReturn:
     heed(lambda *_: os._exit(0))
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
     try:
-        check_memory()
+        check_machine()
     except VgpsError as error:
         sys.exit(str(error))
     module = importlib.import_module(f"vgps_ros.nodes.{name}")

@@ -11,7 +11,7 @@ from functools import partial
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.experiments.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_memory
+from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Asks for the training that the arguments describe, and writes what `train` does."""
     output = RunFolder(arguments.output)
     refuse_existing([output.result], overwrite=arguments.overwrite)
-    check_memory()
+    check_machine()
     from vgps_msgs.action import TrainPolicy
 
     from vgps_ros.messages.conversions import policy_from_msg

@@ -28,12 +28,14 @@ _FIRST_PORT, _LAST_PORT, _PORTS_PER_DOMAIN, _PORTS_PER_PLACE = 7410, 65535, 250,
 _done_without: list[str] = []  # a sentence, if this process had to do without shared memory
 
 
-def check_memory() -> None:
-    """Checks that rclpy can be imported: its tracing reads two pages of /dev/shm.
+def check_machine() -> None:
+    """Checks that rclpy can be imported, whose tracing reads two pages of /dev/shm, and begin.
 
     Raises:
-        VgpsError: it would end with a bus error.
+        VgpsError: it would end with a bus error; or ROS_DOMAIN_ID is no domain, or one with fewer
+            ports than the profile announces to.
     """
+    _check_ports(os.environ.get("ROS_DOMAIN_ID", ""))
     files = list(_SHARED_MEMORY.glob(_TRACING))
     has_pages = bool(files) and all(file.stat().st_blocks for file in files)
     if not has_pages and (free := _free_memory()) < _TRACING_NEEDS:
@@ -49,11 +51,7 @@ def within_limits() -> Iterator[None]:
 
     Where /dev/shm is too full for it, the middleware does without. It manages the memory of queues
     as the profile says, if the profile says so for all of them.
-
-    Raises:
-        VgpsError: ROS_DOMAIN_ID is no domain, or one with fewer ports than the profile needs.
     """
-    _check_ports(os.environ.get("ROS_DOMAIN_ID", ""))
     profile = None
     if all(map(_says_memory, ("data_writer", "data_reader"))):
         os.environ.setdefault(_HEEDED, "1")
@@ -93,8 +91,8 @@ def _check_ports(domain_id: str) -> None:
     highest = (_LAST_PORT - _FIRST_PORT - _PORTS_PER_PLACE * _reach() + 1) // _PORTS_PER_DOMAIN
     if domain_id and domain_id not in map(str, range(highest + 1)):
         raise VgpsError(
-            f"ROS_DOMAIN_ID is '{domain_id:.20}', but it must be 0 to {highest}, since domains beyond "
-            "have too few ports for all processes that must find each other: choose a lower one."
+            f"ROS_DOMAIN_ID is '{domain_id:.20}', but it must be 0 to {highest}: domains beyond have "
+            "too few ports for all processes that must find each other. Choose a lower one."
         )
 
 
