@@ -91,8 +91,8 @@ def _check_ports(domain_id: str) -> None:
     highest = (_LAST_PORT - _FIRST_PORT - _PORTS_PER_PLACE * _reach() + 1) // _PORTS_PER_DOMAIN
     if domain_id and domain_id not in map(str, range(highest + 1)):
         raise VgpsError(
-            f"ROS_DOMAIN_ID is '{domain_id:.20}', but it must be 0 to {highest}: domains beyond have "
-            "too few ports for all processes that must find each other. Choose a lower one."
+            f"ROS_DOMAIN_ID is '{domain_id:.20}', but it must be 0 to {highest}: domains beyond "
+            "have too few ports for all processes that must find each other. Choose a lower one."
         )
 
 
