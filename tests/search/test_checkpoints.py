@@ -33,7 +33,7 @@ SETTINGS = dataclasses.replace(
     supervised_iterations=50,
     policy_rollouts=4,
     situations=2,
-    disturb=DisturbanceSettings(payload=0.1, friction=0.5),
+    disturb=DisturbanceSettings(payload=0.1, push=0.1),
     candidates=2,
     candidate_iterations=3,
 )
