@@ -117,9 +117,14 @@ def _perturbed_starts(
 def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict[str, Any]:
     """Tries the disturbances that the arguments name; returns the survival by kind."""
     from vgps_ros.search.robustness import KINDS, Trials, robustness
-    from vgps_ros.tasks.disturbance import DisturbanceSettings
+    from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
+    if arguments.body and not {"pushes", "payloads"} & values.keys():
+        raise InvalidInputError(
+            f"--body {arguments.body} is pushed or bears a payload, but neither is tried; add "
+            "--pushes or --payloads, or leave it out."
+        )
     if not values:
         return {}
     if not isinstance(policy, GaussianPolicy):
@@ -137,6 +142,10 @@ def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict
         push_before=arguments.seconds / 2,  # then there is time to recover, or to fall
         push_duration=arguments.push_duration,
     )
+    if any(values.get("pushes", ())):
+        check_push_ends(
+            settings, arguments.seconds, "a rollout", "--push-duration", "lengthen --seconds"
+        )
     trials = Trials(starts, noise, arguments.seed, settings)
     return robustness(task, policy, trials, values)
 
@@ -173,12 +182,12 @@ def _show_survival(robustness: dict[str, Any]) -> None:
 
     table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
     for kind, found in robustness.items():
-        low, high = found["borne"]
+        borne = found["borne"]
         table.add_row(
             escape(KINDS[kind]),
             "\n".join(f"{value:g}" for value in found["values"]),
             "\n".join(f"{100 * share:.0f} %" for share in found["survival"]),
-            f"{low:g} to {high:g}",
+            f"{borne[0]:g} to {borne[1]:g}" if borne else "none",
             end_section=True,
         )
     table_console().print(table)
