@@ -2,6 +2,7 @@
 """`vgps new` writes a task file that works, and `vgps check` says what is wrong with one."""
 
 import json
+import re
 
 import pytest
 
@@ -148,6 +149,21 @@ def test_settings_with_which_no_training_could_begin_are_refused(folder, capsys)
     task.write_text(TASK.replace("WEIGHT", "0.01") + "search: {hidden_units: []}\n")
     words = ends_with(capsys, "check", str(task))
     assert "hidden_units is empty, but it must have at least one value." in words
+
+
+@pytest.mark.parametrize(
+    ("search", "sentence"),
+    [
+        ("{hidden_units: [0]}", r"task.yaml line 9, search.hidden_units: hidden_units is 0, but"),
+        ("{situation: 3}", r"task.yaml line 9, search.situation: .* Did you mean 'situations'"),
+        ("{alphas: [1, 2], alpha_iterations: [5, 1]}", "line 9, search: alpha_iterations is"),
+    ],
+)
+def test_an_error_of_a_setting_of_the_search_has_its_line(folder, capsys, search, sentence):
+    text = TASK.replace("WEIGHT", "0.1") + f"search: {search}\n"
+    (folder / "task.yaml").write_text(text)
+    for words in (["check", "task.yaml"], ["train", "--task", "task.yaml", "--output", "run"]):
+        assert re.search(sentence, ends_with(capsys, *words))
 
 
 def test_a_picture_replaces_no_file(folder, capsys):

@@ -17,7 +17,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.experiments.command_line import Parser, picture, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import RunFolder
@@ -225,7 +225,7 @@ def add_arguments(parser: Parser) -> None:
         Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
     )
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw how many survive each disturbance"
+        "--plot", type=picture, metavar="FILE", help="draw how many survive each disturbance"
     )
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
     parser.add_output(

@@ -133,8 +133,8 @@ def _direction(task: Task, body: int, share: float) -> Array:
     if not free.any():
         name = body_names(task.mjcf)[body]
         raise InvalidInputError(
-            f"The body '{name}' cannot move horizontally, so that no push moves it; name another one "
-            "as disturb.body."
+            f"The body '{name}' cannot move horizontally, so that no push moves it; name another "
+            "one as disturb.body."
         )
     if free.all():
         return np.array([np.cos(2 * np.pi * share), np.sin(2 * np.pi * share)])
