@@ -4,6 +4,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 from tests.simulation.robots import EVERYTHING
@@ -92,6 +93,39 @@ def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(fold
     assert not task.fallen(task.initial_state)
     scored = (folder / "mine" / "task.yaml").read_text()
     assert "{sensor: up, index: [x], target: [0], weight: 5.0}" in scored
+
+
+def test_a_robot_with_a_ball_alone_is_read_and_held_by_its_quaternion(folder, capsys):
+    ball = '<body name="arm" pos="0 0 1"><joint name="ball" type="ball" damping="0.1"/>'
+    ball = PENDULUM.replace('<body name="arm">', ball)
+    ball = re.sub('<joint name="hinge".*', "", ball).replace('="hinge"', '="ball" gear="1 1 1"')
+    ball = re.sub('<body name="other".*?</body>', "", ball, flags=re.DOTALL)
+    (folder / "robot.xml").write_text(ball)
+    main(["new", "mine", "--model", "robot.xml"])
+    task = make_task("mine")
+    read = ("ball_turn/w", "ball_turn/x", "ball_turn/y", "ball_turn/z")
+    assert task.observation.names == (*read, "ball/wx", "ball/wy", "ball/wz")
+    assert task.cost_names == task.observation.names
+    at_rest = task.cost(task.initial_state[None], np.zeros((1, 1)))
+    turned = task.dynamics.space.add(task.initial_state, np.array([0, 0.5, 0, 0, 0, 0]))
+    assert at_rest == 0.0 < task.cost(turned[None], np.zeros((1, 1)))
+    main(["check", "mine", "--iterations", "5"])
+    assert "Nothing looks wrong." in capsys.readouterr().out
+
+
+def test_a_policy_that_reads_nothing_is_refused_with_its_line(folder, capsys):
+    text = TASK.replace("WEIGHT", "0.1") + "observe: [{joint_positions: {except: ['*']}}]\n"
+    (folder / "task.yaml").write_text(text)
+    sentence = ends_with(capsys, "check", "task.yaml")
+    assert "task.yaml line 9, observe: the policy reads nothing; name the readings" in sentence
+
+
+@pytest.mark.parametrize("begin", ["path, through: []", "zero"])
+def test_a_first_motion_that_is_the_best_already_is_no_trouble(folder, capsys, begin):
+    text = TASK.replace("WEIGHT", "0.1").replace("start: {positions: {hinge: 1.0}}\n", "")
+    (folder / "task.yaml").write_text(text + f"begin: {{law: {begin}}}\n")
+    main(["check", "task.yaml", "--iterations", "2"])
+    assert "Nothing looks wrong." in capsys.readouterr().out
 
 
 def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):

@@ -157,7 +157,7 @@ def _after(task: Task, motion: Trajectory, costs: list[float]) -> list[str]:
                 "which DDP keeps to: allow more, or give controls more weight, if it should have "
                 "some left for what disturbs it."
             )
-    if len(costs) < 2 or costs[-1] > 0.99 * costs[0]:
+    if costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0]):  # nothing can be below 0
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."

@@ -125,6 +125,11 @@ class _Reader:
             raise self.document.error(
                 ("observe",), f"{quoted(twice[0])} is read twice; leave one of them out."
             )
+        self.document.refuse(
+            not names,
+            ("observe",),
+            "the policy reads nothing; name the readings of joints or sensors that it needs.",
+        )
         observation = self.readings(names, ("observe",))
         if observation.needs_controls:
             raise self.document.error(
