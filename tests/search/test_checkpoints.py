@@ -219,6 +219,7 @@ def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours)
         next(run(folder, said, **change))
     assert f"belongs to a training with {theirs}, but this one has {ours};" in str(refusal.value)
     assert f"or remove '{folder}' to begin anew" in str(refusal.value)
+    assert said == []  # the refusal says it, once
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
 
 

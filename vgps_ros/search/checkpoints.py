@@ -107,12 +107,14 @@ class Checkpoints:
             except FileNotFoundError:  # noqa: PERF203
                 continue
             except ForeignCheckpointError as error:
-                self.tell(str(error))
                 refused.insert(0, error)
             except Exception as error:  # whatever the bytes are, they are no checkpoint
                 self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
                 refused.append(error)
         if found:
+            for other in refused:
+                if isinstance(other, ForeignCheckpointError):  # else the run ends with it
+                    self.tell(str(other))
             state = max(found, key=lambda one: one.k)
             self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
             return state
