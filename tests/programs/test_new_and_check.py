@@ -185,6 +185,12 @@ def test_settings_with_which_no_training_could_begin_are_refused(folder, capsys)
     assert "hidden_units is empty, but it must have at least one value." in words
 
 
+def test_a_disturbance_that_does_not_suit_the_robot_is_refused(folder, capsys):
+    text = TASK.replace("WEIGHT", "0.1") + "search: {disturb.body: leg, disturb.push: 4.0}\n"
+    (folder / "task.yaml").write_text(text)
+    assert "there is no body 'leg'; there are arm, other" in ends_with(capsys, "check", "task.yaml")
+
+
 @pytest.mark.parametrize(
     ("search", "sentence"),
     [

@@ -79,6 +79,11 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         (["--seed", "-1"], "seed is -1"),
         (["--method", "vpgs"], "Did you mean 'vgps'?"),
         (["--hidden-units", "many"], "many"),
+        (["--check", "--disturb-body", "hed", "--disturb-push", "1"], "there is no body 'hed'"),
+        (
+            ["--check", "--method", "plato", "--teacher-horizon", "0.001"],
+            "teacher.horizon is 0.001 s, but a plan of the swimmer must have at least one control",
+        ),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(

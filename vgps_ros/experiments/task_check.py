@@ -13,6 +13,7 @@ from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import search_settings
+from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import Task
 
@@ -56,9 +57,10 @@ def check_task(
         on_iteration: called with the number of each iteration and the cost after it.
 
     Raises:
-        InvalidInputError: the task's settings of the policy search are out of range.
+        InvalidInputError: the task's settings of the policy search are out of range, or do not
+            suit its robot.
     """
-    search_settings(task)
+    check_situations(task, search_settings(task), seed)
     found = TaskCheck()
     request = first_request(task, seed, iterations)
     try:

@@ -76,18 +76,22 @@ def run(arguments: argparse.Namespace) -> None:
     output = RunFolder(arguments.output)
     if output.is_finished():
         refuse_existing([output.result], overwrite=arguments.overwrite)
+    from vgps_ros.tasks import make_task
+
+    task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
     if arguments.check:
+        from vgps_ros.search.methods import check_search
+
+        check_search(arguments.method, task, settings, arguments.seed)
         return
     from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
-    from vgps_ros.tasks import make_task
     from vgps_ros.views.event_log import EventLog
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress
 
-    task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.initial_ddp_iterations) as progress:

@@ -40,6 +40,17 @@ def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situatio
     """Draws the situations; see the settings `situations` and `disturb`.
 
     Raises:
+        InvalidInputError: as `check_situations` does.
+    """
+    check_situations(task, settings, seed)
+    starts = initial_states(task, settings, seed)
+    return [_situation(task, settings, seed, i, start) for i, start in enumerate(starts)]
+
+
+def check_situations(task: Task, settings: SearchSettings, seed: int) -> None:
+    """Checks that situations can be drawn, without making any motion.
+
+    Raises:
         InvalidInputError: a disturbance does not suit the robot, a push may not end within the
             horizon, or no situation can start later.
     """
@@ -51,8 +62,8 @@ def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situatio
         )
     if settings.disturb.start_before:
         _check_later_starts(task, settings.situations)
-    starts = initial_states(task, settings, seed)
-    return [_situation(task, settings, seed, i, start) for i, start in enumerate(starts)]
+    rng = generator(seed, Stream.DISTURBANCES, 0)
+    disturbed(task, draw_disturbance(task, settings.disturb, rng))
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:
