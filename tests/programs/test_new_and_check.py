@@ -141,10 +141,13 @@ def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):
 def test_new_replaces_no_file_and_names_what_is_not_there(folder, capsys):
     main(["new", "mine", "--model", "pendulum.xml"])
     assert "exists already" in ends_with(capsys, "new", "mine", "--model", "pendulum.xml")
-    assert "no file '../pendulun.xml'" in ends_with(capsys, "new", "his", "--model", "pendulun.xml")
+    sentence = ends_with(capsys, "new", "his", "--model", "pendulun.xml")
+    assert "vgps new: --model: there is no file 'pendulun.xml' in " in sentence
+    assert "Did you mean 'pendulum.xml'?" in sentence
     assert "no package nowhere" in ends_with(
         capsys, "new", "his", "--model", "package://nowhere/a.xml"
     )
+    assert not (folder / "his").exists()
 
 
 def check(folder, capsys, *pairs, weight="1.0"):

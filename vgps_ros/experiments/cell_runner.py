@@ -21,7 +21,6 @@ from vgps_ros.storage.files import read_json, write_json
 
 FAILURES = "failures.json"
 _PROTOCOL = "experiment.json"
-_MOST_JOBS = 1024
 
 
 def run_experiment(
@@ -121,15 +120,12 @@ def workers(backend: str, jobs: int, address: str) -> Iterator[joblib.Parallel]:
     """Gives what runs cells in parallel and yields each as it ends.
 
     Raises:
-        InvalidInputError: the number of processes is out of range, an address is given but no
-            cluster, or the cluster is not there.
+        InvalidInputError: there are no processes to use, an address is given but no cluster, or
+            the cluster is not there.
     """
     options: dict[str, Any] = {"return_as": "generator_unordered", "batch_size": 1}
-    if not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
-        raise InvalidInputError(
-            f"jobs is {jobs}, but it must be a number of processes from 1 to {_MOST_JOBS}, or -1 "
-            "for one a core."
-        )
+    if jobs == 0:
+        raise InvalidInputError("jobs is 0, but it must be a number of processes, or -1 for all.")
     if address and backend != "dask":
         raise InvalidInputError(
             f"address is '{address}', but only the backend dask has a scheduler; add --backend "

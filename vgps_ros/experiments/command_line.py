@@ -19,6 +19,8 @@ Record = TypeVar("Record")
 # Endings of pictures that matplotlib writes without another program.
 PICTURES = ("png", "svg", "pdf", "jpg", "jpeg", "webp", "tif", "tiff", "eps", "ps")
 
+_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
+
 # Parameters that only the nodes heed: no settings of a search, but in its nodes' blocks.
 OF_NODES = {
     *("task", "method", "demonstration", "checkpoint_folder", "optimizers", "optimizer_timeout"),
@@ -234,14 +236,21 @@ def _parser(s: Setting) -> Callable[[str], Any]:
     kind = type(s.default[0] if is_list else s.default)
 
     def parse(text: str) -> Any:
-        value = _boolean(text) if kind is bool else kind(text)
+        value = _boolean(text) if kind is bool else text
+        if kind in _NUMBERS:
+            try:
+                # In numbers Python reads other digits and underscores too, a task file does not.
+                value = kind(text if text.isascii() and "_" not in text else "")
+            except ValueError as error:
+                raise argparse.ArgumentTypeError(
+                    f"{s.name} is {quoted(text)}, but it must be {_NUMBERS[kind]}, {s.range()}"
+                ) from error
         try:
             s.check((value,) if is_list else value)
         except InvalidInputError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         return value
 
-    parse.__name__ = kind.__name__  # for the sentence "invalid int value: 'many'"
     return parse
 
 
