@@ -39,7 +39,8 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
     if disturbance.friction != 1.0 and not may_rub(model):
         raise InvalidInputError(
             f"The friction of contacts shall change by the factor {disturbance.friction:.3g}, but "
-            f"no two geoms of the robot of {task.name} can touch with friction; leave it out."
+            f"no two geoms of the robot of {task.name} can touch with friction; leave out "
+            "disturb.friction or --frictions."
         )
     if disturbance.changes_model:
         model = disturbed_model(
