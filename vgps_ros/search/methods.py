@@ -12,6 +12,8 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import check_settings
 from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
@@ -22,7 +24,7 @@ from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
-from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import adapted_weighted_dagger, weighted_dagger
@@ -66,9 +68,15 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
     """Checks what a search would refuse, before anything is learned.
 
     Raises:
-        InvalidInputError: the method is unknown, or settings do not suit the task.
+        InvalidInputError: the method is unknown, a setting or the seed is out of range, the policy
+            is too large, or settings do not suit the task.
     """
-    METHODS[one_of("method", method, METHODS)].check(task, settings)
+    chosen = METHODS[one_of("method", method, METHODS)]
+    check_settings(settings)
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
+    architecture(task, settings)  # a policy that is too large is refused before the first solve
+    chosen.check(task, settings)
     check_situations(task, settings, seed)
 
 
