@@ -77,7 +77,7 @@ def table(found: Mapping[str, Mapping[str, Any]]) -> str:
         shares = own["pushes"]["survival"]
         cells = [f"{share:.0%}".replace("%", " %") for share in shares]
         (_, push), slope, (_, payload) = (
-            own[kind]["borne"] for kind in ("pushes", "slopes", "payloads")
+            own[kind]["borne"] or (0.0, 0.0) for kind in ("pushes", "slopes", "payloads")
         )
         borne = f"{push:g} N·s, {slope[0]:g} to {slope[1]:g} rad, {payload:g} kg"
         cells.append(borne if shares[0] >= ENOUGH else "falls without any")

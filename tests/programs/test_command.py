@@ -42,7 +42,7 @@ def test_help_of_every_command_comes_before_anything_that_is_slow_to_import():
     ("variable", "sentence"),
     [
         ("METHOD=vpgs", "Did you mean 'vgps'?"),
-        ("HIDDEN=five", "invalid int value: 'five'"),
+        ("HIDDEN=five", "hidden_units is 'five', but it must be a whole number"),
         ("SEED=-1", "seed is -1, but it must be from 0"),
         ("ITERATIONS=0", "iterations is 0, but it must be from 1"),
         ("PARAMETERS=none.yaml", "'none.yaml' cannot be read"),

@@ -68,6 +68,9 @@ def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
         (["--rollouts", "1000000000"], "rollouts is 1000000000, but it must be from 1 to 1e+06"),
         (["--rollouts", "1000000", "--seconds", "1e5"], "steps are too many"),
         (["--perturbation", "-1"], "perturbation is -1.0, but it must be from 0"),
+        (["--pushes", "1", "--plot", "x.doc"], "'x.doc' has no ending of a picture; name a file"),
+        (["--pushes", "1", "--plot", "x"], "that ends in one of .png, .svg, .pdf"),
+        (["--json", "x.png", "--plot", "./x.png"], "'x.png' is named for two files, of which"),
         (["--task", "walker"], "has 2 controls, but the task has 6"),
     ],
 )

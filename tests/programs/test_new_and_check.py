@@ -2,7 +2,9 @@
 """`vgps new` writes a task file that works, and `vgps check` says what is wrong with one."""
 
 import json
+import re
 
+import numpy as np
 import pytest
 
 from tests.simulation.robots import EVERYTHING
@@ -93,6 +95,39 @@ def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(fold
     assert "{sensor: up, index: [x], target: [0], weight: 5.0}" in scored
 
 
+def test_a_robot_with_a_ball_alone_is_read_and_held_by_its_quaternion(folder, capsys):
+    ball = '<body name="arm" pos="0 0 1"><joint name="ball" type="ball" damping="0.1"/>'
+    ball = PENDULUM.replace('<body name="arm">', ball)
+    ball = re.sub('<joint name="hinge".*', "", ball).replace('="hinge"', '="ball" gear="1 1 1"')
+    ball = re.sub('<body name="other".*?</body>', "", ball, flags=re.DOTALL)
+    (folder / "robot.xml").write_text(ball)
+    main(["new", "mine", "--model", "robot.xml"])
+    task = make_task("mine")
+    read = ("ball_turn/w", "ball_turn/x", "ball_turn/y", "ball_turn/z")
+    assert task.observation.names == (*read, "ball/wx", "ball/wy", "ball/wz")
+    assert task.cost_names == task.observation.names
+    at_rest = task.cost(task.initial_state[None], np.zeros((1, 1)))
+    turned = task.dynamics.space.add(task.initial_state, np.array([0, 0.5, 0, 0, 0, 0]))
+    assert at_rest == 0.0 < task.cost(turned[None], np.zeros((1, 1)))
+    main(["check", "mine", "--iterations", "5"])
+    assert "Nothing looks wrong." in capsys.readouterr().out
+
+
+def test_a_policy_that_reads_nothing_is_refused_with_its_line(folder, capsys):
+    text = TASK.replace("WEIGHT", "0.1") + "observe: [{joint_positions: {except: ['*']}}]\n"
+    (folder / "task.yaml").write_text(text)
+    sentence = ends_with(capsys, "check", "task.yaml")
+    assert "task.yaml line 9, observe: the policy reads nothing; name the readings" in sentence
+
+
+@pytest.mark.parametrize("begin", ["path, through: []", "zero"])
+def test_a_first_motion_that_is_the_best_already_is_no_trouble(folder, capsys, begin):
+    text = TASK.replace("WEIGHT", "0.1").replace("start: {positions: {hinge: 1.0}}\n", "")
+    (folder / "task.yaml").write_text(text + f"begin: {{law: {begin}}}\n")
+    main(["check", "task.yaml", "--iterations", "2"])
+    assert "Nothing looks wrong." in capsys.readouterr().out
+
+
 def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):
     bare = HOPPER.replace('<geom name="floor" type="plane" size="0 0 1"/>', "")
     bare = bare[: bare.index("  <actuator>")] + "</mujoco>"
@@ -106,10 +141,13 @@ def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):
 def test_new_replaces_no_file_and_names_what_is_not_there(folder, capsys):
     main(["new", "mine", "--model", "pendulum.xml"])
     assert "exists already" in ends_with(capsys, "new", "mine", "--model", "pendulum.xml")
-    assert "no file '../pendulun.xml'" in ends_with(capsys, "new", "his", "--model", "pendulun.xml")
+    sentence = ends_with(capsys, "new", "his", "--model", "pendulun.xml")
+    assert "vgps new: --model: there is no file 'pendulun.xml' in " in sentence
+    assert "Did you mean 'pendulum.xml'?" in sentence
     assert "no package nowhere" in ends_with(
         capsys, "new", "his", "--model", "package://nowhere/a.xml"
     )
+    assert not (folder / "his").exists()
 
 
 def check(folder, capsys, *pairs, weight="1.0"):
@@ -148,6 +186,27 @@ def test_settings_with_which_no_training_could_begin_are_refused(folder, capsys)
     task.write_text(TASK.replace("WEIGHT", "0.01") + "search: {hidden_units: []}\n")
     words = ends_with(capsys, "check", str(task))
     assert "hidden_units is empty, but it must have at least one value." in words
+
+
+def test_a_disturbance_that_does_not_suit_the_robot_is_refused(folder, capsys):
+    text = TASK.replace("WEIGHT", "0.1") + "search: {disturb.body: leg, disturb.push: 4.0}\n"
+    (folder / "task.yaml").write_text(text)
+    assert "there is no body 'leg'; there are arm, other" in ends_with(capsys, "check", "task.yaml")
+
+
+@pytest.mark.parametrize(
+    ("search", "sentence"),
+    [
+        ("{hidden_units: [0]}", r"task.yaml line 9, search.hidden_units: hidden_units is 0, but"),
+        ("{situation: 3}", r"task.yaml line 9, search.situation: .* Did you mean 'situations'"),
+        ("{alphas: [1, 2], alpha_iterations: [5, 1]}", "line 9, search: alpha_iterations is"),
+    ],
+)
+def test_an_error_of_a_setting_of_the_search_has_its_line(folder, capsys, search, sentence):
+    text = TASK.replace("WEIGHT", "0.1") + f"search: {search}\n"
+    (folder / "task.yaml").write_text(text)
+    for words in (["check", "task.yaml"], ["train", "--task", "task.yaml", "--output", "run"]):
+        assert re.search(sentence, ends_with(capsys, *words))
 
 
 def test_a_picture_replaces_no_file(folder, capsys):

@@ -66,10 +66,27 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         (["--alphas", "1", "-0.1"], "alphas is -0.1, but it must be from"),
         (["--alphas", "nan", "1"], "alphas is nan"),
         (["--alphas", "1", "--alpha-iterations", "0", "50"], "alphas has 1 values, but"),
+        (["--schedule", "paper", "--alphas=5"], "so --alphas has no effect; leave it out"),
+        (
+            ["--ddp-regularization-floor", "100", "--ddp-regularization-limit", "1"],
+            "ddp.regularization_floor is 100, but it must be at most ddp.regularization_limit, 1.",
+        ),
+        (
+            ["--gps-initial-regularization", "1e3"],
+            "gps.initial_regularization is 1000, but it must be from gps.lowest_regularization",
+        ),
         (["--hidden-units", "5", "0"], "hidden_units is 0"),
         (["--seed", "-1"], "seed is -1"),
         (["--method", "vpgs"], "Did you mean 'vgps'?"),
-        (["--hidden-units", "many"], "many"),
+        (["--hidden-units", "many"], "hidden_units is 'many', but it must be a whole number, from"),
+        (["--iterations", "1_0"], "iterations is '1_0', but it must be a whole number, from 1 to"),
+        (["--iterations", "\u0663"], "but it must be a whole number"),
+        (["--alphas", "1_0"], "alphas is '1_0', but it must be a number, from 1e-09 to"),
+        (["--check", "--disturb-body", "hed", "--disturb-push", "1"], "there is no body 'hed'"),
+        (
+            ["--check", "--method", "plato", "--teacher-horizon", "0.001"],
+            "teacher.horizon is 0.001 s, but a plan of the swimmer must have at least one control",
+        ),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(

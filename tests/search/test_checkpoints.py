@@ -15,12 +15,14 @@ from tests.search.test_methods import solver
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.search.checkpoints import Checkpoints, Run
+from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.files import part_of
 from vgps_ros.storage.record_tree import to_tree
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
+from vgps_ros.tasks.references import task_file_of
 
 ROTOR = make_task("rotor")
 SETTINGS = dataclasses.replace(
@@ -31,7 +33,7 @@ SETTINGS = dataclasses.replace(
     supervised_iterations=50,
     policy_rollouts=4,
     situations=2,
-    disturb=DisturbanceSettings(payload=0.1, friction=0.5),
+    disturb=DisturbanceSettings(payload=0.1, push=0.1),
     candidates=2,
     candidate_iterations=3,
 )
@@ -217,6 +219,7 @@ def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours)
         next(run(folder, said, **change))
     assert f"belongs to a training with {theirs}, but this one has {ours};" in str(refusal.value)
     assert f"or remove '{folder}' to begin anew" in str(refusal.value)
+    assert said == []  # the refusal says it, once
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
 
 
@@ -225,6 +228,32 @@ def test_that_of_another_task_or_demonstration_is_refused(folder):
     for task in (make_task("swimmer"), demonstrated):
         with pytest.raises(InvalidInputError, match="belongs to a training with"):
             Checkpoints(folder).latest(dataclasses.replace(RUN, task=task), METHODS["vgps"].update)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("task.yaml", "weight: 0.1", "weight: 0.2"),
+        ("task.yaml", "control_period: 0.05 ", "control_period: 0.1 "),
+        ("task.yaml", "cost:", "fallen: [{sensor: rotor/velocity, beyond: 9.0}]\ncost:"),
+        ("task.yaml", "cost:", "begin: {law: noise, std: 0.1}\ncost:"),
+        ("task.yaml", "cost:", "begin: {law: pd, stiffness: 2.0}\ncost:"),
+        ("rotor.xml", 'mass="1"', 'mass="2"'),
+    ],
+)
+def test_that_of_a_changed_task_is_refused_in_one_process_and_in_a_graph(tmp_path, file, old, new):
+    copied = shutil.copytree(task_file_of("rotor").parent, tmp_path / "rotor")
+    begun, again = (Run("vgps", make_task(str(copied)), SETTINGS, 3) for _ in range(2))
+    assert begun.identity() == again.identity()
+    text = (copied / file).read_text()
+    assert old in text
+    (copied / file).write_text(text.replace(old, new))
+    changed = dataclasses.replace(begun, task=make_task(str(copied)))
+    checkpoints = Checkpoints(tmp_path / "kept")
+    checkpoints.save(begun, SearchState((), 0, (), None))
+    with pytest.raises(InvalidInputError, match=r"The task has changed since: '.*checkpoint-0"):
+        checkpoints.latest(changed, METHODS["vgps"].update)
+    assert begun.name() != changed.name()  # a learner in a graph names its folder so
 
 
 def test_that_of_another_optimizer_is_refused_with_its_setting(folder):

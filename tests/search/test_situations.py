@@ -71,6 +71,14 @@ def test_a_motion_that_follows_no_law_has_no_later_start():
         situations(make_task("swimmer"), settings, 0)
 
 
+@pytest.mark.parametrize("late", [{"disturb.push_before": 4.0}, {"disturb.push_duration": 4.1}])
+def test_a_push_must_end_within_the_horizon(late):
+    task, push = make_task("cart_pole"), {"disturb.push": 1.0}
+    situations(task, with_values(SearchSettings(), {**push, "disturb.push_before": 3.9}), 0)
+    with pytest.raises(InvalidInputError, match="but the horizon ends after 4 s"):
+        situations(task, with_values(SearchSettings(), {**push, **late}), 0)
+
+
 def test_one_situation_alone_has_no_later_start():
     settings = with_values(SearchSettings(), {"disturb.start_before": 1.0})
     with pytest.raises(InvalidInputError, match="set situations to 2 or more"):

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Disturbances of a task, against the laws of mechanics and against differences."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.simulation.disturbed_model import may_rub
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
@@ -166,6 +168,30 @@ def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, r
 def test_what_does_not_suit_is_refused(sled, disturbance, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
         disturbed(sled(), Disturbance(**disturbance))
+
+
+def test_bodies_without_a_name_have_that_of_their_place(tmp_path, rng):
+    bare = re.sub('<body name="[a-z]+"', "<body", SLED.replace('body="sled"', 'body="world"'))
+    (tmp_path / "sled.xml").write_text(bare)
+    (tmp_path / "task.yaml").write_text(re.sub("changes.*\n", "", TASK))
+    task = make_task(str(tmp_path))
+    assert task.mjcf == bare  # whose joints have names, so that it stands as it is
+    for name, found in (("", "body"), ("body_body", "body_body")):
+        settings = DisturbanceSettings(body=name, push=1.0, payload=2.0)
+        drawn = draw_disturbance(task, settings, rng)
+        assert drawn.body == found
+        loaded = disturbed(task, drawn).dynamics.model
+        assert loaded.body_mass.sum() == pytest.approx(3.0 + drawn.payload)
+
+
+def test_friction_changes_only_where_something_can_rub(sled):
+    ice = Disturbance(friction=0.5)
+    assert may_rub(disturbed(sled(), ice).dynamics.model)
+    for change in ('contype="0"', 'condim="1"'):
+        smooth = SLED.replace('size="0.3 0.3 0.1"', f'size="0.3 0.3 0.1" {change}')
+        smooth = smooth.replace('type="plane"', f'type="plane" {change}')
+        with pytest.raises(InvalidInputError, match=r"factor 0\.5, but no two geoms of the robot"):
+            disturbed(sled(mjcf=smooth), ice)
 
 
 def test_a_body_that_cannot_move_sideways_is_not_pushed(sled, rng):

@@ -6,6 +6,7 @@ They stand apart from what uses them: a program that only names them loads no co
 
 from dataclasses import dataclass, field
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.settings import setting
 
@@ -89,6 +90,15 @@ class OptimizerSettings:
         minimum=1e-12,
         maximum=10.0,
     )
+
+    def __post_init__(self) -> None:
+        """Checks that mu's bounds leave something between them, at alpha 1."""
+        floor, limit = self.ddp.regularization_floor, self.ddp.regularization_limit
+        if floor > limit:
+            raise InvalidInputError(
+                f"ddp.regularization_floor is {floor:g}, but it must be at most "
+                f"ddp.regularization_limit, {limit:g}."
+            )
 
 
 @dataclass(frozen=True)

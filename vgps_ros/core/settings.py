@@ -7,6 +7,7 @@ and range, a node declares its parameter, and values are checked.
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -106,16 +107,21 @@ def with_values(record: Record, values: Mapping[str, Any]) -> Record:
 
     Args:
         record: a settings record.
-        values: new values by dotted name; other settings keep the record's value.
+        values: new values by dotted name; other settings keep the record's value. Where they have
+            a function `at`, errors of the value of a name are raised within `at(name)`, and those
+            of all together within `at("")`.
 
     Raises:
         InvalidInputError: a name is unknown, or a value is of the wrong type or out of range.
     """
     known = {s.name: s for s in settings_of(record)}
+    at = getattr(values, "at", lambda _: nullcontext())
     for name, value in values.items():
-        one_of("setting", name, known)
-        known[name].check(value)
-    return _replaced(record, values, "")
+        with at(name):
+            one_of("setting", name, known)
+            known[name].check(value)
+    with at(""):
+        return _replaced(record, values, "")
 
 
 def check_settings(record: Any) -> None:

@@ -120,11 +120,17 @@ def workers(backend: str, jobs: int, address: str) -> Iterator[joblib.Parallel]:
     """Gives what runs cells in parallel and yields each as it ends.
 
     Raises:
-        InvalidInputError: there are no processes to use, or the cluster is not there.
+        InvalidInputError: there are no processes to use, an address is given but no cluster, or
+            the cluster is not there.
     """
     options: dict[str, Any] = {"return_as": "generator_unordered", "batch_size": 1}
     if jobs == 0:
         raise InvalidInputError("jobs is 0, but it must be a number of processes, or -1 for all.")
+    if address and backend != "dask":
+        raise InvalidInputError(
+            f"address is '{address}', but only the backend dask has a scheduler; add --backend "
+            "dask, or leave it out."
+        )
     if backend == "processes":
         yield joblib.Parallel(n_jobs=jobs, **options)
         return

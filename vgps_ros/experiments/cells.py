@@ -13,7 +13,7 @@ from pathlib import Path
 
 import torch
 
-from vgps_ros.core.checks import one_of
+from vgps_ros.core.checks import nearest, one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.paper import CURVES, configured, method_of
 from vgps_ros.experiments.training import train
@@ -45,6 +45,7 @@ class Panel:
             raise InvalidInputError(
                 f"panel is '{name}', but it must be all ({', '.join(PANELS)}) or TASK-UNITS with "
                 f"a task of {', '.join(BUILT_IN)} and the number of hidden units."
+                f"{nearest(name, (*PANELS, *(f'{task}-5' for task in BUILT_IN)))}"
             )
         return cls(match[1], int(match[2]))
 

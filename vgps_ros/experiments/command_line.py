@@ -16,6 +16,11 @@ from vgps_ros.tasks.references import task_names
 
 Record = TypeVar("Record")
 
+# Endings of pictures that matplotlib writes without another program.
+PICTURES = ("png", "svg", "pdf", "jpg", "jpeg", "webp", "tif", "tiff", "eps", "ps")
+
+_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
+
 # Parameters that only the nodes heed: no settings of a search, but in its nodes' blocks.
 OF_NODES = {
     *("task", "method", "demonstration", "checkpoint_folder", "optimizers", "optimizer_timeout"),
@@ -72,7 +77,7 @@ class Parser(argparse.ArgumentParser):
 
     def add_output(self, flag: str, text: str, **options: Any) -> None:
         """Adds a flag for a path to write, and the one that allows it to be replaced."""
-        self.add_argument(flag, type=Path, help=text, **options)
+        self.add_argument(flag, **{"type": Path, "help": text, **options})
         self.add_argument(
             "--overwrite", action="store_true", help="replace what an earlier run has written"
         )
@@ -115,12 +120,29 @@ def _tasks_or_files(prefix: str, **_: Any) -> list[str]:
     return [*task_names(), *FilesCompleter(["yaml"])(prefix)]
 
 
+def picture(text: str) -> Path:
+    """Returns the path of a picture to write, whose ending says in which format."""
+    path = Path(text)
+    if path.suffix.lower().removeprefix(".") not in PICTURES:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' has no ending of a picture; name a file that ends in one of "
+            f"{', '.join(f'.{ending}' for ending in PICTURES)}"
+        )
+    return path
+
+
 def refuse_existing(paths: Sequence[Path], *, overwrite: bool) -> None:
     """Checks that nothing would be replaced by accident.
 
     Raises:
-        InvalidInputError: one of the paths exists, and may not be replaced.
+        InvalidInputError: two of the paths are one, or one exists and may not be replaced.
     """
+    for i, path in enumerate(paths):
+        if path.resolve() in [other.resolve() for other in paths[:i]]:
+            raise InvalidInputError(
+                f"'{path}' is named for two files, of which the second would replace the first; "
+                "name a path of its own for each."
+            )
     existing = [path for path in paths if path.exists()]
     if existing and not overwrite:
         raise InvalidInputError(
@@ -214,14 +236,21 @@ def _parser(s: Setting) -> Callable[[str], Any]:
     kind = type(s.default[0] if is_list else s.default)
 
     def parse(text: str) -> Any:
-        value = _boolean(text) if kind is bool else kind(text)
+        value = _boolean(text) if kind is bool else text
+        if kind in _NUMBERS:
+            try:
+                # In numbers Python reads other digits and underscores too, a task file does not.
+                value = kind(text if text.isascii() and "_" not in text else "")
+            except ValueError as error:
+                raise argparse.ArgumentTypeError(
+                    f"{s.name} is {quoted(text)}, but it must be {_NUMBERS[kind]}, {s.range()}"
+                ) from error
         try:
             s.check((value,) if is_list else value)
         except InvalidInputError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         return value
 
-    parse.__name__ = kind.__name__  # for the sentence "invalid int value: 'many'"
     return parse
 
 

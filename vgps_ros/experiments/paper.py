@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # it imports the simulator, which the names of the curves do 
     from vgps_ros.tasks import Task
 
 RISING = "vgps_rising"
+MOST_JOBS = 1024  # cells that are trained at once
 CURVES = (*OF_PAPER, RISING)
 TUNED = Path(__file__).with_name("tuned.yaml")
 

@@ -13,6 +13,7 @@ from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import search_settings
+from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import Task
 
@@ -56,9 +57,10 @@ def check_task(
         on_iteration: called with the number of each iteration and the cost after it.
 
     Raises:
-        InvalidInputError: the task's settings of the policy search are out of range.
+        InvalidInputError: the task's settings of the policy search are out of range, or do not
+            suit its robot.
     """
-    search_settings(task)
+    check_situations(task, search_settings(task), seed)
     found = TaskCheck()
     request = first_request(task, seed, iterations)
     try:
@@ -157,7 +159,7 @@ def _after(task: Task, motion: Trajectory, costs: list[float]) -> list[str]:
                 "which DDP keeps to: allow more, or give controls more weight, if it should have "
                 "some left for what disturbs it."
             )
-    if len(costs) < 2 or costs[-1] > 0.99 * costs[0]:
+    if costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0]):  # nothing can be below 0
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."

@@ -12,7 +12,7 @@ import numpy as np
 
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.experiments.command_line import Parser, picture, refuse_existing
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.task_check import TaskCheck
@@ -25,7 +25,8 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of this command."""
     parser.add_argument("task", help="a name, a task file or its folder, or FILE.py:FUNCTION")
     parser.add_settings(ITERATIONS, SEED)
-    parser.add_output("--picture", "file for a picture of the optimised motion, such as motion.png")
+    text = "file for a picture of the optimised motion, such as motion.png"
+    parser.add_output("--picture", text, type=picture)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -17,7 +17,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.experiments.command_line import Parser, picture, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import RunFolder
@@ -117,9 +117,14 @@ def _perturbed_starts(
 def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict[str, Any]:
     """Tries the disturbances that the arguments name; returns the survival by kind."""
     from vgps_ros.search.robustness import KINDS, Trials, robustness
-    from vgps_ros.tasks.disturbance import DisturbanceSettings
+    from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
+    if arguments.body and not {"pushes", "payloads"} & values.keys():
+        raise InvalidInputError(
+            f"--body {arguments.body} is pushed or bears a payload, but neither is tried; add "
+            "--pushes or --payloads, or leave it out."
+        )
     if not values:
         return {}
     if not isinstance(policy, GaussianPolicy):
@@ -137,6 +142,10 @@ def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict
         push_before=arguments.seconds / 2,  # then there is time to recover, or to fall
         push_duration=arguments.push_duration,
     )
+    if any(values.get("pushes", ())):
+        check_push_ends(
+            settings, arguments.seconds, "a rollout", "--push-duration", "lengthen --seconds"
+        )
     trials = Trials(starts, noise, arguments.seed, settings)
     return robustness(task, policy, trials, values)
 
@@ -173,12 +182,12 @@ def _show_survival(robustness: dict[str, Any]) -> None:
 
     table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
     for kind, found in robustness.items():
-        low, high = found["borne"]
+        borne = found["borne"]
         table.add_row(
             escape(KINDS[kind]),
             "\n".join(f"{value:g}" for value in found["values"]),
             "\n".join(f"{100 * share:.0f} %" for share in found["survival"]),
-            f"{low:g} to {high:g}",
+            f"{borne[0]:g} to {borne[1]:g}" if borne else "none",
             end_section=True,
         )
     table_console().print(table)
@@ -216,7 +225,7 @@ def add_arguments(parser: Parser) -> None:
         Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
     )
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw how many survive each disturbance"
+        "--plot", type=picture, metavar="FILE", help="draw how many survive each disturbance"
     )
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
     parser.add_output(

@@ -12,7 +12,7 @@ from pathlib import Path
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.experiments.command_line import Parser
-from vgps_ros.experiments.paper import CURVES, RISING
+from vgps_ros.experiments.paper import CURVES, MOST_JOBS, RISING
 from vgps_ros.search.settings import SearchSettings
 
 
@@ -43,8 +43,8 @@ def add_arguments(parser: Parser) -> None:
         default="processes",
         help="processes of this machine, or dask for a cluster",
     )
-    parser.add_argument(
-        "--jobs", type=int, default=-1, help="processes at once; -1 means one a core"
+    parser.add_settings(
+        Setting("jobs", -1, "processes at once; -1: one a core", minimum=-1, maximum=MOST_JOBS)
     )
     parser.add_argument(
         "--address",

@@ -8,7 +8,17 @@ import argparse
 import os
 from pathlib import Path
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.tasks.document import Document, Place, shortened
+
+
+class _Flag(Document):
+    """The file that is to be written, whose model the command line names, in no line of a file."""
+
+    def error(self, place: Place, sentence: str) -> InvalidInputError:
+        """Returns an error that begins with the flag."""
+        return InvalidInputError(shortened(f"--model: {sentence}"))
 
 
 def add_arguments(parser: Parser) -> None:
@@ -25,7 +35,6 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec
     from vgps_ros.simulation.self_contained import self_contained
-    from vgps_ros.tasks.document import Document
     from vgps_ros.tasks.first_file import first_task_file
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
     from vgps_ros.tasks.task_schema import TaskFile
@@ -33,12 +42,12 @@ def run(arguments: argparse.Namespace) -> None:
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
     reference = arguments.model
+    file = TaskFile(model=reference, control_period=1.0, horizon=1.0, cost=())
+    found = find_model(file, _Flag(Path.cwd() / "task.yaml", {}, {}))
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    file = TaskFile(model=reference, control_period=1.0, horizon=1.0, cost=())
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    found = find_model(file, Document(path, {}, {(): 1}))
     model = compile_model(self_contained(changed_spec(found, {}, {})))
     text = first_task_file(reference, model, str(SCHEMA_PATH))
+    arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     print(f"Wrote {path}. Next: vgps check {path}, then vgps train --task {path} --output RUN")

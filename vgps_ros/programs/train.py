@@ -10,6 +10,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
@@ -65,21 +66,32 @@ def run(arguments: argparse.Namespace) -> None:
     """Trains a policy, shows how it goes, and draws the learning curve."""
     settings = settings_from(arguments, SearchSettings())
     optimizer = settings_from(arguments, OptimizerSettings())
+    given = [word.partition("=")[0] for word in arguments.parser.words]
+    listed = next((flag for flag in ("--alphas", "--alpha-iterations") if flag in given), "")
+    if settings.schedule == "paper" and listed:
+        raise InvalidInputError(
+            f"The schedule is the paper's, whose alphas are given, so {listed} has no effect; "
+            "leave it out, or give --schedule listed."
+        )
     output = RunFolder(arguments.output)
     if output.is_finished():
         refuse_existing([output.result], overwrite=arguments.overwrite)
+    from vgps_ros.tasks import make_task
+
+    task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
     if arguments.check:
+        from vgps_ros.search.methods import check_search
+
+        check_search(arguments.method, task, settings, arguments.seed)
         return
     from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
-    from vgps_ros.tasks import make_task
     from vgps_ros.views.event_log import EventLog
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress
 
-    task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     with TrainingProgress(settings.initial_ddp_iterations) as progress:

@@ -30,9 +30,11 @@ from vgps_ros.storage.files import part_of, read_archive, write_archive
 from vgps_ros.storage.policy_digest import policy_digest
 from vgps_ros.storage.record_tree import from_entries, to_tree
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.task_digest import task_digest
 
-FORMAT = 7  # of the files; a change of the records that they hold is a new one
+FORMAT = 8  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
+_CONTENT_OF_TASK = "content of the task"  # as a sentence names its digest
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Run:
         return {
             "format": FORMAT,
             "task": self.task.name,
-            "problem": _digest_of_problem(self.task),
+            _CONTENT_OF_TASK: task_digest(self.task),
             "method": self.method,
             "seed": self.seed,
             **values_of(self.settings, self.task.optimizer),
@@ -105,12 +107,14 @@ class Checkpoints:
             except FileNotFoundError:  # noqa: PERF203
                 continue
             except ForeignCheckpointError as error:
-                self.tell(str(error))
                 refused.insert(0, error)
             except Exception as error:  # whatever the bytes are, they are no checkpoint
                 self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
                 refused.append(error)
         if found:
+            for other in refused:
+                if isinstance(other, ForeignCheckpointError):  # else the run ends with it
+                    self.tell(str(other))
             state = max(found, key=lambda one: one.k)
             self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
             return state
@@ -148,9 +152,12 @@ def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
 def _compare(found: dict[str, Any], wanted: dict[str, Any], path: Path) -> None:
     theirs, ours = differences(found, wanted)
     if theirs:
+        names = ("format", "task", _CONTENT_OF_TASK)
+        others = [name for name in names if found.get(name) != wanted[name]]
+        since = "The task has changed since: " if others == [_CONTENT_OF_TASK] else ""
         raise ForeignCheckpointError(
-            f"'{path}' belongs to a training with {theirs}, but this one has {ours}; name another "
-            f"folder, or remove '{path.parent}' to begin anew."
+            f"{since}'{path}' belongs to a training with {theirs}, but this one has {ours}; name "
+            f"another folder, or remove '{path.parent}' to begin anew."
         )
 
 
@@ -173,15 +180,3 @@ def _check(state: SearchState, run: Run) -> None:
         if policy_digest(state.last.policy, before) != state.digest:
             raise InvalidInputError("its policy is not the one of its chain of digests.")
         state.last.check(run.task)
-
-
-def _digest_of_problem(task: Task) -> str:
-    """Tells the robot, its demonstration and its horizon from others."""
-    settings = (task.horizon, task.lookahead, task.observation.names)
-    digest = hashlib.sha256(f"{task.mjcf}{settings}".encode())
-    arrays = [task.initial_state, task.initial_std, task.std_limit, task.varied_state_std]
-    if task.demonstration:
-        arrays += [task.demonstration.states, task.demonstration.controls]
-    for array in arrays:
-        digest.update(array.tobytes())
-    return digest.hexdigest()[:12]

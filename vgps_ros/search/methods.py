@@ -12,6 +12,8 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import check_settings
 from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
@@ -21,8 +23,9 @@ from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import measure
-from vgps_ros.search.plato import Lessons, plato
-from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.plato import Lessons, check_teacher, plato
+from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.situations import check_situations
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.weighted_dagger import adapted_weighted_dagger, weighted_dagger
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
@@ -39,11 +42,13 @@ class Method:
         update: the type of that.
         raises_bound: whether both of its steps maximise L(q, θ) over the marginals of q, so that a
             lower bound is trouble, and so are marginals that do not hold.
+        check: refuses settings of the method that do not suit the task.
     """
 
     iterate: Callable[[Workspace, Any, int], Update]
     update: type[Update]
     raises_bound: bool = False
+    check: Callable[[Task, SearchSettings], None] = lambda *_: None
 
 
 METHODS = {
@@ -55,8 +60,24 @@ METHODS = {
     "adapted_weighted_dagger": Method(adapted_weighted_dagger, Imitation),
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
-    "plato": Method(plato, Lessons),
+    "plato": Method(plato, Lessons, check=check_teacher),
 }
+
+
+def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -> None:
+    """Checks what a search would refuse, before anything is learned.
+
+    Raises:
+        InvalidInputError: the method is unknown, a setting or the seed is out of range, the policy
+            is too large, or settings do not suit the task.
+    """
+    chosen = METHODS[one_of("method", method, METHODS)]
+    check_settings(settings)
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
+    architecture(task, settings)  # a policy that is too large is refused before the first solve
+    chosen.check(task, settings)
+    check_situations(task, settings, seed)
 
 
 def search(
@@ -84,7 +105,8 @@ def search(
         DivergenceError: the first rollout of line 1 diverges.
         OSError: a checkpoint cannot be written.
     """
-    chosen = METHODS[one_of("method", method, METHODS)]
+    check_search(method, task, settings, seed)
+    chosen = METHODS[method]
     run = Run(method, task, settings, seed)
     found = checkpoints.latest(run, chosen.update) if checkpoints else None
     known = found.initial_solutions if found else ()

@@ -24,12 +24,13 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.ddp.solve import Status
-from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.tasks import Task
 
@@ -113,6 +114,20 @@ def plato(work: Workspace, last: Lessons | None, k: int) -> Lessons:
     targets = Targets(observation(states), actions, np.zeros_like(actions))
     policy = work.fit_samples(last.policy, targets, None, k)
     return Lessons(policy, last.solutions, states, actions)
+
+
+def check_teacher(task: Task, settings: SearchSettings) -> None:
+    """Checks that a plan of the teacher has a step.
+
+    Raises:
+        InvalidInputError: its horizon is too short.
+    """
+    horizon, period = settings.teacher.horizon, task.dynamics.time_step
+    if round(horizon / period) < 1:
+        raise InvalidInputError(
+            f"teacher.horizon is {horizon:g} s, but a plan of the {task.name} must have at least "
+            f"one control period, {period:g} s."
+        )
 
 
 def _planner(work: Workspace) -> Planner:

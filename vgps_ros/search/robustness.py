@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed import body_number, disturbed, draw_disturbance
 
 ENOUGH = 0.9  # share of the rollouts that survive what a policy is said to bear
 
@@ -60,7 +61,7 @@ def robustness(
 
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
-        values it is `ENOUGH`.
+        values it is `ENOUGH`; None where not even so many survive without a disturbance.
 
     Raises:
         InvalidInputError: the task does not say what a fall is, or the body cannot be pushed.
@@ -70,18 +71,21 @@ def robustness(
             f"The task {task.name} does not say when the robot has fallen, so that survival tells "
             "nothing; add `fallen` to its file."
         )
+    body_number(task, trials.settings.body)
+
+    @cache  # each kind is tried without a disturbance too, which is the same for all kinds
+    def share(kind: str, value: float) -> float:
+        drawn = _disturbances(task, kind, value, trials)
+        return float(survived(task, policy, drawn, trials).mean())
+
     found = {}
     for kind, given in values.items():
-        ordered = sorted(given)
-        shares = []
-        for value in ordered:
-            drawn = _disturbances(task, kind, value, trials)
-            shares.append(float(survived(task, policy, drawn, trials).mean()))
-        calm = 1.0 if kind == "frictions" else 0.0
+        ordered, calm = sorted(given), 1.0 if kind == "frictions" else 0.0
+        shares = [share("frictions", 1.0) if v == calm else share(kind, v) for v in ordered]
         found[kind] = {
             "values": ordered,
             "survival": shares,
-            "borne": list(_borne(ordered, shares, calm)),
+            "borne": _borne(ordered, shares, calm) if share("frictions", 1.0) >= ENOUGH else None,
         }
     return found
 
@@ -116,8 +120,8 @@ def _disturbances(task: Task, kind: str, value: float, trials: Trials) -> list[D
     return [Disturbance(**changes[kind])] * len(trials.starts)
 
 
-def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> tuple[float, float]:
-    """Returns the range around no disturbance in which all values are borne."""
+def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:
+    """Returns the range around no disturbance, which is borne, in which all values are borne."""
     low = high = calm
     for value, share in zip(values, shares, strict=True):
         if value >= calm and share >= ENOUGH:
@@ -129,4 +133,4 @@ def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> tup
             low = value
         elif value <= calm:
             break
-    return low, high
+    return [low, high]

@@ -62,6 +62,15 @@ class GpsSettings:
         1e-6, "smallest w_r, reached where iterations succeed", minimum=1e-12, maximum=1e6
     )
 
+    def __post_init__(self) -> None:
+        """Checks the order of w_r's bounds."""
+        low, high = self.lowest_regularization, self.highest_regularization
+        if not low <= self.initial_regularization <= high:
+            raise InvalidInputError(
+                f"gps.initial_regularization is {self.initial_regularization:g}, but it must be "
+                f"from gps.lowest_regularization, {low:g}, to gps.highest_regularization, {high:g}."
+            )
+
 
 @dataclass(frozen=True)
 class TeacherSettings:

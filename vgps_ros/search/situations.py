@@ -15,7 +15,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbance import Disturbance
+from vgps_ros.tasks.disturbance import Disturbance, check_push_ends
 from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
 
 
@@ -40,12 +40,30 @@ def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situatio
     """Draws the situations; see the settings `situations` and `disturb`.
 
     Raises:
-        InvalidInputError: a disturbance does not suit the robot, or no situation can start later.
+        InvalidInputError: as `check_situations` does.
     """
-    if settings.disturb.start_before:
-        _check_later_starts(task, settings.situations)
+    check_situations(task, settings, seed)
     starts = initial_states(task, settings, seed)
     return [_situation(task, settings, seed, i, start) for i, start in enumerate(starts)]
+
+
+def check_situations(task: Task, settings: SearchSettings, seed: int) -> None:
+    """Checks that situations can be drawn, without making any motion.
+
+    Raises:
+        InvalidInputError: a disturbance does not suit the robot, a push may not end within the
+            horizon, or no situation can start later.
+    """
+    if settings.disturb.push:
+        seconds = task.horizon * task.dynamics.time_step
+        shorten = "disturb.push_before or disturb.push_duration"
+        check_push_ends(
+            settings.disturb, seconds, "the horizon", shorten, "lengthen the task's horizon"
+        )
+    if settings.disturb.start_before:
+        _check_later_starts(task, settings.situations)
+    rng = generator(seed, Stream.DISTURBANCES, 0)
+    disturbed(task, draw_disturbance(task, settings.disturb, rng))
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:

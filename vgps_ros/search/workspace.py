@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgps_ros.core.dynamics import ControlLaw
-from vgps_ros.core.errors import DivergenceError, InvalidInputError
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import (
     Targets,
@@ -20,7 +20,6 @@ from vgps_ros.core.policy_fit import (
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.settings import check_settings
 from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.identity import check_one_optimizer
 from vgps_ros.search.optimization_request import OptimizationRequest
@@ -79,7 +78,7 @@ class Workspace:
         simulator_steps: simulator steps of learning so far; evaluations do not count.
 
     Raises:
-        InvalidInputError: a setting is out of range, or two optimizers have different ones.
+        InvalidInputError: a situation cannot be drawn, or optimizers have different settings.
         DivergenceError: the first rollout diverges.
     """
 
@@ -91,10 +90,6 @@ class Workspace:
         optimize_all: OptimizeAll,
         initial_solutions: tuple[OptimizationResult, ...] = (),
     ):
-        check_settings(settings)
-        if seed < 0:
-            raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
-        architecture(task, settings)  # a policy that is too large is refused before the first solve
         self.task = task
         self.settings = settings
         self.seed = seed

@@ -6,12 +6,16 @@ has ridges: long cylinders that lie across the way, nearly buried, whose tops ar
 must start smoothly where a foot touches them.
 """
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.model_changes import name_all
 
+_DISABLED = mujoco.mjtDisableBit
 _RADIUS = 0.5  # of a ridge's round top [m]
 _SPACING = 0.6  # between two ridges, on average [m]
 _REACH = (-5.0, 50.0)  # where there are ridges, ahead of the origin [m]
@@ -41,7 +45,7 @@ def disturbed_model(
     Raises:
         InvalidInputError: ridges are wanted, but there is no level floor.
     """
-    spec = mujoco.MjSpec.from_string(mjcf)
+    spec = _named(mjcf)
     model = spec.compile()
     if payload:
         place, small = model.body(body).ipos, payload * np.full(3, 1e-6)
@@ -55,6 +59,37 @@ def disturbed_model(
     if ridges:
         _add_ridges(spec, ridges, np.random.default_rng(seed))
     return spec.compile()
+
+
+@lru_cache(maxsize=8)  # each draw of a disturbance asks for them
+def body_names(mjcf: str) -> list[str]:
+    """Returns the name of each body of an MJCF, in MuJoCo's order; all have one."""
+    model = _named(mjcf).compile()
+    return [model.body(i).name for i in range(model.nbody)]
+
+
+def may_rub(model: mujoco.MjModel) -> bool:
+    """Returns whether two geoms of a model may ever touch with friction."""
+    if model.opt.disableflags & (_DISABLED.mjDSBL_CONTACT | _DISABLED.mjDSBL_CONSTRAINT):
+        return False
+    first, second = np.triu_indices(model.ngeom, 1)
+    mask = model.geom_contype[first] & model.geom_conaffinity[second]
+    mask |= model.geom_contype[second] & model.geom_conaffinity[first]
+    rubs = np.maximum(model.geom_condim[first], model.geom_condim[second]) > 1
+    # Bodies without a joint between are one; one that hangs on another does not touch it.
+    body = model.body_weldid[model.geom_bodyid]
+    carrier = np.where(body > 0, model.body_weldid[model.body_parentid[body]], 0)
+    carried = (carrier[first] == body[second]) & (body[second] > 0)
+    carried |= (carrier[second] == body[first]) & (body[first] > 0)
+    touch = (mask != 0) & rubs & (body[first] != body[second]) & ~carried
+    return bool(touch.any() or (model.pair_dim > 1).any())
+
+
+def _named(mjcf: str) -> mujoco.MjSpec:
+    """Returns the model of an MJCF, whose bodies have names as those of a changed model do."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    name_all(spec)
+    return spec
 
 
 def _turned(gravity: Array, slope: tuple[float, float]) -> Array:

@@ -54,7 +54,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         spec = mujoco.MjSpec.from_file(str(path))
     except _ERRORS as error:
         raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
-    _name_all(spec)
+    name_all(spec)
     if changes.get("floor"):
         _add_floor(spec)
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
@@ -103,7 +103,7 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         raise InvalidChangeError((place,), f"the model does not compile: {error}.") from error
 
 
-def _name_all(spec: mujoco.MjSpec) -> None:
+def name_all(spec: mujoco.MjSpec) -> None:
     """Names each body, joint, geom and actuator that has no name; a parent comes before its own."""
     for elements in (spec.bodies, spec.joints, spec.geoms, spec.actuators):
         taken = {element.name for element in elements}

@@ -104,3 +104,26 @@ class DisturbanceSettings:
     ridges: float = setting(
         0.0, "largest height of ridges in the ground [m]", minimum=0.0, maximum=1.0
     )
+
+
+def check_push_ends(
+    settings: DisturbanceSettings, seconds: float, what: str, shorten: str, otherwise: str
+) -> None:
+    """Checks that each push that may be drawn is over before a motion is.
+
+    Args:
+        settings: when a push begins, and how long it lasts.
+        seconds: length of the motion [s].
+        what: the motion, in words.
+        shorten: the settings to make smaller, in words.
+        otherwise: what else there is to do, in words.
+
+    Raises:
+        InvalidInputError: a push may come too late, or last too long.
+    """
+    if settings.push_before + settings.push_duration > seconds * (1.0 + 1e-9):
+        raise InvalidInputError(
+            f"A push may begin as late as {settings.push_before:g} s and lasts "
+            f"{settings.push_duration:g} s, but {what} ends after {seconds:g} s, before its "
+            f"impulse is whole; shorten {shorten}, or {otherwise}."
+        )

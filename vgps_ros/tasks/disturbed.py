@@ -16,7 +16,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.patterns import known
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.compiled_states import NO_PUSH, Push
-from vgps_ros.simulation.disturbed_model import disturbed_model
+from vgps_ros.simulation.disturbed_model import body_names, disturbed_model, may_rub
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
@@ -35,11 +35,17 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
     if not (any(disturbance.push) or disturbance.changes_model):
         return task
     model = task.dynamics.model
-    body = _body(model, disturbance.body)
+    body = body_number(task, disturbance.body)
+    if disturbance.friction != 1.0 and not may_rub(model):
+        raise InvalidInputError(
+            f"The friction of contacts shall change by the factor {disturbance.friction:.3g}, but "
+            f"no two geoms of the robot of {task.name} can touch with friction; leave out "
+            "disturb.friction or --frictions."
+        )
     if disturbance.changes_model:
         model = disturbed_model(
             task.mjcf,
-            model.body(body).name,
+            body_names(task.mjcf)[body],
             disturbance.payload,
             disturbance.friction,
             disturbance.slope,
@@ -73,12 +79,11 @@ def draw_disturbance(
     Raises:
         InvalidInputError: there is no such body, or it cannot be pushed.
     """
-    model = task.dynamics.model
-    body = _body(model, settings.body)
+    body = body_number(task, settings.body)
     time, angle, friction, slope, payload = rng.uniform(size=5)
     ahead = _direction(task, body, angle) if settings.push or settings.slope else np.zeros(2)
     return Disturbance(
-        body=model.body(body).name,
+        body=body_names(task.mjcf)[body],
         push=tuple((settings.push * ahead).tolist()),
         push_time=settings.push_before * time,
         push_duration=settings.push_duration,
@@ -90,11 +95,15 @@ def draw_disturbance(
     )
 
 
-def _body(model: mujoco.MjModel, name: str) -> int:
-    """Returns the number of the body of this name, or of the heaviest one if it is empty."""
+def body_number(task: Task, name: str) -> int:
+    """Returns the number of the body of this name, or of the heaviest one if it is empty.
+
+    Raises:
+        InvalidInputError: there is no such body.
+    """
     if not name:
-        return int(np.argmax(model.body_mass))
-    names = [model.body(i).name for i in range(1, model.nbody)]
+        return int(np.argmax(task.dynamics.model.body_mass))
+    names = body_names(task.mjcf)[1:]
     return 1 + names.index(known("body", name, names))
 
 
@@ -123,9 +132,10 @@ def _direction(task: Task, body: int, share: float) -> Array:
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
     free = np.abs(jacobian[:2]).max(axis=1) > 1e-9
     if not free.any():
+        name = body_names(task.mjcf)[body]
         raise InvalidInputError(
-            f"The body '{model.body(body).name}' cannot move horizontally, so that no push moves "
-            "it; name another one as disturb.body."
+            f"The body '{name}' cannot move horizontally, so that no push moves it; name another "
+            "one as disturb.body."
         )
     if free.all():
         return np.array([np.cos(2 * np.pi * share), np.sin(2 * np.pi * share)])

@@ -2,8 +2,8 @@
 """A file's data, with the line of each entry, so that errors can name it."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -99,6 +99,25 @@ class Document:
     def name(self) -> str:
         """The file as errors call it, with its folder, such as `hopper/task.yaml`."""
         return shown(self.path)
+
+
+class Entries(dict[str, Any]):
+    """Values of settings by dotted name, whose errors name the line that they have in a file.
+
+    Args:
+        values: the values.
+        document: the file.
+        place: the entry that they stand under.
+    """
+
+    def __init__(self, values: Mapping[str, Any], document: Document, *place: str):
+        super().__init__(values)
+        self._document, self._place = document, place
+
+    def at(self, name: str) -> AbstractContextManager[None]:
+        """Returns where errors name the line of a value, or that of all where it has no name."""
+        place = self._document.setting(self._place, name) if name else self._place
+        return self._document.at(place)
 
 
 def shown(path: Path) -> str:

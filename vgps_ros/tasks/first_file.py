@@ -26,6 +26,7 @@ class _Robot:
         up: the vertical in the root's frame at the start, shape (3,).
         leans: the numbers of `up` that change when the robot leans, such as x and y.
         prefix: of the names of new sensors, so that the model has none of them.
+        balls: the ball joints, with the quaternion of each at the start.
     """
 
     model: mujoco.MjModel
@@ -37,6 +38,7 @@ class _Robot:
     up: np.ndarray
     leans: list[int]
     prefix: str
+    balls: dict[str, list[float]]
 
 
 def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
@@ -103,6 +105,7 @@ def _robot(model: mujoco.MjModel) -> _Robot:
     goes = bool(is_free or cyclic_positions(model))
     falls = goes and abs(model.opt.gravity[2]) > 0
     up = data.xmat[body].reshape(3, 3)[2]
+    balls = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
     turning = np.abs(np.cross(_axes(model, body), up)).max(axis=0, initial=0.0)
     return _Robot(
         model=model,
@@ -114,12 +117,19 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         up=up,
         prefix=_prefix(model),
         leans=[int(i) for i in np.flatnonzero(turning > 1e-6)] if falls else [],
+        balls={model.joint(i).name: _quaternion(model, data, int(i)) for i in balls},
     )
+
+
+def _quaternion(model: mujoco.MjModel, data: mujoco.MjData, joint: int) -> list[float]:
+    first = model.jnt_qposadr[joint]
+    return [round(float(value), 4) for value in data.qpos[first : first + 4]]
 
 
 def _prefix(model: mujoco.MjModel) -> str:
     taken, prefix = {model.sensor(i).name for i in range(model.nsensor)}, ""
-    while taken & {prefix + name for name in ("velocity", "height", "up")}:
+    turns = [f"{model.joint(i).name}_turn" for i in range(model.njnt)]
+    while taken & {prefix + name for name in ("velocity", "height", "up", *turns)}:
         prefix += "root_"
     return prefix
 
@@ -179,13 +189,16 @@ def _start(model: mujoco.MjModel, robot: _Robot) -> list[str]:
 
 
 def _sensors(robot: _Robot) -> list[str]:
-    if not robot.goes:
+    if not (robot.goes or robot.balls):
         return []
     new, root = f"  {robot.prefix}", robot.root
-    lines = [
-        "sensors:                    # added to the model's own",
-        new + f"velocity: {{type: subtreelinvel, body: {root}}}    # of the centre of mass [m/s]",
-    ]
+    lines = ["sensors:                    # added to the model's own"]
+    lines += [new + f"{name}_turn: {{type: ballquat, joint: {name}}}" for name in robot.balls]
+    if not robot.goes:
+        return lines
+    lines.append(
+        new + f"velocity: {{type: subtreelinvel, body: {root}}}    # of the centre of mass [m/s]"
+    )
     if robot.height:
         lines.append(new + f"height: {{type: framepos, xbody: {root}}}          # [m]")
     if robot.leans:
@@ -214,6 +227,9 @@ def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
         lines += [
             f"  - {{sensor: {name}/velocity, weight: 0.1}}" for name in joint_names(robot.model)
         ]
+        for name, turn in robot.balls.items():
+            lines.append(f"  - {{sensor: {robot.prefix}{name}_turn, target: {turn}}}")
+            lines += [f"  - {{sensor: {rate}, weight: 0.1}}" for rate in _rates(name)]
     strength = limits[limits < 1e6]
     weight = _STRONG / float(strength.max()) ** 2 if strength.size else 1e-3
     lines.append(f"  - {{control: all, weight: {weight:.1e}}}")
@@ -225,11 +241,17 @@ def _observed(robot: _Robot) -> list[str]:
     cyclic = {deviation_names(model)[i].rpartition("/")[0] for i in cyclic_positions(model)}
     out = [name for name in joint_names(model) if name in cyclic]
     positions = f"{{joint_positions: {{except: [{', '.join(out)}]}}}}" if out else "joint_positions"
-    entries = [positions, "joint_velocities"]
+    entries = [positions, "joint_velocities"] if joint_names(model) else []
     if robot.is_free:
-        rates = [f"{robot.joint}/{rate}" for rate in ("z", "vx", "vy", "vz", "wx", "wy", "wz")]
-        entries += [*([robot.prefix + "up"] if robot.leans else []), *rates]
+        rates = [f"{robot.joint}/{rate}" for rate in ("z", "vx", "vy", "vz")]
+        entries += [*([robot.prefix + "up"] if robot.leans else []), *rates, *_rates(robot.joint)]
+    for name in robot.balls:
+        entries += [f"{robot.prefix}{name}_turn", *_rates(name)]
     return ["observe:                    # what the policy reads", f"  [{', '.join(entries)}]"]
+
+
+def _rates(joint: str) -> list[str]:
+    return [f"{joint}/{rate}" for rate in ("wx", "wy", "wz")]
 
 
 def _begin(model: mujoco.MjModel, robot: _Robot, limits: np.ndarray) -> list[str]:

@@ -20,6 +20,7 @@ from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.sensor_types import scalar_names
 from vgps_ros.tasks.beginnings import with_beginning
 from vgps_ros.tasks.conditions import Conditions
+from vgps_ros.tasks.document import Entries
 from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
 from vgps_ros.tasks.start import start_state
 from vgps_ros.tasks.table import read_table
@@ -67,7 +68,7 @@ def load_task(path: Path, name: str) -> Task:
             fallen=read.conditions(file.fallen, "fallen"),
             limits=read.conditions(file.limits, "limits"),
             optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),
-            search=flattened(file.search),
+            search=Entries(flattened(file.search), document, "search"),
         ),
         file.begin,
         document,
@@ -124,6 +125,11 @@ class _Reader:
             raise self.document.error(
                 ("observe",), f"{quoted(twice[0])} is read twice; leave one of them out."
             )
+        self.document.refuse(
+            not names,
+            ("observe",),
+            "the policy reads nothing; name the readings of joints or sensors that it needs.",
+        )
         observation = self.readings(names, ("observe",))
         if observation.needs_controls:
             raise self.document.error(

@@ -35,12 +35,14 @@ def task_settings(reference: str) -> TaskSettings:
 
         task = make_task(reference)
         return TaskSettings(task.optimizer, task.search)
+    from vgps_ros.tasks.document import Entries
     from vgps_ros.tasks.task_file import read_task_file
     from vgps_ros.tasks.task_schema import flattened
 
-    file, _ = read_task_file(path)
+    file, document = read_task_file(path)
     return TaskSettings(
-        with_values(OptimizerSettings(), flattened(file.optimizer)), flattened(file.search)
+        with_values(OptimizerSettings(), flattened(file.optimizer)),
+        Entries(flattened(file.search), document, "search"),
     )
 
 

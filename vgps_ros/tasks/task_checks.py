@@ -7,7 +7,7 @@ from math import isfinite
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
-from vgps_ros.tasks.document import Document, Place
+from vgps_ros.tasks.document import Document, Entries, Place
 from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
 from vgps_ros.tasks.sensor_checks import check_one_of, check_sensor, scalar_count
 from vgps_ros.tasks.task_schema import Demonstration, Path, TaskFile, flattened
@@ -41,9 +41,7 @@ def check_task(task: TaskFile, document: Document) -> None:
             ("begin", "through"),
             "a path goes through keyframes or is in a file; leave one of them out.",
         )
-    for name, value in flattened(task.optimizer).items():
-        with document.at(document.setting(("optimizer",), name)):
-            with_values(OptimizerSettings(), {name: value})
+    with_values(OptimizerSettings(), Entries(flattened(task.optimizer), document, "optimizer"))
 
 
 def is_multiple(time: float, unit: float) -> bool:

@@ -25,6 +25,8 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
+_CLOSED = 1e-9  # gaps that are no more than rounding
+
 
 class Status(str, Enum):
     """The reasons for which a solve ends."""
@@ -98,7 +100,7 @@ class StepSearch:
             if policy.complete:
                 negligible = max(tolerance, self._settings.cost_tolerance * abs(around.cost))
                 is_small = policy.expected_reduction(1.0) <= negligible
-                if around.gaps is None and self.mu == first_mu and is_small:
+                if not _are_open(around.gaps) and self.mu == first_mu and is_small:
                     return Status.CONVERGED
                 tried = forward_pass(self._problem, around, policy, self._settings)
                 self.simulator_steps += len(tried) * horizon * self._problem.dynamics.substeps
@@ -207,13 +209,17 @@ def solve(
 
 def _refuse_gaps(gaps: Array | None, iterations: int, status: Status) -> None:
     """Raises DivergenceError if gaps are left at the end of a solve."""
-    if gaps is not None:
+    if gaps is not None and _are_open(gaps):
         raise DivergenceError(
             f"No robot can follow the motion: after {iterations} iterations "
             f"({status.value.replace('_', ' ')}) its gaps are still up to {np.abs(gaps).max():.2g} "
             "[m, rad, m/s, rad/s]; allow more iterations, or begin with another motion.",
             "open_gaps",
         )
+
+
+def _are_open(gaps: Array | None) -> bool:
+    return gaps is not None and not np.abs(gaps).max(initial=0.0) <= _CLOSED
 
 
 def centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
