@@ -12,8 +12,10 @@ import lz4.frame
 import pytest
 import zstandard
 
+from vgps_ros.bags.decoder import Decoder
 from vgps_ros.bags.mcap_bytes import MAGIC, DamagedError, unpacked
 from vgps_ros.bags.scan import scan
+from vgps_ros.core.errors import InvalidInputError
 
 
 @contextmanager
@@ -72,3 +74,23 @@ def test_a_search_among_chunks_that_overlap_takes_time_in_proportion(tmp_path, d
     file.write_bytes(MAGIC + data)
     with within():
         assert scan(file).gaps
+
+
+@pytest.mark.parametrize(
+    ("definition", "sentence"),
+    [
+        ("string[300000] name", "300000 texts and messages in arrays of a fixed size"),
+        ("X[600] a\nX[600] b\n" + 80 * "=" + "\nMSG: test/X\nuint8 x", "there are 1200 texts"),
+        ("uint8 x\n" * 100_000, "has 800000 characters, and at most 262144 are read"),
+        ("%", r"^Could not parse: [^\n]*[^.]$"),
+    ],
+)
+def test_a_definition_that_would_become_large_or_is_none_is_refused(definition, sentence):
+    with within(), pytest.raises(InvalidInputError, match=sentence):
+        Decoder({"test/msg/A": definition}).decode(bytes(100), "test/msg/A")
+
+
+def test_arrays_of_numbers_may_be_large():
+    decoder = Decoder({"test/msg/A": "float64[5000] x\nstring[36] names"})
+    data = b"\0\1\0\0" + bytes(8 * 5000) + (struct.pack("<I", 1) + bytes(4)) * 36
+    assert len(decoder.decode(data, "test/msg/A").x) == 5000

@@ -9,8 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
+from vgps_ros.bags.decoder import Decoder
 from vgps_ros.bags.metadata import FILE_NAME, type_hashes
 from vgps_ros.bags.reindex import missing_of, storage_files
 from vgps_ros.bags.storage import StorageScan
@@ -82,8 +81,7 @@ class BagReader:
         self.start = min((summary.start for summary in written), default=0)
         self.duration = max((summary.end for summary in written), default=0) - self.start
         self.damages = [sentence for file in self.files for sentence in file.damages]
-        self._definitions = {topic.kind: topic.definition for topic in topics}
-        self._store = get_typestore(Stores.EMPTY)
+        self._decoder = Decoder({topic.kind: topic.definition for topic in topics})
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""
@@ -208,19 +206,17 @@ class BagReader:
             InvalidInputError: the message does not fit the definition.
         """
         try:
-            self._register(message.kind)
-            return self._store.deserialize_cdr(message.data, message.kind)
-        except Exception as error:
-            # A damaged message or definition raises errors of many kinds deep inside the library.
+            return self._decoder.decode(message.data, message.kind)
+        except InvalidInputError as error:
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
-                f"valid {message.kind}: {error!s:.200}."
+                f"valid {message.kind}: {error}."
             ) from error
 
     @property
     def types_read(self) -> set[str]:
         """The types of the messages that were decoded so far, and of their fields."""
-        return set(self._store.fielddefs)
+        return self._decoder.types
 
     def definition_hash(self, kind: str) -> str:
         """Returns the RIHS01 hash of the definition that the bag holds of a type.
@@ -229,13 +225,8 @@ class BagReader:
             InvalidInputError: it is not a definition.
         """
         try:
-            self._register(kind)
-            return self._store.hash_rihs01(kind)
-        except Exception as error:  # as above
+            return self._decoder.hash(kind)
+        except InvalidInputError as error:
             raise InvalidInputError(
-                f"The definition of {kind} in '{self.path}' cannot be read: {error!s:.200}."
+                f"The definition of {kind} in '{self.path}' cannot be read: {error}."
             ) from error
-
-    def _register(self, kind: str) -> None:
-        if kind not in self._store.fielddefs:
-            self._store.register(get_types_from_msg(self._definitions[kind], kind))
