@@ -160,8 +160,11 @@ class BagReader:
 
     def attachments(self) -> dict[str, str]:
         """Returns the texts that the recorder attached to the bag, by their names."""
-        attached = (a for file in self.files for a in file.content.attachments)
-        return {a.name: a.data.decode(errors="replace") for a in attached}
+        return {name: data.decode(errors="replace") for name, data in self.attached().items()}
+
+    def attached(self) -> dict[str, bytes]:
+        """Returns all that is attached to the bag, which need not be text, by its names."""
+        return {a.name: a.data for file in self.files for a in file.content.attachments}
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order in which they were received.
