@@ -69,6 +69,13 @@ def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed,
     assert {file: file.read_bytes() for file in killed.iterdir()} == files
 
 
+def test_a_folder_in_the_place_of_metadata_is_named(killed):
+    (killed / "metadata.yaml").mkdir()
+    for read in (BagReader, reindex):
+        with pytest.raises(InvalidInputError, match=r"metadata\.yaml' is a folder or a device"):
+            read(killed)
+
+
 def test_a_last_file_without_a_message_is_set_aside(killed):
     (killed / "bag_3.mcap").write_bytes((killed / "bag_2.mcap").read_bytes()[:40])
     reindex(killed)

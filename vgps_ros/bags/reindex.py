@@ -7,7 +7,13 @@ After a kill a bag has no `metadata.yaml`. Its last file has no index, and may e
 import os
 from pathlib import Path
 
-from vgps_ros.bags.metadata import FILE_NAME, bag_information, read_metadata, write_metadata
+from vgps_ros.bags.metadata import (
+    FILE_NAME,
+    bag_information,
+    read_metadata,
+    require_replaceable,
+    write_metadata,
+)
 from vgps_ros.bags.storage import StorageScan, is_being_written
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
@@ -85,6 +91,7 @@ def reindex(path: Path) -> list[Path]:
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
+    require_replaceable(path)
     contents = [StorageScan(file) for file in files]
     known = [content for content in contents if content.topics]
     if not known:
