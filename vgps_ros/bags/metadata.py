@@ -47,7 +47,7 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.kind,
-                    "serialization_format": "cdr",
+                    "serialization_format": topic.serialization,
                     "offered_qos_profiles": list(topic.qos),
                     "type_description_hash": topic.type_hash,
                 },

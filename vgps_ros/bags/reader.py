@@ -187,10 +187,10 @@ class BagReader:
         for start, file, place in sorted(places, key=lambda one: one[:2]):
             while waiting and waiting[0][0] < start:
                 yield heappop(waiting)[2]
-            for of, (_, stamp, data) in self.files[file].messages(place):
+            for of, raw in self.files[file].messages(place):
                 if of.name in wanted:
-                    message = BagMessage(of.name, of.kind, stamp, data)
-                    heappush(waiting, (stamp, next(order), message))
+                    message = BagMessage(of.name, of.kind, raw.stamp, raw.data)
+                    heappush(waiting, (raw.stamp, next(order), message))
         while waiting:
             yield heappop(waiting)[2]
 
