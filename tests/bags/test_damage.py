@@ -3,12 +3,16 @@
 
 import os
 import shutil
+import zlib
 from pathlib import Path
 
 import pytest
+from mcap import records
 
 from tests.bags.damage import KINDS, SAMPLE, campaign
 from vgps_ros.bags import BagReader
+from vgps_ros.bags.blocks import bytes_of
+from vgps_ros.bags.mcap_bytes import MAGIC
 from vgps_ros.bags.reindex import reindex, storage_files
 from vgps_ros.bags.scan import scan
 from vgps_ros.core.errors import InvalidInputError
@@ -67,8 +71,22 @@ def test_a_chunk_is_found_wherever_a_searched_block_ends(bag, monkeypatch, behin
     data[(places[19].begin + places[19].end) // 2] ^= 1
     file.write_bytes(data)
     distance = places[20].begin + behind - places[18].end  # from where the search begins
-    monkeypatch.setattr("vgps_ros.bags.scan._BLOCK", distance)
+    monkeypatch.setattr("vgps_ros.bags.whole_records._BLOCK", distance)
     assert scan(file).places == places[:19] + places[20:]
+
+
+def test_a_chunk_without_messages_is_whole(tmp_path):
+    content = bytes_of(records.Schema(1, b"string data", "ros2msg", "std_msgs/msg/String"))
+    head = MAGIC + bytes_of(records.Header("ros2", "test"))
+    chunk = bytes_of(records.Chunk("", content, 0, 0, zlib.crc32(content), len(content)))
+    data = head + chunk + bytes_of(records.DataEnd(0))
+    index = records.ChunkIndex(len(chunk), len(head), "", len(content), 0, 0, {}, 0, len(content))
+    file = tmp_path / "bag_0.mcap"
+    file.write_bytes(data + bytes_of(index, records.Footer(len(data), 0, 0)) + MAGIC)
+    found = scan(file)
+    assert found.is_complete
+    assert found.indexes == [index]
+    assert found.missing() == []
 
 
 def test_a_bag_whose_file_is_missing_is_not_whole(bag):

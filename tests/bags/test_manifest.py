@@ -85,6 +85,25 @@ def test_a_bag_without_a_manifest_has_none_and_a_damaged_one_is_refused(bag):
     assert check_manifest(bag) is None
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"lost": 2', '"lost": Infinity', "inf messages were lost"),
+        ('"lost": 2', '"lost": true', "True messages were lost"),
+        ('"/a": ', '"/a": -', "'/a' has -20 messages"),
+        ('"chunks": [', '"chunks": [[-5, 3, ""],', "a chunk reaches from byte -5 to 3"),
+        ('"chunks": [', f'"chunks": [[{2**70}, {2**71}, ""],', "a chunk reaches from byte 118"),
+    ],
+)
+def test_a_manifest_of_impossible_numbers_is_refused(bag, old, new, sentence):
+    manifest = bag / FILE_NAME
+    text = json.dumps(json.loads(manifest.read_text()))
+    assert old in text
+    manifest.write_text(text.replace(old, new))
+    with pytest.raises(InvalidInputError, match=f"is not a manifest of format 1: {sentence}"):
+        check_manifest(bag)
+
+
 def test_a_signature_names_its_signer_and_holds_for_the_manifest_alone(bag, key, tmp_path):
     signers = tmp_path / "signers"
     public = key.with_suffix(".pub").read_text()
@@ -92,6 +111,9 @@ def test_a_signature_names_its_signer_and_holds_for_the_manifest_alone(bag, key,
     with pytest.raises(InvalidInputError, match="is not signed"):
         signer(bag, signers)
     sign(bag, key)
+    assert signer(bag, signers) == "walker@example.org"
+    entry = signers.read_text()
+    signers.write_text(f'# Ours\ngit@example.org namespaces="git" {public}\n{entry}')
     assert signer(bag, signers) == "walker@example.org"
     manifest = bag / FILE_NAME
     whole = manifest.read_text()

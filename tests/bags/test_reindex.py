@@ -4,8 +4,11 @@
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -67,6 +70,40 @@ def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed,
     files = {file: file.read_bytes() for file in killed.iterdir()}
     assert reindex(killed) == []  # nothing left to do
     assert {file: file.read_bytes() for file in killed.iterdir()} == files
+
+
+def test_what_is_rebuilt_stands_there_as_it_did(tmp_path):
+    file, found = tmp_path / "bag_0.mcap", []
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        writer.add_attachment(1, 2, "picture", "image/png", b"\x89PNG")
+        text = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        number = writer.register_schema("std_msgs/msg/Int32", "ros2idl", b"long data; \xff")
+        for i, (encoding, schema) in enumerate((("cdr", text), ("cdr", number), ("json", 0))):
+            channel = writer.register_channel("/a", encoding, schema, {"of": str(i)})
+            writer.add_message(channel, 5 + i, bytes([i] * 12), 3 + i, sequence=7 + i)
+        writer.finish()
+    for _ in range(2):
+        with file.open("rb") as stream:
+            reader = make_reader(stream)
+            messages = [
+                (schema, replace(channel, id=0), replace(message, channel_id=0))
+                for schema, channel, message in reader.iter_messages()
+            ]
+            found.append((messages, list(reader.iter_attachments())))
+        if len(found) == 1:
+            file.write_bytes(file.read_bytes()[:-20])
+            assert reindex(tmp_path) == [file]
+    assert found[0] == found[1]
+    assert len(messages) == 3
+
+
+def test_a_folder_in_the_place_of_metadata_is_named(killed):
+    (killed / "metadata.yaml").mkdir()
+    for read in (BagReader, reindex):
+        with pytest.raises(InvalidInputError, match=r"metadata\.yaml' is a folder or a device"):
+            read(killed)
 
 
 def test_a_last_file_without_a_message_is_set_aside(killed):

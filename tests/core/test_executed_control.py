@@ -85,3 +85,4 @@ def test_noise_is_that_of_its_seed_and_stamp(random_policy):
     assert np.array_equal(noisy, mean + policy.noise_std * noise)
     assert not np.array_equal(noisy, executed.control(inputs, 8, seed=1))
     assert not np.array_equal(noisy, executed.control(inputs, 7, seed=2))
+    assert not np.array_equal(executed.control(inputs, -7, seed=1), noisy)  # as in damaged bags

@@ -3,13 +3,16 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from rerun.chunk import RrdReader
 
 from tests.bags.altered import SAMPLE, copy, fails, main
 from vgps_ros.bags import BagReader
+from vgps_ros.bags.reindex import reindex
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration
@@ -28,6 +31,45 @@ def test_info_tells_topics_parameters_and_versions(capsys):
     table = capsys.readouterr().out
     for topic in content["topics"]:  # a pipe has no width at which a name might be cut
         assert any(topic["name"] in row and topic["type"] in row for row in table.splitlines())
+
+
+def foreign_bag(folder: Path, attachments: dict[str, bytes], topic: str = "/a") -> Path:
+    """A bag of one message, as another recorder may write it."""
+    folder.mkdir(parents=True)
+    with (folder / "bag_0.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "test")
+        for name, data in attachments.items():
+            writer.add_attachment(1, 1, name, "", data)
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        writer.add_message(writer.register_channel(topic, "cdr", schema), 5, bytes(12), 3)
+        writer.finish()
+    reindex(folder)
+    return folder
+
+
+def test_info_shows_attachments_of_any_kind(tmp_path, capsys):
+    texts = {
+        "plain": b"{1: 2024-01-01, b: !!binary aGVsbG8=, c: !!set {d}, e: .nan, f: [1.5, true]}",
+        "picture": b"\xff\xd8\x00: [\x01",
+    }
+    bag = foreign_bag(tmp_path / "bag", texts)
+    main(["info", str(bag), "--json"])
+    assert json.loads(capsys.readouterr().out)["attachments"] == {
+        "plain": {"1": "2024-01-01", "b": "aGVsbG8=", "c": ["d"], "e": "nan", "f": [1.5, True]},
+        "picture": "7 bytes that are no YAML",
+    }
+    main(["info", str(bag)])
+    assert capsys.readouterr().out.endswith("\npicture\n7 bytes that are no YAML\n")
+
+
+def test_no_name_is_taken_for_a_style(tmp_path, capsys):
+    bag = foreign_bag(tmp_path / "a[b]" / "[red]:smile:", {"a[/b]": b"1"}, topic="/a[/b]c")
+    main(["info", str(bag)])
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"{bag}: 1 messages over 0.000 s")
+    assert "│ /a[/b]c │" in shown
+    assert "\na[/b]\n1\n" in shown
 
 
 def test_a_bag_without_joint_states_is_refused(tmp_path):

@@ -164,8 +164,9 @@ def test_nothing_is_said_of_a_sound_task(folder, capsys):
 
 
 def test_a_cost_that_no_control_moves_is_named(folder, capsys):
-    shown = check(folder, capsys, ("cost:", "cost:\n  - {sensor: free_hinge/position}"))
-    assert "No control moves the cost's free_hinge/position" in shown
+    (folder / "pendulum.xml").write_text(PENDULUM.replace("free_hinge", "free[/hinge]"))
+    shown = check(folder, capsys, ("cost:", 'cost:\n  - {sensor: "free[/hinge]/position"}'))
+    assert "! No control moves the cost's free[/hinge]/position" in shown
     assert "cost's hinge/position" not in shown
 
 

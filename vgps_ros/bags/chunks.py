@@ -14,11 +14,21 @@ from vgps_ros.bags.mcap_bytes import HEAD, MESSAGE, parsed, records, unpacked
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in a file: number of its channel, time of receipt [ns], CDR."""
+    """A message as it stands in a file.
+
+    Attributes:
+        channel: number of its channel.
+        stamp: time of receipt [ns].
+        data: CDR.
+        sequence: its number among its publisher's messages; 0 if that is unknown.
+        sent: time of sending [ns].
+    """
 
     channel: int
     stamp: int
     data: bytes
+    sequence: int
+    sent: int
 
 
 @dataclass(frozen=True)
@@ -120,5 +130,5 @@ def messages(path: Path, place: Place) -> Iterator[RawMessage]:
     content = data if place.is_run else unpacked(data[HEAD.size :])[0]
     for kind, begin, end in records(content):
         if kind == Opcode.MESSAGE:
-            channel, _, stamp, _ = MESSAGE.unpack_from(content, begin)
-            yield RawMessage(channel, stamp, content[begin + MESSAGE.size : end])
+            channel, sequence, stamp, sent = MESSAGE.unpack_from(content, begin)
+            yield RawMessage(channel, stamp, content[begin + MESSAGE.size : end], sequence, sent)

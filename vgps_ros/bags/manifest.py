@@ -11,11 +11,14 @@ import struct
 import subprocess
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 from vgps_ros.bags.metadata import FILE_NAME as METADATA
+from vgps_ros.core.checks import quoted, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import read_json, write_json
 
@@ -40,6 +43,14 @@ class FileDigest:
     sha256: str
     chunks: list[tuple[int, int, str]]
     messages: dict[str, int]
+
+    def __post_init__(self) -> None:
+        for begin, end, _ in self.chunks:
+            if not _is_count(begin) or not _is_count(end) or begin > end:
+                raise ValueError(f"a chunk reaches from byte {quoted(begin)} to {quoted(end)}")
+        for topic, count in self.messages.items():
+            if not _is_count(count):
+                raise ValueError(f"{quoted(topic)} has {quoted(count)} messages")
 
 
 @dataclass(frozen=True)
@@ -166,9 +177,29 @@ def signer(path: Path, signers: Path) -> str:
     """
     if not (path / SIGNATURE).is_file():
         raise InvalidInputError(f"'{path}' is not signed: it has no {SIGNATURE}.")
+    name = _principal(path, signers)
+    try:
+        return _verified(path, signers, name)
+    except InvalidInputError:
+        # Of a key that stands in several lines, ssh-keygen names the first, whatever it is for.
+        with TemporaryDirectory(prefix="vgps_ros_") as folder:
+            one = Path(folder, "signer")
+            for line in signers.read_bytes().splitlines():
+                one.write_bytes(line + b"\n")
+                with suppress(InvalidInputError):
+                    return _verified(path, one, _principal(path, one))
+        raise
+
+
+def _principal(path: Path, signers: Path) -> str:
+    """Returns the first name of the first signer with the signature's key."""
     of = ("-f", str(signers), "-s", str(path / SIGNATURE))
-    found = _ssh_keygen("find-principals", *of).splitlines()
-    name = found[0] if found else ""
+    return (_ssh_keygen("find-principals", *of).splitlines() or [""])[0]
+
+
+def _verified(path: Path, signers: Path, name: str) -> str:
+    """Returns the name, if the signature is good."""
+    of = ("-f", str(signers), "-s", str(path / SIGNATURE))
     text = (path / FILE_NAME).read_bytes()
     _ssh_keygen("verify", "-I", name, "-n", _NAMESPACE, *of, text=text)
     return name
@@ -215,11 +246,17 @@ def _read(path: Path) -> dict[str, Any]:
             raise ValueError("it is no file, or too large")
         content: dict[str, Any] = read_json(path)
         if content["format"] != _FORMAT:
-            raise ValueError(f"its format is {content['format']!r}")
+            raise ValueError(f"its format is {quoted(content['format'])}")
+        if not _is_count(content["lost"]):
+            raise ValueError(f"{quoted(content['lost'])} messages were lost")
     except (ValueError, KeyError, TypeError) as error:
         raise _unreadable(path, error) from error
     return content
 
 
+def _is_count(value: object) -> bool:
+    return type(value) is int and 0 <= value < 2**62  # no place in a file is larger
+
+
 def _unreadable(path: Path, error: Exception) -> InvalidInputError:
-    return InvalidInputError(f"'{path}' is not a manifest of format {_FORMAT}: {error!s:.200}.")
+    return InvalidInputError(f"'{path}' is not a manifest of format {_FORMAT}: {told(error)}.")

@@ -47,7 +47,7 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.kind,
-                    "serialization_format": "cdr",
+                    "serialization_format": topic.serialization,
                     "offered_qos_profiles": list(topic.qos),
                     "type_description_hash": topic.type_hash,
                 },
@@ -110,8 +110,9 @@ def read_metadata(folder: Path) -> list[str] | None:
     """Returns the names of the files of a bag, without folders; None if nothing can be read.
 
     Raises:
-        InvalidInputError: `metadata.yaml` is of a bag that ours do not read.
+        InvalidInputError: `metadata.yaml` is no file, or of a bag that ours do not read.
     """
+    require_replaceable(folder)
     try:
         information = _information(folder)
         storage, mode = information["storage_identifier"], information["compression_mode"]
@@ -138,6 +139,20 @@ def _information(folder: Path) -> Any:
         raise InvalidInputError(f"'{path}' is not a file of at most {_LARGEST} bytes.")
     content: Any = read_yaml(path.read_text(errors="replace"), f"'{path}'")
     return content["rosbag2_bagfile_information"]
+
+
+def require_replaceable(folder: Path) -> None:
+    """Checks that `metadata.yaml`, if there is one, is a file, so that another can take its place.
+
+    Raises:
+        InvalidInputError: it is something else.
+    """
+    path = folder / FILE_NAME
+    if path.exists() and not path.is_file():
+        raise InvalidInputError(
+            f"'{path}' is a folder or a device, but it must be a file: move it away, and "
+            f"`vgps bag reindex {folder}` writes it anew."
+        )
 
 
 def write_metadata(folder: Path, information: str) -> None:

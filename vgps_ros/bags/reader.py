@@ -9,8 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
+from vgps_ros.bags.decoder import Decoder
 from vgps_ros.bags.metadata import FILE_NAME, type_hashes
 from vgps_ros.bags.reindex import missing_of, storage_files
 from vgps_ros.bags.storage import StorageScan
@@ -82,8 +81,7 @@ class BagReader:
         self.start = min((summary.start for summary in written), default=0)
         self.duration = max((summary.end for summary in written), default=0) - self.start
         self.damages = [sentence for file in self.files for sentence in file.damages]
-        self._definitions = {topic.kind: topic.definition for topic in topics}
-        self._store = get_typestore(Stores.EMPTY)
+        self._decoder = Decoder({topic.kind: topic.definition for topic in topics})
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""
@@ -162,8 +160,11 @@ class BagReader:
 
     def attachments(self) -> dict[str, str]:
         """Returns the texts that the recorder attached to the bag, by their names."""
-        attached = (a for file in self.files for a in file.content.attachments)
-        return {a.name: a.data.decode(errors="replace") for a in attached}
+        return {name: data.decode(errors="replace") for name, data in self.attached().items()}
+
+    def attached(self) -> dict[str, bytes]:
+        """Returns all that is attached to the bag, which need not be text, by its names."""
+        return {a.name: a.data for file in self.files for a in file.content.attachments}
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order in which they were received.
@@ -186,10 +187,10 @@ class BagReader:
         for start, file, place in sorted(places, key=lambda one: one[:2]):
             while waiting and waiting[0][0] < start:
                 yield heappop(waiting)[2]
-            for of, (_, stamp, data) in self.files[file].messages(place):
+            for of, raw in self.files[file].messages(place):
                 if of.name in wanted:
-                    message = BagMessage(of.name, of.kind, stamp, data)
-                    heappush(waiting, (stamp, next(order), message))
+                    message = BagMessage(of.name, of.kind, raw.stamp, raw.data)
+                    heappush(waiting, (raw.stamp, next(order), message))
         while waiting:
             yield heappop(waiting)[2]
 
@@ -223,19 +224,17 @@ class BagReader:
             InvalidInputError: the message does not fit the definition.
         """
         try:
-            self._register(message.kind)
-            return self._store.deserialize_cdr(message.data, message.kind)
-        except Exception as error:
-            # A damaged message or definition raises errors of many kinds deep inside the library.
+            return self._decoder.decode(message.data, message.kind)
+        except InvalidInputError as error:
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
-                f"valid {message.kind}: {error!s:.200}."
+                f"valid {message.kind}: {error}."
             ) from error
 
     @property
     def types_read(self) -> set[str]:
         """The types of the messages that were decoded so far, and of their fields."""
-        return set(self._store.fielddefs)
+        return self._decoder.types
 
     def definition_hash(self, kind: str) -> str:
         """Returns the RIHS01 hash of the definition that the bag holds of a type.
@@ -244,13 +243,8 @@ class BagReader:
             InvalidInputError: it is not a definition.
         """
         try:
-            self._register(kind)
-            return self._store.hash_rihs01(kind)
-        except Exception as error:  # as above
+            return self._decoder.hash(kind)
+        except InvalidInputError as error:
             raise InvalidInputError(
-                f"The definition of {kind} in '{self.path}' cannot be read: {error!s:.200}."
+                f"The definition of {kind} in '{self.path}' cannot be read: {error}."
             ) from error
-
-    def _register(self, kind: str) -> None:
-        if kind not in self._store.fielddefs:
-            self._store.register(get_types_from_msg(self._definitions[kind], kind))

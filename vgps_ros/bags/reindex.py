@@ -5,10 +5,18 @@ After a kill a bag has no `metadata.yaml`. Its last file has no index, and may e
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
-from vgps_ros.bags.metadata import FILE_NAME, bag_information, read_metadata, write_metadata
-from vgps_ros.bags.storage import StorageScan, is_being_written
+from vgps_ros.bags.metadata import (
+    FILE_NAME,
+    bag_information,
+    read_metadata,
+    require_replaceable,
+    type_hashes,
+    write_metadata,
+)
+from vgps_ros.bags.storage import StorageScan, Topic, is_being_written
 from vgps_ros.bags.storage_writer import StorageWriter
 from vgps_ros.core.errors import InvalidInputError
 
@@ -85,11 +93,16 @@ def reindex(path: Path) -> list[Path]:
     for file in files:
         if is_being_written(file):
             raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
+    require_replaceable(path)
     contents = [StorageScan(file) for file in files]
     known = [content for content in contents if content.topics]
     if not known:
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
-    topics = {topic.name: topic for content in known for topic in content.topics.values()}
+    topics: dict[str, Topic] = {}
+    hashes = type_hashes(path)
+    for topic in (topic for content in known for topic in content.topics.values()):
+        type_hash = topic.type_hash or hashes.get(topic.name, "")
+        topics.setdefault(topic.name, replace(topic, type_hash=type_hash))
     information = bag_information(topics.values(), [content.summary for content in known])
     rebuilt = [c for c in known if c.damages or not c.is_complete]
     for content in rebuilt:
@@ -107,13 +120,14 @@ def _rebuild(content: StorageScan, information: str) -> None:
     try:
         with partial.open("wb") as output:
             writer = StorageWriter(output, content.content.compression)
-            for topic in {topic.name: topic for topic in content.topics.values()}.values():
-                writer.add_topic(topic)
+            for number, channel in content.content.channels.items():
+                schema = content.content.schemas.get(channel.schema_id)
+                writer.add_channel(number, channel, schema)
             for attachment in content.content.attachments:
-                writer.attach(attachment.name, attachment.data, attachment.log_time)
+                writer.add_attachment(attachment)
             for place in content.content.places:
-                for topic, message in content.messages(place):
-                    writer.write(topic.name, message.stamp, message.data)
+                for _, message in content.messages(place):
+                    writer.write(*message)
             writer.close(information)
     except OSError:
         partial.unlink(missing_ok=True)  # half a file would only fill the disk

@@ -10,27 +10,16 @@ import mmap
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer
 
 from vgps_ros.bags.chunks import Content, Place
-from vgps_ros.bags.mcap_bytes import (
-    HEAD,
-    MAGIC,
-    MESSAGE,
-    DamagedError,
-    attachment,
-    parsed,
-    records,
-    unpacked,
-)
+from vgps_ros.bags.mcap_bytes import HEAD, MAGIC, MESSAGE, DamagedError, parsed, records
+from vgps_ros.bags.whole_records import WholeRecords
 
 _RUN = 2**20  # messages outside chunks are taken together up to this size [bytes]
-_BLOCK = 2**18  # searched at once for the beginning of a record; more does not stay in the cache
 
 
 def scan(path: Path) -> Content:
@@ -50,6 +39,7 @@ def scan(path: Path) -> Content:
 class _Scan:
     def __init__(self, data: mmap.mmap, content: Content):
         self._data, self._content = data, content
+        self._whole = WholeRecords(data)
         self._seen: set[tuple[int, int, int]] = set()
         self._run = -1  # where a run of messages outside chunks begins; -1 outside one
 
@@ -59,12 +49,14 @@ class _Scan:
         size = len(self._data)
         while at < size:
             try:
-                kind, end = self._head(at, size)
+                kind, end = self._whole.head(at)
                 if self._run >= 0 and not self._belongs_to_run(kind, end):
                     self._end_run(at)
                     sure = at
+                    self._whole.proven()
                 if self._take(kind, at, end):
                     sure = end
+                    self._whole.proven()
                 at = end
                 if kind == Opcode.FOOTER:
                     if self._data[at:] != MAGIC:
@@ -76,21 +68,12 @@ class _Scan:
                     self._end_run(at)
                     sure = at
                 # What has no check sum and led here may be what is damaged, so it is read again.
-                at = self._next(sure + (sure == at))
+                at = self._whole.next(sure + (sure == at))
                 self._content.gaps.append((sure, at))
                 sure = at
         if self._run >= 0:
             self._end_run(min(at, size))
         self._read_summary()
-
-    def _head(self, at: int, size: int) -> tuple[int, int]:
-        if at + HEAD.size > size:
-            raise DamagedError
-        kind, length = HEAD.unpack_from(self._data, at)
-        end = at + HEAD.size + length
-        if end > size or not (1 <= kind <= Opcode.DATA_END or kind >= 0x80):
-            raise DamagedError
-        return kind, end
 
     def _belongs_to_run(self, kind: int, end: int) -> bool:
         is_content = kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
@@ -102,19 +85,20 @@ class _Scan:
             self._take_chunk(at, end)
             return True
         if kind == Opcode.ATTACHMENT:
-            self._content.attachments.append(attachment(self._data[at + HEAD.size : end]))
+            self._content.attachments.append(self._whole.attachment(at, end))
             return True
         if kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) and self._run < 0:
             self._run = at
         return False
 
     def _take_chunk(self, at: int, end: int) -> None:
-        chunk, compression, checksum = unpacked(self._data[at + HEAD.size : end])
+        chunk, compression, checksum = self._whole.chunk(at, end)
         key = (checksum, len(chunk), zlib.crc32(chunk))
         if key in self._seen:
             self._content.doubled += 1
             return
-        self._add(Place(at, end, False, len(chunk), *self._survey(chunk)))
+        # One without messages stands in the index, too.
+        self._content.places.append(Place(at, end, False, len(chunk), *self._survey(chunk)))
         self._seen.add(key)
         self._content.compression = compression or "none"
 
@@ -125,11 +109,9 @@ class _Scan:
         except (DamagedError, struct.error):
             self._content.gaps.append((begin, at))
         else:
-            self._add(Place(begin, at, True, at - begin, *found))
-
-    def _add(self, place: Place) -> None:
-        if place.counts:
-            self._content.places.append(place)
+            place = Place(begin, at, True, at - begin, *found)
+            if place.counts:
+                self._content.places.append(place)
 
     def _survey(self, data: bytes) -> tuple[int, int, Counter[int]]:
         """Reads schemas and channels; returns first and last time and counts of the messages."""
@@ -146,21 +128,6 @@ class _Scan:
             content.start = min(content.start or first, first)
             content.last = max(content.last, last)
         return first, last, counts
-
-    def _next(self, at: int) -> int:
-        """Returns where the next whole chunk or attachment begins, or the end of the file."""
-        for begin in _candidates(self._data, at):
-            try:
-                kind, end = self._head(begin, len(self._data))
-                body = self._data[begin + HEAD.size : end]
-                if kind == Opcode.CHUNK:
-                    unpacked(body)
-                else:
-                    attachment(body)
-            except (DamagedError, struct.error):
-                continue
-            return begin
-        return len(self._data)
 
     def _read_summary(self) -> None:
         """Reads the index, whose check sum covers it; schemas and channels stand there again."""
@@ -186,14 +153,3 @@ class _Scan:
             content.is_complete = False
         else:  # the damage before it, which the scan may not have got past, is told by the index
             content.is_complete |= bool(content.indexes)
-
-
-def _candidates(data: mmap.mmap, at: int) -> Iterator[int]:
-    """Yields the places from `at` on where a chunk or an attachment of less than a TB may begin."""
-    for begin in range(at, len(data), _BLOCK):
-        block = np.frombuffer(data[begin : begin + _BLOCK + HEAD.size - 1], np.uint8)
-        kinds = block[: 1 - HEAD.size]
-        found = np.flatnonzero((kinds == Opcode.CHUNK) | (kinds == Opcode.ATTACHMENT))
-        for byte in range(HEAD.size - 3, HEAD.size):  # the highest of its length
-            found = found[block[found + byte] == 0]
-        yield from (begin + found).tolist()

@@ -31,6 +31,7 @@ class Topic:
         type_hash: RIHS01 hash of the type, as the graph has it.
         qos: profiles that its publishers offer, as `metadata.yaml` has them.
         definition: the type's definition, with those of its fields.
+        serialization: of its messages.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Topic:
     type_hash: str
     qos: Sequence[dict[str, Any]]
     definition: str
+    serialization: str = "cdr"
 
 
 def is_being_written(path: Path) -> bool:
@@ -146,4 +148,5 @@ class StorageScan:
             channel.metadata.get("topic_type_hash", ""),
             qos if isinstance(qos, list) else [],
             schema.data.decode(errors="replace") if schema else "",
+            channel.message_encoding,
         )

@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import IO
 
 import lz4.frame
@@ -53,8 +54,8 @@ class StorageWriter:
         self.start = self.end = 0
         self._compress = COMPRESSIONS[one_of("compression", compression, COMPRESSIONS)]
         self._compression = "" if compression == "none" else compression
-        self._schemas: dict[str, records.Schema] = {}
-        self._channels: dict[str, records.Channel] = {}
+        self._schemas: dict[tuple[str, str, bytes], records.Schema] = {}
+        self._channels: dict[str | int, records.Channel] = {}
         self._counts: Counter[int] = Counter()
         self._file = file
         header = MAGIC + bytes_of(records.Header("ros2", "vgps_ros"))
@@ -66,7 +67,10 @@ class StorageWriter:
     @property
     def counts(self) -> dict[str, int]:
         """Messages of each topic so far."""
-        return {topic: self._counts[channel.id] for topic, channel in self._channels.items()}
+        counts = Counter({channel.topic: 0 for channel in self._channels.values()})
+        for channel in self._channels.values():
+            counts[channel.topic] += self._counts[channel.id]
+        return dict(counts)
 
     @property
     def digest(self) -> PackedDigest:
@@ -75,27 +79,46 @@ class StorageWriter:
 
     def add_topic(self, topic: Topic) -> None:
         """Makes a topic known, before its first message."""
-        if topic.kind not in self._schemas:
-            schema = records.Schema(
-                len(self._schemas) + 1, topic.definition.encode(), "ros2msg", topic.kind
-            )
-            self._schemas[topic.kind] = schema
-            self._add(bytes_of(schema))
         metadata = {
             "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
             "topic_type_hash": topic.type_hash,
         }
-        self._channels[topic.name] = channel = records.Channel(
-            len(self._channels) + 1, topic.name, "cdr", metadata, self._schemas[topic.kind].id
-        )
+        channel = records.Channel(0, topic.name, topic.serialization, metadata, 0)
+        schema = records.Schema(0, topic.definition.encode(), "ros2msg", topic.kind)
+        self.add_channel(topic.name, channel, schema)
+
+    def add_channel(
+        self, key: str | int, channel: records.Channel, schema: records.Schema | None
+    ) -> None:
+        """Makes a channel known, with a number of its own; the key is that of its messages."""
+        number = 0
+        if schema is not None:
+            content = (schema.name, schema.encoding, schema.data)
+            if content not in self._schemas:
+                self._schemas[content] = own = replace(schema, id=len(self._schemas) + 1)
+                self._add(bytes_of(own))
+            number = self._schemas[content].id
+        channel = replace(channel, id=len(self._channels) + 1, schema_id=number)
+        self._channels[key] = channel
         self._add(bytes_of(channel))
 
-    def write(self, topic: str, stamp: int, data: bytes) -> None:
-        """Writes a message that was received at a time [ns]."""
-        channel, length = self._channels[topic].id, _LENGTH_BEFORE_DATA + len(data)
+    def write(
+        self, key: str | int, stamp: int, data: bytes, sequence: int = 0, sent: int | None = None
+    ) -> None:
+        """Writes a message.
+
+        Args:
+            key: its topic, or the key of its channel.
+            stamp: time at which it was received [ns].
+            data: the message, as CDR.
+            sequence: its number among its publisher's messages.
+            sent: time at which it was sent [ns]; that of its receipt if None.
+        """
+        channel, length = self._channels[key].id, _LENGTH_BEFORE_DATA + len(data)
+        sent = stamp if sent is None else sent
         self._counts[channel] += 1
         self._index.setdefault(channel, []).extend((stamp, self._chunk_size))
-        self._add(_MESSAGE.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp))
+        self._add(_MESSAGE.pack(Opcode.MESSAGE, length, channel, sequence, stamp, sent))
         self._add(data)
         self.end = max(self.end, stamp)
         self.start = min(self.start or stamp, stamp)
@@ -104,11 +127,20 @@ class StorageWriter:
 
     def attach(self, name: str, data: bytes, stamp: int) -> None:
         """Adds a named text; of several with one name the last one counts."""
+        self.add_attachment(records.Attachment(stamp, stamp, name, "text/plain", data))
+
+    def add_attachment(self, attachment: records.Attachment) -> None:
+        """Adds an attachment as it stands in another file."""
         self.flush()
-        attachment = records.Attachment(stamp, stamp, name, "text/plain", data)
         block, at = bytes_of(attachment), self._file.tell()
         index = records.AttachmentIndex(
-            at, len(block), stamp, stamp, len(data), name, attachment.media_type
+            at,
+            len(block),
+            attachment.log_time,
+            attachment.create_time,
+            len(attachment.data),
+            attachment.name,
+            attachment.media_type,
         )
         self._file.write(block)
         self._blocks.add(block, index, Counter())

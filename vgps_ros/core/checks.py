@@ -27,6 +27,11 @@ def quoted(value: Any) -> str:
     return _SHORT.repr(value) if text is None or len(text) > _SHORT.maxstring else text
 
 
+def told(error: Exception) -> str:
+    """Returns what a library says of an error, as a sentence can end with it: on one short line."""
+    return f"{' '.join(str(error).split()):.200}".rstrip(". ")
+
+
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Returns `values` as a float array of the given shape.
 

@@ -67,10 +67,10 @@ class ExecutedPolicy:
         """Returns the control u, shape (n_u,) [N·m], for inputs o of shape (n_o,).
 
         It is μ(o), plus noise if a seed is given. The noise depends only on that seed and on the
-        time of the state, `stamp` [ns], at least 0, so that recorded torques can be checked.
+        time of the state, `stamp` [ns], so that recorded torques can be checked.
         """
         mean = self.mean(inputs)
         if seed is None:
             return mean
-        rng = generator(seed, Stream.EXECUTION, stamp)
+        rng = generator(seed, Stream.EXECUTION, stamp % 2**64)  # a stranger's bag has times below 0
         return mean + self.policy.noise_std * rng.standard_normal(len(mean))

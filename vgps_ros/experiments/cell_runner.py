@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.cell_table import write_table
 from vgps_ros.experiments.cells import Cell, Protocol, remove_unfinished, run_cell
 from vgps_ros.storage.files import read_json, write_json
+from vgps_ros.views.table_console import plain_console
 
 FAILURES = "failures.json"
 _PROTOCOL = "experiment.json"
@@ -35,7 +35,7 @@ def run_experiment(
         InvalidInputError: the folder belongs to something else, or the cluster is not there; or a
             worker has died.
     """
-    failures, began, console = {}, time.monotonic(), Console()
+    failures, began, console = {}, time.monotonic(), plain_console()
     with (
         workers(backend, jobs, address) as parallel,
         claimed(output, protocol),

@@ -23,7 +23,6 @@ def info(arguments: argparse.Namespace) -> None:
     from rich.table import Column, Table
 
     from vgps_ros.bags import BagReader
-    from vgps_ros.storage.plain_yaml import read_yaml
     from vgps_ros.views.table_console import table_console
 
     path = arguments.bag
@@ -44,7 +43,7 @@ def info(arguments: argparse.Namespace) -> None:
             "duration": seconds,
             "size": sum(file.stat().st_size for file in path.glob("*.mcap")),
             "topics": topics,
-            "attachments": {n: read_yaml(text, n) for n, text in bag.attachments().items()},
+            "attachments": {n: _shown(data) for n, data in bag.attached().items()},
             "damages": bag.damages,
         }
     _warn(content["damages"])
@@ -66,8 +65,19 @@ def info(arguments: argparse.Namespace) -> None:
         table.add_row(topic["name"], topic["type"], str(topic["messages"]), rate)
     console.print(table)
     for name, text in content["attachments"].items():
-        console.print(f"\n[bold]{name}[/bold]")
-        console.print(yaml.safe_dump(text, sort_keys=False), highlight=False, markup=False)
+        console.print(f"\n{name}", style="bold", highlight=False)
+        is_text = isinstance(text, str)
+        console.print(text if is_text else yaml.safe_dump(text, sort_keys=False), highlight=False)
+
+
+def _shown(attached: bytes) -> Any:
+    """Returns an attachment as JSON can have it; of one that is no YAML, how large it is."""
+    from vgps_ros.storage.plain_yaml import as_json, read_yaml
+
+    try:
+        return as_json(read_yaml(attached, "It"))
+    except InvalidInputError:
+        return f"{len(attached)} bytes that are no YAML"
 
 
 def check(arguments: argparse.Namespace) -> None:

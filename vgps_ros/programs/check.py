@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
 def show(task: "Task", found: "TaskCheck") -> None:
     """Prints what was found."""
     from rich.table import Column, Table
+    from rich.text import Text
 
     from vgps_ros.views.table_console import table_console
 
@@ -95,9 +96,9 @@ def show(task: "Task", found: "TaskCheck") -> None:
             f"{most:.1e} (90 %)."
         )
     for trouble in found.troubles:
-        console.print(f"[bold red]![/] {trouble}", highlight=False)
+        console.print(Text.assemble(("!", "bold red"), f" {trouble}"))
     if not found.troubles:
-        console.print("[green]Nothing looks wrong.[/]")
+        console.print("Nothing looks wrong.", style="green")
 
 
 def _draw(task: "Task", found: "TaskCheck", path: Path) -> None:

@@ -152,7 +152,6 @@ def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict
 
 def show(result: dict[str, Any], *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
-    from rich.markup import escape
     from rich.table import Column, Table
 
     from vgps_ros.views.table_console import table_console
@@ -166,7 +165,7 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
         f"{result['seconds']:g} s{survival}",
     )
     for key, name in FIGURES.items():
-        table.add_row(escape(name), *(f"{value:.3f}" for value in result[key].values()))
+        table.add_row(name, *(f"{value:.3f}" for value in result[key].values()))
     table_console().print(table)
     if "robustness" in result:
         _show_survival(result["robustness"])
@@ -174,7 +173,6 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
 
 def _show_survival(robustness: dict[str, Any]) -> None:
     """Prints how many rollouts survive each disturbance."""
-    from rich.markup import escape
     from rich.table import Table
 
     from vgps_ros.search.robustness import ENOUGH, KINDS
@@ -184,7 +182,7 @@ def _show_survival(robustness: dict[str, Any]) -> None:
     for kind, found in robustness.items():
         borne = found["borne"]
         table.add_row(
-            escape(KINDS[kind]),
+            KINDS[kind],
             "\n".join(f"{value:g}" for value in found["values"]),
             "\n".join(f"{100 * share:.0f} %" for share in found["survival"]),
             f"{borne[0]:g} to {borne[1]:g}" if borne else "none",

@@ -37,15 +37,15 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         refuse_existing([arguments.json], overwrite=arguments.overwrite)
     check_machine()
-    from rich.console import Console
     from rich.progress import Progress
     from rich.table import Column, Table
 
     from vgps_ros.ros_runtime.client_node import client_node
     from vgps_ros.ros_runtime.policy_run import PolicyRun
     from vgps_ros.tasks import make_task
+    from vgps_ros.views.table_console import plain_console
 
-    console = Console()
+    console = plain_console()
     task = make_task(arguments.task)
     steps = getattr(arguments, "steps", task.horizon)
     training = read_result(arguments.result) if arguments.result else None

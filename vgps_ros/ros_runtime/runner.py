@@ -139,4 +139,4 @@ def _show_help(make_node: Callable[[], Node], name: str) -> None:
         table.add_row(descriptor.name, str(default), descriptor.description + changes)
     print(f"usage: ros2 run vgps_ros {name} [--ros-args -p PARAMETER:=VALUE ...]\n")
     print(sys.modules[make_node.__module__].__doc__)
-    table_console().print(table, markup=False, highlight=False)
+    table_console().print(table, highlight=False)

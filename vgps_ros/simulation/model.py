@@ -1,9 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
 
-from contextlib import suppress
 from itertools import product
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -12,6 +10,7 @@ from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.state_space import StateSpace
+from vgps_ros.simulation.text_limits import check_self_contained
 
 _JOINT = mujoco.mjtJoint
 # Coordinates of a joint in qpos, in qvel, and of a change of its position, by its type.
@@ -33,9 +32,10 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
     """Returns the model of an MJCF text.
 
     Raises:
-        InvalidInputError: the text does not compile, refers to files, or lacks a joint's name.
+        InvalidInputError: the text does not compile, refers to files or asks for too much, or
+            a joint lacks its name.
     """
-    _check_self_contained(mjcf)
+    check_self_contained(mjcf)
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
         mujoco.MjData(model)
@@ -47,18 +47,6 @@ def compile_model(mjcf: str) -> mujoco.MjModel:
             f"The robot has the joints {names}, but it must have one, and each a name."
         )
     return model
-
-
-def _check_self_contained(mjcf: str) -> None:
-    """Refuses references to files: the text may come from anywhere, and files are private."""
-    with suppress(ElementTree.ParseError):  # MuJoCo has the better message for it
-        for element in ElementTree.fromstring(mjcf).iter():
-            files = [value for name, value in element.items() if name.startswith("file")]
-            if files:
-                raise InvalidInputError(
-                    f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
-                    "hold all of the robot; leave out meshes, textures and includes."
-                )
 
 
 def check_supported(model: mujoco.MjModel) -> None:

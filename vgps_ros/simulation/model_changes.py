@@ -21,6 +21,7 @@ from vgps_ros.core.checks import one_of, quoted
 from vgps_ros.core.patterns import matching
 from vgps_ros.simulation.added_sensors import add_sensor, check_directions
 from vgps_ros.simulation.change_error import InvalidChangeError, Place, change_at
+from vgps_ros.simulation.text_limits import excess_of_file
 
 Values = Mapping[str, Any]
 
@@ -50,6 +51,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     Raises:
         InvalidChangeError: the model does not compile, or a change does not suit it.
     """
+    if excess := excess_of_file(path):
+        raise InvalidChangeError(("model",), excess)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except _ERRORS as error:

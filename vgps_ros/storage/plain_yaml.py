@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads YAML of strangers: no objects, and no more than its text has room for."""
 
+import base64
+import math
 from typing import Any
 
 import yaml
@@ -35,6 +37,19 @@ def read_yaml(text: str | bytes, what: str) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError, OverflowError, TypeError) as error:
         sentence = " ".join(str(error).split())
         raise InvalidInputError(f"{what} is no YAML that can be read: {sentence:.200}.") from error
+
+
+def as_json(value: Any) -> Any:
+    """Returns what `read_yaml` gave with nothing that JSON lacks: what it lacks becomes a text."""
+    if isinstance(value, dict):
+        return {one if isinstance(one, str) else str(one): as_json(v) for one, v in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [as_json(one) for one in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    is_plain = value is None or isinstance(value, str | int)
+    is_plain |= isinstance(value, float) and math.isfinite(value)
+    return value if is_plain else str(value)
 
 
 def _size(node: yaml.Node, known: dict[int, int], depth: int) -> int:

@@ -3,10 +3,10 @@
 
 import math
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.views.table_console import plain_console
 
 _ROW = "{:>9}  {:>6}  {:>10}  {:>13}  {:>8}  {:>11}  {:>9}"
 _HEADER = ("iteration", "alpha", "stochastic", "deterministic", "DDP", "initial DDP", "time left")
@@ -16,7 +16,7 @@ class TrainingProgress(Progress):
     """One line an iteration; on a terminal also a bar, which moves during the first solve too."""
 
     def __init__(self, initial_ddp_iterations: int):
-        console = Console()
+        console = plain_console()
         super().__init__(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
