@@ -24,7 +24,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, LINES = ROOT / "docs" / "policies.md", ROOT / "docs" / "policies.jsonl"
 BEGIN, END = "<!-- table: policies -->\n", "<!-- end of table -->"
-UNITS = {"swimmer": (5, 10), "walker": (10, 5), "hopper": (64,)}
+# Of each task the networks: the number of units, or of those of each layer.
+UNITS: dict[str, tuple[int | list[int], ...]] = {
+    "swimmer": (5, 10),
+    "walker": (10, 5),
+    "hopper": ([64, 64],),
+}
 FRESH = range(701, 711)
 NOISY = ("--rollouts", "40", "--stochastic")
 # Of each trial of a robot that can fall: its name, its length [s], and its further arguments.
@@ -58,9 +63,11 @@ def vgps(*arguments: object) -> float:
     return after.children_user + after.children_system - before[2] - before[3]
 
 
-def run(task: str, units: int, seed: int, folder: Path) -> dict[str, Any]:
+def run(task: str, units: int | list[int], seed: int, folder: Path) -> dict[str, Any]:
     """Trains and tries a policy, and returns its line."""
-    output, flags = folder / f"{task}-{units}-{seed}", ("--hidden-units", units, "--seed", seed)
+    layers = units if isinstance(units, list) else [units]
+    output = folder / "-".join(map(str, (task, *layers, seed)))
+    flags = ("--hidden-units", *layers, "--seed", seed)
     timed = output / "seconds.json"
     if not timed.exists():
         timed.write_text(json.dumps(vgps("train", "--task", task, *flags, "--output", output)))
@@ -78,7 +85,7 @@ def run(task: str, units: int, seed: int, folder: Path) -> dict[str, Any]:
     return line
 
 
-def places(tasks: Iterable[str]) -> list[tuple[str, int]]:
+def places(tasks: Iterable[str]) -> list[tuple[str, int | list[int]]]:
     """Returns each task with each of its numbers of units."""
     return [(task, units) for task in tasks for units in UNITS[task]]
 
@@ -93,7 +100,8 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
         rows.sort(key=lambda line: line["seed"])
         columns = {name: column for name, column in COLUMNS.items() if name in rows[0]}
         titles = " | ".join(["seed", *(title for title, _, _ in columns.values())])
-        text += f"\n{task}, {units} units:\n\n| {titles} |\n|{'---|' * (len(columns) + 1)}\n"
+        size = " and ".join(map(str, units)) if isinstance(units, list) else units
+        text += f"\n{task}, {size} units:\n\n| {titles} |\n|{'---|' * (len(columns) + 1)}\n"
         shown = {str(row["seed"]): [row[name] for name in columns] for row in rows}
         values = {name: [worth(row[name]) for row in rows] for name in columns}
         shown["**median**"] = [np.median(values[name]) for name in columns]
