@@ -241,34 +241,6 @@ def test_an_altered_policy_is_found_even_if_it_never_drove(tmp_path, capsys, par
     assert f"Wrong: the policy of iteration {iteration} is not its learner's." in found
 
 
-def test_what_cannot_be_read_is_wrong_and_the_rest_is_checked_all_the_same(tmp_path, capsys):
-    """As where a stranger publishes nonsense, which no node uses."""
-
-    def change(message):
-        if message.topic == "/policy":
-            policy = deserialize_message(message.data, GaussianPolicyMsg)
-            if policy.iteration == 2:
-                return message.data.replace(b"softplus", b"softplux")
-            return b"nonsense" if policy.iteration == 3 else message.data
-        return message.data
-
-    with pytest.raises(SystemExit):
-        main(["check", str(copy(tmp_path / "bag", change))])
-    found = capsys.readouterr().out
-    assert "Wrong: 2 policies cannot be read; of the first one: The policy of iteration 2" in found
-    *_, last = found.splitlines()
-    assert last.startswith(f"Proven: {ALL - 2} of {ALL} torques, 2 of 4 policies"), last
-
-
-def test_commands_that_are_none_are_wrong(tmp_path, capsys):
-    change = commanded(lambda i, stamp, torques: torques * (np.nan if i == 100 else 1.0))
-    with pytest.raises(SystemExit):
-        main(["check", str(copy(tmp_path / "bag", change))])
-    assert (
-        "Wrong: 1 commands cannot be read; of the first one: At 1.880 s" in capsys.readouterr().out
-    )
-
-
 def test_what_cannot_be_proven_is_said_and_has_an_exit_code_of_its_own(tmp_path, capsys):
     """As bags of older versions are: no digests, no counts, no manifest."""
 

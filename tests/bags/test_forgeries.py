@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from mcap.opcode import Opcode
 from rclpy.serialization import deserialize_message, serialize_message
 
-from tests.bags.altered import SAMPLE, copy, definitions_of, main, rewritten, sample
+from tests.bags.altered import ALL, SAMPLE, copy, definitions_of, main, rewritten, sample
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.executor_diagnostics import SAFE_ACTION_DRIVES
 
@@ -220,3 +220,20 @@ def test_the_manifest_cannot_name_chunks_that_are_not_there(tmp_path, capsys):
     code, words = outcome(with_manifest(bag, chunks=[nothing] * 1000), capsys)
     assert code == WRONG
     assert "the manifest's chunks of bag_0.mcap do not follow each other" in words
+
+
+def test_what_cannot_be_read_is_wrong_and_the_rest_is_checked_all_the_same(tmp_path, capsys):
+    """As where a stranger publishes nonsense, which no node uses."""
+    _, second, third, _ = (m for m in MESSAGES if m.topic == "/policy")
+    nonsense = {
+        second: replace(second, data=second.data.replace(b"softplus", b"softplux")),
+        third: replace(third, data=b"nonsense"),
+        TORQUES[100]: of(TORQUES[100], (float("nan"), 0.0)),
+    }
+    code, words = outcome(
+        rewritten(tmp_path / "bag", [nonsense.get(m, m) for m in MESSAGES]), capsys
+    )
+    assert code == WRONG
+    assert "Wrong: 2 policies cannot be read; of the first one: The policy of iteration 2" in words
+    assert "Wrong: 1 commands cannot be read; of the first one: At 1.880 s" in words
+    assert f"Proven: {ALL - 3} of {ALL - 1} torques, 2 of 4 policies" in words

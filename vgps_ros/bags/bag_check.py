@@ -88,10 +88,7 @@ def _judge_torques(found: BagCheck) -> None:
     for count, words in (
         (torques.different, "torques differ from what the policy gives"),
         (torques.unexplained, "torques are zero or safe, and nothing says that they had to be"),
-        (
-            torques.stateless,
-            "torques answer states that are not in the bag, or are unusable",
-        ),
+        (torques.stateless, "torques answer states that are not in the bag, or are unusable"),
         (torques.unanswered, "states lack the torque that answers them"),
         (torques.surplus, "torques are more than the states that they answer"),
         (torques.disordered, "torques came after that of a later state"),

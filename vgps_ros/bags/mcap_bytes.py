@@ -51,7 +51,7 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk says of its records.
+    """Tells what a chunk says of its records.
 
     Attributes:
         at: where they begin in the bytes.

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a check of a bag's torques found, as numbers."""
+"""Holds what a check of a bag's torques found, as numbers."""
 
 from dataclasses import dataclass, field
 
