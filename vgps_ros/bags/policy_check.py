@@ -48,10 +48,8 @@ def check_policies(bag: BagReader, trusted: PolicyFile | None = None) -> PolicyC
         trusted: a policy that needs no learner, such as one that was loaded from a file.
     """
     links = _links(bag)
-    found, missing = (
-        PolicyCheck(0, 0, [], []),
-        {link for several in links.values() for link in several},
-    )
+    found = PolicyCheck(0, 0, [], [])
+    missing = {link for several in links.values() for link in several}
     trusted_digest = policy_digest(trusted.gaussian) if trusted and trusted.gaussian else ""
     for received, message in policy_messages(bag, found.refused):
         if (content := onnx_content(message)) is not None:
