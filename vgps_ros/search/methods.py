@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from vgps_ros.core.checks import one_of
-from vgps_ros.core.seeding import SEED
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import check_settings
 from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
@@ -73,7 +73,8 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
     """
     chosen = METHODS[one_of("method", method, METHODS)]
     check_settings(settings)
-    SEED.check(seed)
+    if seed < 0:
+        raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
     architecture(task, settings)  # a policy that is too large is refused before the first solve
     chosen.check(task, settings)
     check_situations(task, settings, seed)
