@@ -14,6 +14,7 @@ from tests.bags.altered import SAMPLE, copy, fails, main
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.reindex import reindex
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration
 
@@ -70,6 +71,20 @@ def test_no_name_is_taken_for_a_style(tmp_path, capsys):
     assert shown.startswith(f"{bag}: 1 messages over 0.000 s")
     assert "│ /a[/b]c │" in shown
     assert "\na[/b]\n1\n" in shown
+
+
+def test_no_name_commands_the_terminal(tmp_path, capsys):
+    attachments = {"note\x1b[2J": b"\xff", "text": b'"\\e]0;title\\a \xc3\xa9"'}
+    bag = foreign_bag(tmp_path / "bag", attachments, topic="/a\x1b[31m/joint_states")
+    main(["info", str(bag)])
+    shown = capsys.readouterr().out
+    assert {letter for letter in shown if not letter.isprintable()} == {"\n"}
+    assert r"│ /a\x1b[31m/joint_states │" in shown
+    assert "\nnote\\x1b[2J\n" in shown
+    assert "\n\\x1b]0;title\\x07 é\n" in shown
+    with pytest.raises(SystemExit) as ended:
+        vgps(["bag", "check", str(tmp_path / "nothing\x1b[2J")])
+    assert r"nothing\x1b[2J" in str(ended.value)
 
 
 def test_a_bag_without_joint_states_is_refused(tmp_path):

@@ -27,6 +27,11 @@ def quoted(value: Any) -> str:
     return _SHORT.repr(value) if text is None or len(text) > _SHORT.maxstring else text
 
 
+def printable(text: str) -> str:
+    """Returns a text with escapes in place of what would command a terminal; line breaks stay."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
 def told(error: Exception) -> str:
     """Returns what a library says of an error, as a sentence can end with it: on one short line."""
     return f"{' '.join(str(error).split()):.200}".rstrip(". ")

@@ -78,6 +78,7 @@ def _once_more(lost: "sys.UnraisableHookArgs") -> None:
 
 
 def _run(words: Sequence[str]) -> None:
+    from vgps_ros.core.checks import printable
     from vgps_ros.core.errors import VgpsError
 
     is_completing = "_ARGCOMPLETE" in os.environ
@@ -100,7 +101,7 @@ def _run(words: Sequence[str]) -> None:
         silence_mujoco()
         _module(parsed.command).run(parsed)
     except (VgpsError, OSError) as error:
-        sys.exit(f"{name}: {_told(error)}")
+        sys.exit(f"{name}: {printable(_told(error))}")
     except KeyboardInterrupt:
         sys.exit(f"{name}: {sentence}")
     except Exception:  # as of numba, when what it has called through C was interrupted

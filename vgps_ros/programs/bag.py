@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.experiments.command_line import Parser
 
@@ -62,12 +63,13 @@ def info(arguments: argparse.Namespace) -> None:
     )
     for topic in topics:
         rate = "" if topic["rate"] is None else f"{topic['rate']:.1f}"
-        table.add_row(topic["name"], topic["type"], str(topic["messages"]), rate)
+        names = (printable(topic[key]) for key in ("name", "type"))
+        table.add_row(*names, str(topic["messages"]), rate)
     console.print(table)
     for name, text in content["attachments"].items():
-        console.print(f"\n{name}", style="bold", highlight=False)
-        is_text = isinstance(text, str)
-        console.print(text if is_text else yaml.safe_dump(text, sort_keys=False), highlight=False)
+        console.print(f"\n{printable(name)}", style="bold", highlight=False)
+        shown = text if isinstance(text, str) else yaml.safe_dump(text, sort_keys=False)
+        console.print(printable(shown), highlight=False)
 
 
 def _shown(attached: bytes) -> Any:
@@ -108,11 +110,11 @@ def check(arguments: argparse.Namespace) -> None:
         if count:
             print(f"{count} {sentence}")
     if torques.first_difference:
-        print(torques.first_difference)
+        print(printable(torques.first_difference))
     for heading, parts in (("Wrong", found.wrong), ("Not proven", found.unproven)):
         for part in parts:
-            print(f"{heading}: {part}.")
-    print(f"Proven: {', '.join(found.proven) or 'nothing'}.")
+            print(printable(f"{heading}: {part}."))
+    print(printable(f"Proven: {', '.join(found.proven) or 'nothing'}."))
     if found.wrong:
         raise InvalidInputError(torques.first_difference or f"{found.wrong[0]}.")
     if found.unproven:
@@ -155,7 +157,7 @@ def rerun(arguments: argparse.Namespace) -> None:
             raise
         scene.close()
     for sentence, times in left_out.items():
-        print(f"{sentence} ({times} times)", file=sys.stderr)
+        print(printable(f"{sentence} ({times} times)"), file=sys.stderr)
     print(f"Wrote {output}; open it with `vgps view {output}`.")
 
 
@@ -194,7 +196,7 @@ def reindex(arguments: argparse.Namespace) -> None:
 def _warn(damages: Sequence[str]) -> None:
     """Says what is damaged, and so left out."""
     for sentence in damages:
-        print(f"Damaged: {sentence}.", file=sys.stderr)
+        print(printable(f"Damaged: {sentence}."), file=sys.stderr)
 
 
 def add_arguments(parser: Parser) -> None:

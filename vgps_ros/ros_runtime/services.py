@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from vgps_ros.core.checks import printable
 from vgps_ros.ros_runtime.rclpy_internals import Function, wrap_callback, wrap_sender
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
@@ -81,7 +82,7 @@ def _refusal(reason: str) -> SetParametersResult:
 def _words(error: Exception) -> str:
     """Returns the error's first line as the end of a sentence."""
     line = str(error).partition("\n")[0].strip().rstrip(".")
-    return (ascii(line)[1:-1] if not line.isprintable() else line)[:300] + "."
+    return printable(line)[:300] + "."
 
 
 def answered(done: bool, yes: str, no: str) -> Trigger.Response:
