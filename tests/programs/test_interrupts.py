@@ -5,12 +5,20 @@ import sys
 import pytest
 
 _BEGINNING = """
-import ctypes, os, signal, sys, time
+import ctypes, msgspec, os, signal, sys, time
 from vgps_ros.programs.__main__ import _heed_interrupts
 
 class Finalised:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGINT)
+
+class Hashed(type):
+    def __hash__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        return 1
+
+class LookedUp(metaclass=Hashed):
+    pass
 
 _heed_interrupts()
 try:
@@ -27,10 +35,11 @@ except KeyboardInterrupt:
         "os.kill(os.getpid(), signal.SIGINT)",
         "ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()",
         "Finalised()",
+        "msgspec.convert(LookedUp(), LookedUp)",
     ],
 )
 def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struck):
-    """As in what C calls back, such as numba's loading of compiled loops, and in finalisers."""
+    """As in what C calls back, such as loops that numba loads, and in finalisers and lookups."""
     script = [sys.executable, "-c", _BEGINNING.format(struck)]
     done = subprocess.run(script, check=False, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (3, "")

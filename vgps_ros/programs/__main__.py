@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
 from vgps_ros.programs.node import heed, start
-from vgps_ros.ros_runtime.interruptible import LATER, may_raise
+from vgps_ros.ros_runtime.interruptible import LATER, is_raised, may_raise
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
@@ -57,23 +57,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _heed_interrupts() -> None:
     signal.signal(signal.SIGALRM, _interrupt)
-    sys.unraisablehook = _once_more
+    sys.unraisablehook = _tell_lost
     heed(_interrupt)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over."""
+    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
+
+    It looks again until the program ends, and raises once more where the exception was lost.
+    """
     _struck.append(number)
-    if may_raise(frame):
-        raise KeyboardInterrupt
     signal.setitimer(signal.ITIMER_REAL, LATER)
+    if may_raise(frame) and not (number == signal.SIGALRM and is_raised()):
+        raise KeyboardInterrupt
 
 
-def _once_more(lost: "sys.UnraisableHookArgs") -> None:
-    """Interrupts again where a finaliser, or what C called back, has lost the exception."""
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        signal.setitimer(signal.ITIMER_REAL, LATER)
-    else:
+def _tell_lost(lost: "sys.UnraisableHookArgs") -> None:
+    """Tells of an exception that Python has lost, but for interrupts, which come again."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
 
 

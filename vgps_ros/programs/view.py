@@ -7,6 +7,7 @@ Example: vgps view recordings/mine. Ctrl-C ends it. A demo leaves run.rrd in its
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
                 print(f"Open {address}\nCtrl-C ends it.", flush=True)
                 viewer.wait()
     except KeyboardInterrupt:
-        return  # the way in which it is meant to end
+        sys.exit()  # the way in which it is meant to end
 
 
 def recording_of(path: Path) -> Path:

@@ -23,7 +23,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.exit_timer import exit_after
-from vgps_ros.ros_runtime.interruptible import LATER, may_raise
+from vgps_ros.ros_runtime.interruptible import LATER, is_raised, may_raise
 
 # Callbacks must return and the middleware must close within this time: of 387 nodes that were ended
 # without a limit, one never ended; the cause is not known [s].
@@ -102,8 +102,7 @@ class Ending:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self.is_wanted = True
         self._signals += number != signal.SIGALRM  # which repeats one
-        if self._may_interrupt and may_raise(frame):
-            self._may_interrupt = False
+        if self._may_interrupt and may_raise(frame) and not is_raised():
             raise KeyboardInterrupt
 
     def _follow(self, reader: int) -> None:
@@ -112,7 +111,7 @@ class Ending:
         if self.executor:
             self.executor.create_task(lambda: None)  # wakes it
         end = time.monotonic() + _LONGEST_START
-        while self._may_interrupt:  # it came within rclpy, or just before a call, which waits on
+        while self._may_interrupt:  # it came within rclpy, before a call that waits on, or was lost
             if time.monotonic() > end:
                 exit_after(LATER, self._code)
             time.sleep(LATER)

@@ -1,9 +1,15 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Tells where the handler of a signal may raise KeyboardInterrupt."""
+"""Tells where the handler of a signal may raise KeyboardInterrupt, and whether it was raised.
 
+Code in C that calls back into Python may drop any exception: finalisers, numba where it loads
+compiled loops, and each lookup in a dictionary that clears errors, as msgspec's are. So who raises
+an interrupt looks again a little later, and raises it once more if it is gone.
+"""
+
+import sys
 from types import FrameType
 
-LATER = 0.05  # after which a signal is looked at again where it may not [s]
+LATER = 0.05  # after which a signal is looked at again [s]
 # Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
 # executor that rclpy has half made prints a traceback and leaves shared memory.
 _UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy"}
@@ -16,3 +22,11 @@ def may_raise(frame: FrameType | None) -> bool:
             return False
         frame = frame.f_back
     return True
+
+
+def is_raised() -> bool:
+    """Returns whether KeyboardInterrupt is on its way out, through what cleans up behind it."""
+    error = sys.exc_info()[1]
+    while error and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
