@@ -1,71 +1,72 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 import subprocess
 import sys
+import textwrap
 
 import pytest
 
-_BEGINNING = """
-import ctypes, msgspec, os, signal, sys, time
-from vgps_ros.programs.__main__ import _heed_interrupts
+_PROGRAM = """
+import ctypes, msgspec, os, signal, time
+from vgps_ros.core.errors import VgpsError
+from vgps_ros.programs import __main__, check
+
+def strike():
+    os.kill(os.getpid(), signal.SIGINT)
 
 class Finalised:
     def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
+        strike()
 
 class Hashed(type):
     def __hash__(self):
-        os.kill(os.getpid(), signal.SIGINT)
+        strike()
         return 1
 
 class LookedUp(metaclass=Hashed):
     pass
 
-_heed_interrupts()
-try:
-    {}
-    time.sleep(20)
-except KeyboardInterrupt:
-    sys.exit(3)
-"""
-
-
-@pytest.mark.parametrize(
-    "struck",
-    [
-        "os.kill(os.getpid(), signal.SIGINT)",
-        "ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()",
-        "Finalised()",
-        "msgspec.convert(LookedUp(), LookedUp)",
-    ],
-)
-def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struck):
-    """As in what C calls back, such as loops that numba loads, and in finalisers and lookups."""
-    script = [sys.executable, "-c", _BEGINNING.format(struck)]
-    done = subprocess.run(script, check=False, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (3, "")
-
-
-_FAILING = """
-import ctypes, os, signal, sys
-from vgps_ros.programs import __main__, check
-
 def run(_):
-    if sys.argv[2] == "interrupted":
-        ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()
-    raise RuntimeError("no compiled object yet")
+{}
 
 check.run = run
 __main__.main()
 """
+_LOST = "ctypes.CFUNCTYPE(None)(strike)()"
 
 
-@pytest.mark.parametrize("task", ["interrupted", "undisturbed"])
-def test_an_error_that_follows_an_interrupt_is_no_error_of_the_program(task):
-    """As of numba, which lacks the compiled loop whose compilation was interrupted."""
-    script = [sys.executable, "-c", _FAILING, "check", task]
-    done = subprocess.run(script, check=False, capture_output=True, text=True)
+def stderr_of(body: str) -> str:
+    """What the program `check` says whose work is this; it must end with 1."""
+    script = _PROGRAM.format(textwrap.indent(body, "    "))
+    command = [sys.executable, "-c", script, "check", "rotor"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 1
-    if task == "interrupted":
-        assert done.stderr == "vgps check: interrupted.\n"
-    else:
-        assert done.stderr.endswith("RuntimeError: no compiled object yet\n")
+    return done.stderr
+
+
+@pytest.mark.parametrize(
+    "struck", ["strike()", _LOST, "Finalised()", "msgspec.convert(LookedUp(), LookedUp)"]
+)
+def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struck):
+    """As in what C calls back, such as loops that numba loads, and in finalisers and lookups."""
+    assert stderr_of(f"{struck}\ntime.sleep(20)") == "vgps check: interrupted.\n"
+
+
+def test_an_interrupt_leaves_time_to_clean_up():
+    body = """
+try:
+    strike()
+    time.sleep(20)
+finally:
+    time.sleep(0.3)
+    print("all is closed", file=__main__.sys.stderr)
+"""
+    assert stderr_of(body) == "all is closed\nvgps check: interrupted.\n"
+
+
+@pytest.mark.parametrize("error", ["RuntimeError", "VgpsError"])
+def test_an_error_that_follows_an_interrupt_is_no_error_of_the_program(error):
+    """As of numba, which lacks the compiled loop whose compilation was interrupted."""
+    failure = f'raise {error}("no compiled object yet")'
+    assert stderr_of(f"{_LOST}\n{failure}") == "vgps check: interrupted.\n"
+    told = "vgps check: no compiled object yet\n" if error == "VgpsError" else f"\n{error}: no"
+    assert told in stderr_of(failure)

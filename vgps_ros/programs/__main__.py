@@ -101,14 +101,12 @@ def _run(words: Sequence[str]) -> None:
         name, sentence = parsed.parser.prog, parsed.interrupted
         silence_mujoco()
         _module(parsed.command).run(parsed)
-    except (VgpsError, OSError) as error:
-        sys.exit(f"{name}: {printable(_told(error))}")
-    except KeyboardInterrupt:
-        sys.exit(f"{name}: {sentence}")
-    except Exception:  # as of numba, when what it has called through C was interrupted
-        if not _struck:
+    except (Exception, KeyboardInterrupt) as error:
+        if _struck or isinstance(error, KeyboardInterrupt):  # of which C code may make any error
+            sys.exit(f"{name}: {sentence}")
+        if not isinstance(error, (VgpsError, OSError)):
             raise
-        sys.exit(f"{name}: {sentence}")
+        sys.exit(f"{name}: {printable(_told(error))}")
 
 
 def _told(error: Exception) -> str:
