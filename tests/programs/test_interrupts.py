@@ -70,3 +70,20 @@ def test_an_error_that_follows_an_interrupt_is_no_error_of_the_program(error):
     assert stderr_of(f"{_LOST}\n{failure}") == "vgps check: interrupted.\n"
     told = "vgps check: no compiled object yet\n" if error == "VgpsError" else f"\n{error}: no"
     assert told in stderr_of(failure)
+
+
+def test_an_interrupt_of_a_program_that_is_ending_shows_nothing():
+    """The last thing that a program does is to ignore what may come again, in signal.py."""
+    body = """
+import signal
+ignore = signal.signal
+
+def struck(*arguments):
+    strike()
+    time.sleep(0.2)
+    return ignore(*arguments)
+
+signal.signal = struck
+raise VgpsError("all is closed")
+"""
+    assert stderr_of(body) == "vgps check: all is closed\n"

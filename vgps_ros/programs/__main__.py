@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
 from vgps_ros.programs.node import heed, start
-from vgps_ros.ros_runtime.interruptible import LATER, is_raised, may_raise
+from vgps_ros.ros_runtime.interruptible import LATER, is_raised, is_within, may_raise
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
@@ -64,11 +64,13 @@ def _heed_interrupts() -> None:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
 
-    It looks again until the program ends, and raises once more where the exception was lost.
+    It looks again until the program ends, and raises once more where the exception was lost. A
+    program that is ending already is left to it.
     """
     _struck.append(number)
     signal.setitimer(signal.ITIMER_REAL, LATER)
-    if may_raise(frame) and not (number == signal.SIGALRM and is_raised()):
+    is_ending = not is_within(_run, frame) or (number == signal.SIGALRM and is_raised())
+    if may_raise(frame) and not is_ending:
         raise KeyboardInterrupt
 
 

@@ -7,7 +7,9 @@ an interrupt looks again a little later, and raises it once more if it is gone.
 """
 
 import sys
+from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 LATER = 0.05  # after which a signal is looked at again [s]
 # Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
@@ -22,6 +24,13 @@ def may_raise(frame: FrameType | None) -> bool:
             return False
         frame = frame.f_back
     return True
+
+
+def is_within(function: Callable[..., Any], frame: FrameType | None) -> bool:
+    """Returns whether a call of the function is under way in a thread's frame."""
+    while frame and frame.f_code is not function.__code__:
+        frame = frame.f_back
+    return frame is not None
 
 
 def is_raised() -> bool:
