@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
 
+import gc
 import importlib
 import os
 import re
@@ -53,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     finally:
         if arguments is None:  # or an interrupt that waits would kill Python while it ends
             signal.signal(signal.SIGALRM, signal.SIG_IGN)
+            gc.freeze()  # else Python looks for garbage in all modules before it ends, for a second
 
 
 def _heed_interrupts() -> None:
