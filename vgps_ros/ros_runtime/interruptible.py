@@ -13,12 +13,13 @@ from typing import Any
 
 LATER = 0.05  # after which a signal is looked at again [s]
 # Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
-# executor that rclpy has half made prints a traceback and leaves shared memory.
-_UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy"}
+# executor that rclpy has half made prints a traceback and leaves shared memory. What measures the
+# coverage keeps a lock for ever.
+_UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy", "coverage"}
 
 
 def may_raise(frame: FrameType | None) -> bool:
-    """Returns whether neither an import nor a call of rclpy is under way in a thread's frame."""
+    """Returns whether an exception in a thread's frame would reach the program, and do no harm."""
     while frame:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in _UNSAFE:
             return False
