@@ -204,7 +204,8 @@ class Graph:
         """
         killed = {segment for process in self.processes for segment in process.orphaned}
         first = 7400 + 250 * self.domain_id
-        numbers = (7000, *range(first, first + 250))  # 7000 is of all domains
+        of_all_domains = range(7000, 7250)  # of which each process takes the first that is free
+        numbers = (*of_all_domains, *range(first, first + 250))
         ports = {Path(f"/dev/shm/fastrtps_port{number}") for number in numbers}
         remove_orphans(killed | {port for port in ports if port.exists()})
 
