@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import yaml
 
@@ -110,11 +110,11 @@ def check(arguments: argparse.Namespace) -> None:
         if count:
             print(f"{count} {sentence}")
     if torques.first_difference:
-        print(printable(torques.first_difference))
+        _say(torques.first_difference)
     for heading, parts in (("Wrong", found.wrong), ("Not proven", found.unproven)):
         for part in parts:
-            print(printable(f"{heading}: {part}."))
-    print(printable(f"Proven: {', '.join(found.proven) or 'nothing'}."))
+            _say(f"{heading}: {part}.")
+    _say(f"Proven: {', '.join(found.proven) or 'nothing'}.")
     if found.wrong:
         raise InvalidInputError(torques.first_difference or f"{found.wrong[0]}.")
     if found.unproven:
@@ -157,7 +157,7 @@ def rerun(arguments: argparse.Namespace) -> None:
             raise
         scene.close()
     for sentence, times in left_out.items():
-        print(printable(f"{sentence} ({times} times)"), file=sys.stderr)
+        _say(f"{sentence} ({times} times)", sys.stderr)
     print(f"Wrote {output}; open it with `vgps view {output}`.")
 
 
@@ -196,7 +196,12 @@ def reindex(arguments: argparse.Namespace) -> None:
 def _warn(damages: Sequence[str]) -> None:
     """Says what is damaged, and so left out."""
     for sentence in damages:
-        print(printable(f"Damaged: {sentence}."), file=sys.stderr)
+        _say(f"Damaged: {sentence}.", sys.stderr)
+
+
+def _say(sentence: str, file: TextIO | None = None) -> None:
+    """Prints a sentence with names from a bag, which may hold what commands a terminal."""
+    print(printable(sentence), file=file)
 
 
 def add_arguments(parser: Parser) -> None:

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
                 print(f"Open {address}\nCtrl-C ends it.", flush=True)
                 viewer.wait()
     except KeyboardInterrupt:
-        sys.exit()  # the way in which it is meant to end
+        sys.exit()  # as it is meant to end; after a mere return the interrupt would come again
 
 
 def recording_of(path: Path) -> Path:
