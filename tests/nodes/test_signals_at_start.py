@@ -69,3 +69,22 @@ def test_what_rclpy_makes_is_whole_before_a_signal_ends_the_process(kind, code, 
 @pytest.mark.parametrize(("kind", "code"), [("node", 0), ("client", 1)])
 def test_a_start_that_hangs_within_rclpy_is_cut_off(kind, code, domain_id):
     assert _ends(kind, signal.SIGTERM, 300.0, domain_id) == (code, [], "")
+
+
+_LOST = """
+import ctypes, os, signal, time
+from vgps_ros.ros_runtime.ending import Ending
+
+ending = Ending()
+with ending.interrupting():
+    ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()
+    time.sleep(20.0)
+"""
+
+
+def test_an_interrupt_that_c_code_drops_comes_again_and_is_not_told():
+    """As in what compiles loops; Ending's own KeyboardInterrupt ends the program."""
+    command = [sys.executable, "-c", _LOST]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert "ignored" not in ended.stderr
+    assert ended.returncode == -signal.SIGINT

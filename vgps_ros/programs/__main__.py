@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
 from vgps_ros.programs.node import heed, start
-from vgps_ros.ros_runtime.interruptible import LATER, is_raised, is_within, may_raise
+from vgps_ros.ros_runtime.interruptible import LATER, is_raised, is_within, may_raise, tell_lost
 
 if TYPE_CHECKING:
     from vgps_ros.experiments.command_line import Parser
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _heed_interrupts() -> None:
     signal.signal(signal.SIGALRM, _interrupt)
-    sys.unraisablehook = _tell_lost
+    sys.unraisablehook = tell_lost
     heed(_interrupt)
 
 
@@ -74,12 +74,6 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     is_ending = not is_within(_run, frame) or (number == signal.SIGALRM and is_raised())
     if may_raise(frame) and not is_ending:
         raise KeyboardInterrupt
-
-
-def _tell_lost(lost: "sys.UnraisableHookArgs") -> None:
-    """Tells of an exception that Python has lost, but for interrupts, which come again."""
-    if not issubclass(lost.exc_type, KeyboardInterrupt):
-        sys.__unraisablehook__(lost)
 
 
 def _run(words: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ within rclpy: what it has half made then cannot be taken apart, and its shared m
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.exit_timer import exit_after
-from vgps_ros.ros_runtime.interruptible import LATER, is_raised, may_raise
+from vgps_ros.ros_runtime.interruptible import LATER, is_raised, may_raise, tell_lost
 
 # Callbacks must return and the middleware must close within this time: of 387 nodes that were ended
 # without a limit, one never ended; the cause is not known [s].
@@ -58,6 +59,7 @@ class Ending:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
             signal.signal(number, self._handle)
         signal.set_wakeup_fd(writer)
+        sys.unraisablehook = tell_lost
         threading.Thread(target=self._follow, args=(reader,), daemon=True).start()
 
     def is_hurried(self) -> bool:

@@ -40,3 +40,9 @@ def is_raised() -> bool:
     while error and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None
+
+
+def tell_lost(lost: "sys.UnraisableHookArgs") -> None:
+    """Tells of an exception that Python has lost, but for interrupts, which come again."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
