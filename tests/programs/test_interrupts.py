@@ -73,15 +73,19 @@ def test_an_error_that_follows_an_interrupt_is_no_error_of_the_program(error):
 
 
 def test_an_interrupt_of_a_program_that_is_ending_shows_nothing():
-    """The last thing that a program does is to ignore what may come again, in signal.py."""
+    """The last thing that a program does is to ignore what may come again, in signal.py.
+
+    SIG_IGN is no way to ignore it: Python may print that it lost the signal to a race.
+    """
     body = """
 import signal
 ignore = signal.signal
 
-def struck(*arguments):
+def struck(number, handler):
+    assert handler is not signal.SIG_IGN
     strike()
     time.sleep(0.2)
-    return ignore(*arguments)
+    return ignore(number, handler)
 
 signal.signal = struck
 raise VgpsError("all is closed")

@@ -52,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
     finally:
-        if arguments is None:  # or an interrupt that waits would kill Python while it ends
-            signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        if arguments is None:
+            _ignore_interrupts()
             gc.freeze()  # else Python looks for garbage in all modules before it ends, for a second
 
 
@@ -61,6 +61,16 @@ def _heed_interrupts() -> None:
     signal.signal(signal.SIGALRM, _interrupt)
     sys.unraisablehook = tell_lost
     heed(_interrupt)
+
+
+def _ignore_interrupts() -> None:
+    """Ends what comes again, or an alarm would kill Python while it ends.
+
+    SIG_IGN would not do: Python prints an error where such a signal is on its way.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+        signal.signal(number, lambda *_: None)
+    signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
