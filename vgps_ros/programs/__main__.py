@@ -64,9 +64,10 @@ def _heed_interrupts() -> None:
 
 
 def _ignore_interrupts() -> None:
-    """Ends what comes again, or an alarm would kill Python while it ends.
+    """Makes INT, TERM and the alarm do nothing, since an alarm would kill Python while it ends.
 
-    SIG_IGN would not do: Python prints an error where such a signal is on its way.
+    Their handlers become an empty function, not SIG_IGN: Python prints an error for a signal that
+    arrives just before its handler becomes SIG_IGN.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, lambda *_: None)
