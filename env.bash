@@ -4,7 +4,7 @@
 #
 # Set before sourcing, these are kept: OMP_NUM_THREADS, OPENBLAS_NUM_THREADS and
 # FASTRTPS_DEFAULT_PROFILES_FILE. The default profile keeps all traffic on the loopback interface;
-# to reach other machines, name one of your own, or set it to nothing for the defaults of Fast DDS.
+# to reach other machines, name one of your own, or set it to nothing for all networks of this machine.
 
 _vgps_env() {
   local root venv nounset=''

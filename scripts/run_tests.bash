@@ -87,11 +87,11 @@ if [[ -n $left ]]; then
   status=1
 fi
 
-# Of a Fast DDS segment the lock file stays, too. LTTng, which the tracepoints of ROS use, keeps two
-# segments for all processes of a user. What other programs left before is not the tests' own.
-sort -u "$scratch/shared_memory" | sed '/lttng-ust-wait-/d; p; s/$/_el/' | sort -u |
+# LTTng, which the tracepoints of ROS use, keeps two segments for all processes of a user. What other
+# programs left before is not the tests' own.
+sort -u "$scratch/shared_memory" | sed '/lttng-ust-wait-/d' |
   comm -23 - "$scratch/before" | while read -r file; do
-  if [[ -e $file ]] && ! is_mapped "${file%_el}"; then printf '%s\n' "$file"; fi
+  if [[ -e $file ]] && ! is_mapped "$file"; then printf '%s\n' "$file"; fi
 done >"$scratch/left"
 # Where libraries put what they should have removed. Folders of pytest itself stay for three runs.
 find "$scratch/tmp" -mindepth 1 -maxdepth 1 ! -name 'pytest-of-*' >>"$scratch/left"

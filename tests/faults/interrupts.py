@@ -27,7 +27,6 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.nodes.conftest import DOMAINS
-from vgps_ros.ros_runtime.shared_memory import owned_segments
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = ROOT / "install" / "vgps_ros" / "lib" / "vgps_ros"
@@ -108,7 +107,6 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
     while program.poll() is None and not _has_begun(program.pid, number):
         time.sleep(0.001)
     time.sleep(delay)
-    segments = {s for pid in _marked(mark) for s in owned_segments(pid)}
     struck, idle = time.monotonic(), _idle_seconds()
     if mode == "terminal":
         os.write(master, b"\x03")
@@ -135,7 +133,6 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
         wrong.append(f"left {Path(f'/proc/{pid}/cmdline').read_bytes()!r:.60}")
         os.kill(pid, signal.SIGKILL)
     program.wait()
-    wrong += [f"left {segment}" for segment in segments if segment.exists() and not _held(segment)]
     return Outcome(", ".join(wrong), seconds, is_late)
 
 
@@ -149,12 +146,6 @@ def _has_begun(pid: int, number: signal.Signals) -> bool:
         return False
     status = dict(line.split(":\t", 1) for line in (folder / "status").read_text().splitlines())
     return any(int(status[mask], 16) >> (number - 1) & 1 for mask in ("SigBlk", "SigCgt"))
-
-
-def _held(segment: Path) -> bool:
-    """Returns whether another process uses the segment; all domains share a few ports."""
-    pids = (int(folder.name) for folder in Path("/proc").glob("[0-9]*"))
-    return any(segment in owned_segments(pid) for pid in pids)
 
 
 def _idle_seconds() -> float:

@@ -190,11 +190,10 @@ def crowd(system: System) -> None:
 
 
 def full_memory(system: System) -> None:
-    """A node that finds /dev/shm full works through UDP."""
+    """A node that finds /dev/shm full to all but the last pages works."""
     name = system.rng.choice(("recorder", "visualizer"))
     system.end(name)
-    system.start(name, (*SMALL_MEMORY, "8M", "1M"))
-    system.wait_for_word("uses UDP alone")
+    system.start(name, (*SMALL_MEMORY, "1M", "960K"))
     system.wait_until_it_works()
     ended(name, system)
 

@@ -137,7 +137,6 @@ def soak(folder: Path, task: str, seed: int, duration: float, tally: Tally) -> G
                     system.spin(PERIOD)
                     lives.sample(system)
                 works = strike(system, kind, tally)
-                graph.remove_orphaned_memory()
                 growth.shared.append(_shared_memory())
                 left = max(0.0, end - time.monotonic()) / 60.0
                 outcome = "works again" if works else "FAILED"

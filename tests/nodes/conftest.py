@@ -12,7 +12,6 @@ Processes that a test leaves running are ended with INT, and must then exit with
 """
 
 import os
-import re
 import shutil
 import signal
 import socket
@@ -37,7 +36,6 @@ from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.shared_memory import files_of, owned_segments
 from vgps_ros.tasks import Task
 
 T = TypeVar("T")
@@ -77,7 +75,6 @@ class Process:
 
     def __init__(self, name: str, command: list[str], environment: dict[str, str], log: Path):
         self.name = name
-        self.orphaned: set[Path] = set()  # shared memory that a killed process had a hold of
         self._log = log
         with log.open("w") as file:
             self._process = subprocess.Popen(
@@ -120,9 +117,7 @@ class Process:
         return self.wait(timeout)
 
     def kill(self) -> None:
-        """Kills it with SIGKILL; the graph then removes the shared memory that it leaves."""
-        maps = Path(f"/proc/{self._process.pid}/maps").read_text()
-        self.orphaned = set(map(Path, re.findall("/dev/shm/fastrtps_\\w+", maps)))
+        """Kills it with SIGKILL."""
         self._process.kill()
         self._process.wait()
 
@@ -194,20 +189,7 @@ class Graph:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
-        self.remove_orphaned_memory()
         assert not bad, "\n".join(bad)
-
-    def remove_orphaned_memory(self) -> None:
-        """Removes what killed processes have left, as `fastdds shm clean` does.
-
-        The ports of a domain stay as well where a process has ended by its timer (`exit_after`).
-        """
-        killed = {segment for process in self.processes for segment in process.orphaned}
-        first = 7400 + 250 * self.domain_id
-        of_all_domains = range(7000, 7250)  # of which each process takes the first that is free
-        numbers = (*of_all_domains, *range(first, first + 250))
-        ports = {Path(f"/dev/shm/fastrtps_port{number}") for number in numbers}
-        remove_orphans(killed | {port for port in ports if port.exists()})
 
     # The test's own node
 
@@ -333,16 +315,6 @@ def _free_domain() -> Iterator[int]:
             yield domain_id
             return
     raise RuntimeError("All ROS domains from 101 to 231 are taken by other tests.")
-
-
-def remove_orphans(segments: set[Path]) -> None:
-    """Removes shared memory that no living process has made."""
-    if not segments:
-        return
-    living = (int(f.name) for f in Path("/proc").iterdir() if f.name.isdecimal())
-    for segment in segments - {owned for pid in living for owned in owned_segments(pid)}:
-        for file in files_of(segment):
-            file.unlink(missing_ok=True)
 
 
 def _yaml(value: Any) -> str:

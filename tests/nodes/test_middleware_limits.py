@@ -3,6 +3,7 @@
 
 import socket
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,12 +26,26 @@ def strangers(domain_id, count):
         yield
 
 
+WITHOUT_PROFILE = ("unshare", "--net", "env", "-u", "FASTRTPS_DEFAULT_PROFILES_FILE")
+
+
+@pytest.mark.parametrize("prefix", [(), WITHOUT_PROFILE])
+def test_a_node_takes_none_of_the_middlewares_shared_memory(graph, prefix):
+    if prefix and not may_mount():
+        pytest.skip("needs the right to make a network namespace")
+    node = graph.start("simulation", prefix=prefix, start_paused=True)
+    graph.spin_until_output(node, "Simulating")
+    maps = Path(f"/proc/{node.pid}/maps").read_text()
+    assert "libfastrtps" in maps
+    assert "/dev/shm/fastrtps" not in maps
+
+
 @pytest.mark.skipif(not may_mount(), reason="needs the right to mount a file system")
-def test_a_node_uses_udp_where_shared_memory_is_scarce_and_says_so(graph):
-    simulation = graph.start("simulation", prefix=[*SMALL_MEMORY, "8M", "0"], start_paused=True)
-    graph.diagnosis("simulation", DiagnosticStatus.WARN, "so this process uses UDP alone")
+def test_a_node_works_where_shared_memory_is_nearly_full(graph):
+    simulation = graph.start("simulation", prefix=[*SMALL_MEMORY, "1M", "960K"], start_paused=True)
     optimizer = graph.start("trajectory_optimizer")
-    graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK)
+    for name in ("simulation", "trajectory_optimizer"):
+        graph.diagnosis(name, DiagnosticStatus.OK)
     graph.spin_for(1.5)
     optimizer.kill()  # which only one that has heard it before misses
     graph.diagnosis("simulation", DiagnosticStatus.WARN, "/trajectory_optimizer has been silent")

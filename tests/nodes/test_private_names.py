@@ -2,7 +2,6 @@
 """Names that libraries do not promise still mean what this project takes them for."""
 
 import ctypes
-import os
 import threading
 
 import pytest
@@ -16,7 +15,6 @@ from std_srvs.srv import Trigger
 
 from vgps_ros.ros_runtime.lasting_goals import LastingGoals
 from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor, wrap_callback, wrap_sender
-from vgps_ros.ros_runtime.shared_memory import files_of, is_port, owned_segments
 
 
 @pytest.mark.parametrize("make", [SingleThreadedExecutor, EventsExecutor])
@@ -74,18 +72,7 @@ def test_the_threads_of_an_executor_end_with_it(graph):
     assert not left, "rclpy keeps an executor's threads elsewhere now: see rclpy_internals"
 
 
-def test_fast_dds_locks_a_file_of_each_segment(graph):
-    segments = owned_segments(os.getpid())
-    ports = {segment for segment in segments if is_port(segment)}
-    assert ports < segments, "Fast DDS names its shared memory anew: see shared_memory"
-    for segment in segments - ports:
-        existing = [file for file in files_of(segment) if file.exists()]
-        assert existing[:2] == files_of(segment)[:2], (
-            f"{segment} has other files: see shared_memory"
-        )
-
-
 def test_the_c_library_has_the_timers_that_end_a_process():
-    missing = [name for name in ("timer_create", "timer_settime", "unlink", "_exit")
+    missing = [name for name in ("timer_create", "timer_settime", "_exit")
                if not hasattr(ctypes.CDLL(None), name)]  # fmt: skip
     assert not missing, "exit_timer needs the GNU C library"

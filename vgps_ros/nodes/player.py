@@ -72,7 +72,7 @@ class Player(Node):
         )
         self._thread = threading.Thread(target=self._play, name="playback")
         # Not here: a signal may still end this constructor, and a running thread would keep the
-        # node, and with it its shared memory, to the end of the process.
+        # node to the end of the process, and others would take it for alive.
         self.create_guard_condition(self._thread.start).trigger()
 
     def close(self, _is_hurried: Callable[[], bool]) -> None:

@@ -12,7 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from vgps_ros.ros_runtime.ending import PATIENCE, Ending
 from vgps_ros.ros_runtime.exit_timer import exit_after
-from vgps_ros.ros_runtime.middleware import within_limits
+from vgps_ros.ros_runtime.middleware import choose_middleware
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -31,10 +31,11 @@ def client_node(make_node: Callable[[Ending], AnyNode]) -> Iterator[AnyNode]:
         KeyboardInterrupt: INT or TERM came before the node was made.
     """
     ending = Ending(code=1)
+    choose_middleware()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
-        with suppress(KeyboardInterrupt), ending.interrupting(), within_limits():
+        with suppress(KeyboardInterrupt), ending.interrupting():
             node = make_node(ending)
         if node is None:
             raise KeyboardInterrupt

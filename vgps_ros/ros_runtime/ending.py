@@ -5,7 +5,7 @@ In between the node closes while it can still publish. A thread of its own reads
 Python's handlers run only between two steps of the main thread, which may wait in the middleware.
 
 No process leaves signals to rclpy, whose handlers end the context at once, and nothing is raised
-within rclpy: what it has half made then cannot be taken apart, and its shared memory stays behind.
+within rclpy: what it has half made then cannot be taken apart, and does not say goodbye to others.
 """
 
 import os

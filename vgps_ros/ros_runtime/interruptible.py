@@ -13,8 +13,8 @@ from typing import Any
 
 LATER = 0.05  # after which a signal is looked at again [s]
 # Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
-# executor that rclpy has half made prints a traceback and leaves shared memory. What measures the
-# coverage keeps a lock for ever.
+# executor that rclpy has half made prints a traceback and does not say goodbye to the others. What
+# measures the coverage keeps a lock for ever.
 _UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy", "coverage"}
 
 

@@ -1,16 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The limits of the middleware that a process meets at its start: shared memory and ports.
+"""The middleware as a process of this project uses it, and the limits that the process meets.
 
-Without these checks a process ends with a bus error where /dev/shm is full, and runs alone without
-a word where it is one process more than the others announce themselves to. Once a process runs,
-/dev/shm may fill: Fast DDS has given the segment all of its memory, and later peers use UDP.
+Everything goes through UDP. In Fast DDS's shared memory all senders to a process share a lock with
+it: one that is stopped while it holds the lock makes the others wait for seconds, and the ports
+that Fast DDS then makes anew may be two of one name, so that a process hears nothing for good.
 """
 
 import os
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -18,14 +16,11 @@ from vgps_ros.core.errors import VgpsError
 
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _HEEDED = "RMW_FASTRTPS_USE_QOS_FROM_XML"  # whether the profile says how readers keep memory
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"  # those of a process whose profile names none
 _SHARED_MEMORY = Path("/dev/shm")
 _TRACING = "lttng-ust-wait-*"  # files of LTTng there, which rclpy loads
 _TRACING_NEEDS = 2**15  # of which most is a margin [bytes]
-_USUAL_SEGMENT = 2**19  # without a profile [bytes]
-_BESIDE = 2**21  # for ports and locks [bytes]
-_LIST = 0.06  # size of the list of a segment's blocks, as a part of the segment
 _FIRST_PORT, _LAST_PORT, _PORTS_PER_DOMAIN, _PORTS_PER_PLACE = 7410, 65535, 250, 2
-_done_without: list[str] = []  # a sentence, if this process had to do without shared memory
 
 
 def check_machine() -> None:
@@ -45,29 +40,15 @@ def check_machine() -> None:
         )
 
 
-@contextmanager
-def within_limits() -> Iterator[None]:
-    """Wraps the making of a process's first node, with which the middleware begins.
+def choose_middleware() -> None:
+    """Sets, before a process's first node, what neither its environment nor its profile says.
 
-    Where /dev/shm is too full for it, the middleware does without. It manages the memory of queues
-    as the profile says, if the profile says so for all of them.
+    It talks through UDP alone, and manages the memory of queues as the profile says, if the profile
+    says so for all of them.
     """
-    profile = None
+    os.environ.setdefault(_TRANSPORTS, "UDPv4")
     if all(map(_says_memory, ("data_writer", "data_reader"))):
         os.environ.setdefault(_HEEDED, "1")
-    try:
-        needed, free = _needed_memory(), _free_memory()
-        if free < needed:
-            _done_without.append(
-                f"/dev/shm has {free * 1e-6:.1f} MB free, but the middleware takes "
-                f"{needed * 1e-6:.1f} MB there, so this process uses UDP alone, which is slower "
-                "for large messages; free some space, and start it again."
-            )
-            profile = _leave_out_shared_memory()
-        yield
-    finally:
-        if profile:
-            profile.unlink(missing_ok=True)
 
 
 def trouble(domain_id: int) -> str:
@@ -79,7 +60,7 @@ def trouble(domain_id: int) -> str:
             "announce themselves, so it may find nobody: end other ROS programs, or use another "
             "ROS_DOMAIN_ID."
         )
-    return " ".join(_done_without)
+    return ""
 
 
 def _reach() -> int:
@@ -120,48 +101,12 @@ def _text(element: ElementTree.Element, name: str) -> str:
     return next((child.text or "" for child in element if _name(child) == name), "")
 
 
-def _needed_memory() -> int:
-    """Returns the shared memory that the middleware will take [bytes]."""
-    transports = _profile("transport_descriptor")
-    sizes = [
-        int(_text(transport, "segment_size") or _USUAL_SEGMENT)
-        for transport in transports
-        if _text(transport, "type") == "SHM"
-    ]
-    if not sizes and transports:  # those of the profile, which do not use it
-        return 0
-    return _BESIDE + round(sum(sizes or [_USUAL_SEGMENT]) * (1.0 + _LIST))
-
-
 def _free_memory() -> int:
     try:
         space = os.statvfs(_SHARED_MEMORY)
     except FileNotFoundError:  # a system that has its shared memory elsewhere
         return sys.maxsize
     return space.f_bavail * space.f_frsize
-
-
-def _leave_out_shared_memory() -> Path | None:
-    """Has the middleware do without; returns the profile that it reads, to be removed later."""
-    if not _profile("transport_descriptor"):
-        os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
-        return None
-    tree = ElementTree.parse(os.environ[_PROFILE])
-    ElementTree.register_namespace("", tree.getroot().tag.partition("}")[0].removeprefix("{"))
-    names = set()
-    for parent in list(tree.iter()):
-        for child in list(parent):
-            if _name(child) == "transport_descriptor" and _text(child, "type") == "SHM":
-                names.add(_text(child, "transport_id"))
-                parent.remove(child)
-    for parent in list(tree.iter()):
-        for child in list(parent):
-            if _name(child) == "transport_id" and child.text in names:
-                parent.remove(child)
-    with tempfile.NamedTemporaryFile(prefix="vgps_ros_", suffix=".xml", delete=False) as file:
-        tree.write(file)
-    os.environ[_PROFILE] = file.name
-    return Path(file.name)
 
 
 def _places(domain_id: int) -> list[int]:

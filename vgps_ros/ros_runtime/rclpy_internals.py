@@ -9,7 +9,7 @@
   for all services, timers and topics of a node, which takes three times as long.
 - `Subscription.handle` takes messages outside of an executor, which tells how many there were.
 - `MultiThreadedExecutor._executor` is the pool of threads, which rclpy leaves to the end of Python.
-  A thread that still holds a node keeps its shared memory, which then stays behind.
+  A thread that still holds a node keeps it from saying goodbye to the others.
 
 tests/nodes/test_private_names.py tells when a release of rclpy no longer works in this way.
 """

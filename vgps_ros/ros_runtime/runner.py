@@ -20,9 +20,9 @@ from rich import box
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.ros_runtime import middleware
 from vgps_ros.ros_runtime.ending import PATIENCE, Ending
 from vgps_ros.ros_runtime.exit_timer import exit_after
+from vgps_ros.ros_runtime.middleware import choose_middleware
 from vgps_ros.ros_runtime.parameters import DECLARED
 from vgps_ros.ros_runtime.services import guard_services, keep_responses
 from vgps_ros.simulation.warnings import silence_mujoco
@@ -55,12 +55,13 @@ def run(
         return code
     silence_mujoco()
     ending = Ending()
+    choose_middleware()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = make_executor()
     ending.executor = executor
     node, code = None, 0
     try:
-        with ending.interrupting(), middleware.within_limits():
+        with ending.interrupting():
             node = make_node()
         try:
             guard_services(node)
