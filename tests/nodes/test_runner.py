@@ -16,7 +16,11 @@ from std_msgs.msg import String
 from vgps_ros.ros_runtime.runner import run
 
 def sockets():
-    return sum("socket:" in os.path.realpath(file) for file in Path("/proc/self/fd").iterdir())
+    opened = [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()]
+    return sum("socket:" in file for file in opened) - inherited
+
+inherited = 0
+inherited = sockets()
 
 class Failing(LifecycleNode):
     def __init__(self):
