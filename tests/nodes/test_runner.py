@@ -15,12 +15,10 @@ from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 from vgps_ros.ros_runtime.runner import run
 
-def sockets():
+def sockets():  # those that are bound; Fast DDS keeps some that are not
     opened = [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()]
-    return sum("socket:" in file for file in opened) - inherited
-
-inherited = 0
-inherited = sockets()
+    bound = [line.split()[9] for line in Path("/proc/self/net/udp").read_text().splitlines()[1:]]
+    return sum(file.partition("socket:")[2].strip("[]") in bound for file in opened)
 
 class Failing(LifecycleNode):
     def __init__(self):
