@@ -51,11 +51,11 @@ def run(
     Returns:
         The process's exit code.
     """
+    choose_middleware()
     if (code := _answer_arguments(make_node)) is not None:
         return code
     silence_mujoco()
     ending = Ending()
-    choose_middleware()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = make_executor()
     ending.executor = executor
