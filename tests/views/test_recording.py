@@ -1,8 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A recording that is being written."""
 
+import subprocess
+import sys
 import time
 
+import numpy as np
 import rerun as rr
 from rerun.chunk import RrdReader
 
@@ -14,12 +17,12 @@ def test_a_quiet_entity_is_written_among_busy_ones(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "_PERIOD", 0.2)
     path = tmp_path / "run.rrd"
     written = Recording(path)
-    written.log("quiet", rr.Scalars(1.0))
+    written.log("quiet", rr.Scalars, scalars=[1.0])
     began, found = time.monotonic(), False
     while not found and time.monotonic() < began + 20.0:
         for stamp in range(1000):
             written.set_time(stamp)
-            written.log("busy", rr.Scalars(2.0))
+            written.log("busy", rr.Scalars, scalars=[2.0])
         found = b"/quiet" in path.read_bytes()
     written.close()
     assert found
@@ -29,3 +32,61 @@ def test_a_quiet_entity_is_written_among_busy_ones(tmp_path, monkeypatch):
         rows[entity] = rows.get(entity, 0) + chunk.num_rows
     assert rows["/quiet"] == 1
     assert rows["/busy"] % 1000 == 0
+
+
+def test_a_row_has_as_many_instances_as_were_logged_at_its_time(tmp_path):
+    written = Recording(tmp_path / "run.rrd")
+    origins = np.zeros((2, 3))
+    for count in (2, 0, 1):
+        origins[:] = count  # as MuJoCo's arrays, which the next state overwrites
+        written.set_time(10 * count)
+        written.log("forces", rr.Arrows3D, origins=origins[:count], vectors=origins[:count])
+    written.set_iteration(3, 7)
+    written.log("forces", rr.Arrows3D, origins=[[4.0, 5.0, 6.0]], vectors=[[0.0, 0.0, 1.0]])
+    written.close()
+    found = {}
+    for chunk in RrdReader(tmp_path / "run.rrd").stream():
+        if str(chunk.entity_path) == "/forces":
+            table = chunk.to_record_batch()
+            timeline = "time" if "time" in table.schema.names else "iteration"
+            times = table.column(timeline).cast("int64").to_pylist()
+            rows = table.column("Arrows3D:origins").to_pylist()
+            found[timeline] = dict(zip(times, rows, strict=True))
+    assert found == {
+        "time": {20: [[2.0] * 3] * 2, 0: [], 10: [[1.0] * 3]},
+        "iteration": {3: [[4.0, 5.0, 6.0]]},
+    }
+
+
+GROWTH = """
+import sys
+from pathlib import Path
+import numpy as np
+import rerun as rr
+from vgps_ros.views import recording
+
+def memory():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
+
+recording._PERIOD = 0.5
+written = recording.Recording(Path(sys.argv[1]))
+for stamp in range(30_000):
+    written.set_time(stamp)
+    for i in range(8):
+        written.log(f"busy/{i}", rr.Scalars, scalars=np.array([1.0, 2.0]))
+    if stamp % 50 == 0:
+        written.set_iteration(stamp // 50, stamp)
+        for i in range(10):
+            written.log(f"quiet/{i}", rr.Scalars, scalars=[1.0])
+    if stamp == 1_000:
+        begin = memory()
+print(memory() - begin)
+written.close()
+"""
+
+
+def test_memory_does_not_grow_with_the_rows(tmp_path):
+    command = [sys.executable, "-c", GROWTH, str(tmp_path / "run.rrd")]
+    grown = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    assert grown < 17.0  # [MB]; 11, and 22 to 45 where Rerun got the rows one by one

@@ -75,6 +75,7 @@ class Visualizer(Node):
             self._health.arrived(f"{_STATES} from simulation")
 
     def _look(self) -> None:
+        self._scene.recording.send_due()
         self._health.set_value("messages_left_out", self._left_out)
         fault = self._scene.recording.disk.fault
         self._health.report("disk", error=fault.sentence if fault else "")

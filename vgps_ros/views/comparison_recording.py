@@ -12,8 +12,9 @@ from matplotlib.colors import to_rgb
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.views.comparison import ComparisonPanel, styles
-from vgps_ros.views.recording import ITERATION, Recording
+from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.rows import ITERATION
 from vgps_ros.views.run_record import RunRecord
 
 _PATHS = {"learned": (31, 95, 191), "initial_ddp": (0, 0, 0)}

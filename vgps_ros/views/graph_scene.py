@@ -162,7 +162,7 @@ class GraphScene:
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
         for name, metric in METRICS.items():
             if metric.drawn and np.isfinite(value := getattr(message, name)):
-                self.recording.log(f"learning/{metric.drawn}", rr.Scalars(value))
+                self.recording.log(f"learning/{metric.drawn}", rr.Scalars, scalars=[value])
         if message.iteration == 1:
             self._history.clear()
         if message.iteration in self._history or len(self._history) < _LONGEST:
@@ -185,7 +185,7 @@ class GraphScene:
         finite_array("policy.noise_std", noise_std, (len(self.robot.actuated_joint_names),))
         self._policy = policy
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
-        self.recording.log("policy/noise_std", rr.Scalars(noise_std))
+        self.recording.log("policy/noise_std", rr.Scalars, scalars=noise_std)
 
     def _show_trajectory_distribution(self, message: Any) -> None:
         q = distribution_from_msg(message)
@@ -205,4 +205,4 @@ class GraphScene:
 
     def _show_solve(self, solver: str, message: Any) -> None:
         self.recording.set_iteration(message.search_iteration, nanoseconds(message.header.stamp))
-        self.recording.log(f"solves/{solver}", rr.Scalars(message.cost))
+        self.recording.log(f"solves/{solver}", rr.Scalars, scalars=[message.cost])

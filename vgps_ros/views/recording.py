@@ -11,19 +11,16 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import ArrayLike
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.storage.disk import Disk, DiskFile
+from vgps_ros.views.rows import Rows, Timeline, iterations, robot_time
 
-TIME = "time"  # timeline of message stamps as the robot's time, which begins at 0 s
-STAMP = "ros2_timestamp"  # the same as dates, named as in Rerun's own MCAP reader
-WALL_TIME = "wall_time"  # timeline of the stamps that are not in the robot's time
-ITERATION = "iteration"  # timeline of the iterations of Algorithm 1
-
-# Rerun writes the data of each entity in pieces. Each piece takes room in the file, and memory
-# until the file is complete, so pieces should be large.
-_PERIOD = 5.0  # time between two pieces of an entity [s]
-_BATCHES = rr.ChunkBatcherConfig(flush_tick=_PERIOD)
+# The rows of each entity are written in pieces. Each piece takes room in the file, and memory until
+# the file is complete, so pieces should be large.
+_PERIOD = 5.0  # longest time between two pieces of an entity that has rows [s]
+_LONGEST = 2000  # rows of a piece
 
 _PIECE = 2**18  # largest number of bytes that is written to the disk at once
 _PATIENCE = 0.8  # how long to wait at the end for a disk that takes nothing [s]
@@ -62,25 +59,43 @@ class Recording:
         self.disk = Disk()
         self.logged: set[str] = set()
         self._file = DiskFile(self.disk, path)
-        self._stream = rr.RecordingStream("vgps_ros", batcher_config=_BATCHES)
+        self._stream = rr.RecordingStream("vgps_ros")
+        self._rows: dict[tuple[str, Timeline], Rows] = {}
+        self._timeline: Timeline = robot_time
+        self._time: int | tuple[int, int] = 0
         # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
         # pipe, from which our thread writes to the disk.
         source, sink = os.pipe()
         self._stream.save(f"/proc/self/fd/{sink}")
         os.close(sink)
-        self._flushed = time.monotonic()
+        self._sent = time.monotonic()
         self._pump = threading.Thread(target=self._take, args=[source], name="pump", daemon=True)
         self._pump.start()
 
-    def log(self, entity: str, *what: Any) -> None:
-        """Adds components to an entity at the time that was set last."""
+    def log(self, entity: str, kind: Any, *, style: Any = None, **values: ArrayLike) -> None:
+        """Adds a row to an entity, at the time that was set last.
+
+        Args:
+            entity: where it shows.
+            kind: the archetype, such as `rr.Scalars`; an entity has one.
+            style: components that hold for all rows, such as colours.
+            values: the components of this row; the first axis of each counts the instances.
+        """
+        if style is not None and entity not in self.logged:
+            self.log_static(entity, style)
         self.logged.add(entity)
-        self._stream.log(entity, *what)
-        # Rerun flushes by itself only when nothing was logged for a while. Otherwise a row of a
-        # quiet entity would wait among the rows of busy ones and keep their memory in use.
-        if time.monotonic() - self._flushed > _PERIOD:
-            self._stream.flush(timeout_sec=0.0)  # starts the flush without waiting for its end
-            self._flushed = time.monotonic()
+        key = entity, self._timeline
+        rows = self._rows.setdefault(key, Rows(kind, self._timeline))
+        rows.add(self._time, values)
+        if len(rows) >= _LONGEST:
+            self._send(key)
+        self.send_due()
+
+    def send_due(self) -> None:
+        """Sends the rows that wait, once some may have waited for `_PERIOD`."""
+        if time.monotonic() - self._sent > _PERIOD:
+            self._send(*self._rows)
+            self._sent = time.monotonic()
 
     def log_static(self, entity: str, *what: Any) -> None:
         """Adds components to an entity that hold at all times."""
@@ -93,28 +108,16 @@ class Recording:
 
     def set_time(self, stamp: int) -> None:
         """Sets the robot's time [ns] for the calls of `log` that follow."""
-        self._stream.reset_time()
-        self._stream.set_time(TIME, duration=np.timedelta64(stamp, "ns"))
-        self._stream.set_time(STAMP, timestamp=np.datetime64(stamp, "ns"))
+        self._timeline, self._time = robot_time, stamp
 
     def set_iteration(self, iteration: int, stamp: int) -> None:
         """Sets the iteration and the wall-clock time [ns] for the calls of `log` that follow."""
-        self._stream.reset_time()
-        self._stream.set_time(ITERATION, sequence=iteration)
-        self._stream.set_time(WALL_TIME, timestamp=np.datetime64(stamp, "ns"))
+        self._timeline, self._time = iterations, (iteration, stamp)
 
     def send_series(self, entity: str, times: Sequence[rr.TimeColumn], values: np.ndarray) -> None:
         """Adds values, shape (N, M), at N times or iterations, of one timeline or of several."""
         columns = rr.Scalars.columns(scalars=values).partition([values.shape[1]] * len(values))
         self._stream.send_columns(entity, times, columns)
-
-    @staticmethod
-    def time_columns(stamps: np.ndarray) -> list[rr.TimeColumn]:
-        """Returns the columns of the robot's times [ns], shape (N,), for `send_series`."""
-        return [
-            rr.TimeColumn(TIME, duration=stamps.astype("timedelta64[ns]")),
-            rr.TimeColumn(STAMP, timestamp=stamps.astype("datetime64[ns]")),
-        ]
 
     def lay_out(self, blueprint: rrb.Blueprint) -> None:
         """Sets the layout in which a viewer shows the file."""
@@ -129,6 +132,7 @@ class Recording:
         Raises:
             UnfinishedRecordingError: the disk is full or does not respond.
         """
+        self._send(*self._rows)
         self._stream.flush()
         self._stream.disconnect()
         self._pump.join()
@@ -139,6 +143,10 @@ class Recording:
             raise UnfinishedRecordingError(
                 f"The recording '{self._file.path}' lacks its end: {reason}."
             )
+
+    def _send(self, *keys: tuple[str, Timeline]) -> None:
+        for key in keys:
+            self._stream.send_columns(key[0], *self._rows.pop(key).columns())
 
     def _take(self, source: int) -> None:
         """Writes to the disk what Rerun writes to the pipe."""

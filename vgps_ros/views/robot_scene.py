@@ -24,10 +24,14 @@ from vgps_ros.views.blueprint import PLAN_COST, PLAN_TIME, blueprint, eye, groun
 from vgps_ros.views.geometry import geometries
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.rows import robot_time
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
 _Q, _PLAN = (255, 159, 28), (44, 160, 44)
 _AXES = [(214, 39, 40), (44, 160, 44), (31, 95, 191)]  # of x, y and z
+_PATH_STYLE = rr.LineStrips3D.from_fields(colors=[_LEARNED], radii=[0.015])
+_PLAN_STYLE = rr.LineStrips3D.from_fields(colors=[_PLAN], radii=[0.01])
+_FORCE_STYLE = rr.Arrows3D.from_fields(colors=[_FORCE])
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
 
 
@@ -97,28 +101,32 @@ class RobotScene:
         The efforts are the forces at the hinges and slides [N·m, N], if they are known.
         """
         self._recording.set_time(stamp)
-        self._recording.log("joint_states/position", rr.Scalars(state[self._joints]))
-        self._recording.log("joint_states/velocity", rr.Scalars(state[self._rates]))
+        self._recording.log("joint_states/position", rr.Scalars, scalars=state[self._joints])
+        self._recording.log("joint_states/velocity", rr.Scalars, scalars=state[self._rates])
         if efforts is not None:
-            self._recording.log("joint_states/effort", rr.Scalars(efforts))
+            self._recording.log("joint_states/effort", rr.Scalars, scalars=efforts)
         for name in self.hinge_names:
             angle = state[self.state_names.index(f"{name}/position")]
-            self._recording.log(f"trajectory_distribution/{name}/executed", rr.Scalars(angle))
+            executed = f"trajectory_distribution/{name}/executed"
+            self._recording.log(executed, rr.Scalars, scalars=[angle])
         if self.states.base:
             position, (w, *xyz), *_ = self.states.base.parts(state)
-            turned = rr.Quaternion(xyzw=[*xyz, w])
+            turned = [[*xyz, w]]
             self._recording.log(
-                "world/odom", rr.Transform3D(translation=position, quaternion=turned)
+                "world/odom", rr.Transform3D, translation=[position], quaternion=turned
             )
-            self._recording.log("odom/position", rr.Scalars(position))
+            self._recording.log("odom/position", rr.Scalars, scalars=position)
         centre, data = self._shape.centre_of_mass(state), self._shape.data
         for name, (i, _) in self._geometries.items():
-            rotation = data.geom_xmat[i].reshape(3, 3)
-            pose = rr.Transform3D(translation=data.geom_xpos[i], mat3x3=rotation)
-            self._recording.log(f"world/robot/{name}", pose)
+            rotation, part = data.geom_xmat[i].reshape(3, 3), f"world/robot/{name}"
+            self._recording.log(
+                part, rr.Transform3D, translation=[data.geom_xpos[i]], mat3x3=[rotation]
+            )
         if self._centre is not None:
-            step = rr.LineStrips3D([[self._centre, centre]], colors=_LEARNED, radii=0.015)
-            self._recording.log("world/centre_of_mass", step)
+            step = [[self._centre, centre]]
+            self._recording.log(
+                "world/centre_of_mass", rr.LineStrips3D, style=_PATH_STYLE, strips=step
+            )
         self._centre = centre
         if self.has_contacts:
             self._log_contacts(state, efforts)
@@ -130,15 +138,15 @@ class RobotScene:
     def log_command(self, stamp: int, torques: Array) -> None:
         """Plots torques, shape (n_u,) [N·m], at a time [ns]."""
         self._recording.set_time(stamp)
-        self._recording.log("joint_command/effort", rr.Scalars(torques))
+        self._recording.log("joint_command/effort", rr.Scalars, scalars=torques)
 
     def log_plan(self, stamp: int, states: Array, cost: float, solve_time: float) -> None:
         """Draws the path of the centre of mass in a plan that begins at a time [ns]."""
         self._recording.set_time(stamp)
-        line = rr.LineStrips3D([self._shape.path(states)], colors=_PLAN, radii=0.01)
-        self._recording.log("world/plan", line)
-        self._recording.log(PLAN_COST, rr.Scalars(cost))
-        self._recording.log(PLAN_TIME, rr.Scalars(solve_time))
+        path = [self._shape.path(states)]
+        self._recording.log("world/plan", rr.LineStrips3D, style=_PLAN_STYLE, strips=path)
+        self._recording.log(PLAN_COST, rr.Scalars, scalars=[cost])
+        self._recording.log(PLAN_TIME, rr.Scalars, scalars=[solve_time])
 
     def keep_solution(self, index: int, q: TrajectoryDistribution, time_step: float) -> None:
         """Keeps the newest q(ζ) of a trajectory index, for `log_tubes`."""
@@ -153,7 +161,7 @@ class RobotScene:
         """Plots two standard deviations around the mean of each angle, for each q(ζ) kept."""
         for index, (q, time_step) in self._solutions.items():
             stamps = np.arange(len(q.mean.states)) * round(time_step * 1e9)
-            times = self._recording.time_columns(stamps)
+            times = robot_time(stamps)
             deviations = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2).clip(0.0))
             for name in self.hinge_names:
                 mean = q.mean.states[:, self.state_names.index(f"{name}/position")]
@@ -177,5 +185,11 @@ class RobotScene:
             origins[i] = data.contact.pos[i]
             # The rows of the frame are the contact's axes. The force acts on the second geometry.
             vectors[i] = data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
-        arrows = rr.Arrows3D(origins=origins, vectors=_FORCE_SCALE * vectors, colors=_FORCE)
-        self._recording.log("world/contact_forces", arrows)
+        forces = _FORCE_SCALE * vectors
+        self._recording.log(
+            "world/contact_forces",
+            rr.Arrows3D,
+            style=_FORCE_STYLE,
+            origins=origins,
+            vectors=forces,
+        )
