@@ -20,7 +20,7 @@ from vgps_ros.views.rows import Rows, Timeline, iterations, robot_time
 # The rows of each entity are written in pieces. Each piece takes room in the file, and memory until
 # the file is complete, so pieces should be large.
 _PERIOD = 5.0  # longest time between two pieces of an entity that has rows [s]
-_LONGEST = 2000  # rows of a piece
+_LONGEST = 2000  # largest number of rows in a piece
 
 _PIECE = 2**18  # largest number of bytes that is written to the disk at once
 _PATIENCE = 0.8  # how long to wait at the end for a disk that takes nothing [s]
