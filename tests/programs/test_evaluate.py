@@ -65,7 +65,7 @@ def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
         (["--seconds", "0"], "seconds is 0.0, but it must be from 0.001"),
         (["--seconds", "1e9"], "seconds is 1000000000.0, but it must be from 0.001 to 100000"),
         (["--rollouts", "0"], "rollouts is 0"),
-        (["--rollouts", "1000000000"], "rollouts is 1000000000, but it must be from 1 to 1e+06"),
+        (["--rollouts", "1000000000"], "rollouts is 1000000000, but it must be from 1 to 1000000"),
         (["--rollouts", "1000000", "--seconds", "1e5"], "steps are too many"),
         (["--perturbation", "-1"], "perturbation is -1.0, but it must be from 0"),
         (["--pushes", "1", "--plot", "x.doc"], "'x.doc' has no ending of a picture; name a file"),

@@ -118,7 +118,7 @@ def test_help_tells_what_each_setting_does_and_its_range(capsys):
         main(["--help"])
     text = " ".join(capsys.readouterr().out.split())
     assert "exponential between them, then constant; from 1e-09 to 1e+09; default 0.3 20.0" in text
-    assert "seed of all random draws; from 0 to 4.61169e+18; default 0" in text
+    assert "seed of all random draws; from 0 to 4611686018427387904; default 0" in text
     with pytest.raises(SystemExit):
         main(["--task", "walker", "--help"])
     walker = " ".join(capsys.readouterr().out.split())

@@ -80,11 +80,15 @@ class Setting:
         """Returns the valid range in words."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
+        low, high = (
+            f"{limit:g}" if isinstance(limit, float) else str(limit)
+            for limit in (self.minimum, self.maximum)
+        )
         if self.minimum is not None and self.maximum is not None:
-            return f"from {self.minimum:g} to {self.maximum:g}"
+            return f"from {low} to {high}"
         if self.minimum is not None:
-            return f"at least {self.minimum:g}"
-        return "any value" if self.maximum is None else f"at most {self.maximum:g}"
+            return f"at least {low}"
+        return "any value" if self.maximum is None else f"at most {high}"
 
 
 def setting(default: Any, description: str, **limits: Any) -> Any:
