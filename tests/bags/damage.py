@@ -29,11 +29,11 @@ KINDS = (
 )
 
 
-def small_bag(path: Path) -> Path:
-    """Writes the first seconds of the sample, in many chunks."""
+def small_bag(path: Path, source: Path) -> Path:
+    """Writes the first seconds of a bag, in many chunks."""
     writer = BagWriter(path, compression="zstd")
     taken: Counter[str] = Counter()
-    with BagReader(SAMPLE) as bag:
+    with BagReader(source) as bag:
         for topic, kind in bag.topics.items():
             writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
         for name, text in bag.attachments().items():
@@ -156,13 +156,13 @@ def try_one(original: Path, folder: Path, kind: str, tools: tuple[str, ...], rng
     return ""
 
 
-def campaign(count: int, seed: int, tools: int) -> list[str]:
-    """Damages a bag in many ways, each tried by some of the tools; returns what went wrong."""
+def campaign(source: Path, count: int, seed: int, tools: int) -> list[str]:
+    """Damages a small bag in many ways, tries some tools each time; returns what went wrong."""
     wrong = []
     with tempfile.TemporaryDirectory() as folder:
-        original = small_bag(Path(folder, "original"))
+        original = small_bag(Path(folder, "original"), source)
         for i in range(count):
-            rng, kind = Random(f"{seed}-{i}"), KINDS[i % len(KINDS)]
+            rng, kind = Random(f"{seed}-{i}"), KINDS[(seed + i) % len(KINDS)]
             with tempfile.TemporaryDirectory(dir=folder) as own:
                 some = tuple(rng.sample(TOOLS, tools))
                 if found := try_one(original, Path(own), kind, some, rng):
@@ -175,9 +175,10 @@ def campaign(count: int, seed: int, tools: int) -> list[str]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--bag", type=Path, default=SAMPLE, help="of which a part is damaged")
     parser.add_argument("--count", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=7)
     arguments = parser.parse_args()
-    failures = campaign(arguments.count, arguments.seed, len(TOOLS))
+    failures = campaign(arguments.bag, arguments.count, arguments.seed, len(TOOLS))
     print(f"{arguments.count} damages of seed {arguments.seed}: {len(failures)} went wrong.")
     sys.exit(bool(failures))

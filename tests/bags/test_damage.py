@@ -21,7 +21,7 @@ from vgps_ros.storage.plain_yaml import read_yaml
 
 @pytest.mark.parametrize("seed", range(7))
 def test_no_damage_shows_a_traceback_or_costs_a_whole_chunk(seed):
-    assert campaign(len(KINDS), seed, tools=1) == []
+    assert campaign(SAMPLE, len(KINDS), seed, tools=1) == []
 
 
 @pytest.fixture

@@ -125,6 +125,8 @@ def verify(system: System, tally: Tally, say: Callable[[str], None]) -> None:
 
 def check_bag(recording: Recording, system: System, tally: Tally) -> None:
     """Notes what is missing in a bag."""
+    if not recording.windows and not recording.path.exists():
+        return  # its recorder was interrupted before it began
     if recording.killed:
         reindex(recording.path)
     with BagReader(recording.path) as bag:

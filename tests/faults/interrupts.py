@@ -104,7 +104,7 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
             env={**os.environ, **variables, "ROS_DOMAIN_ID": str(domain_id)},
             **streams,
         )
-    while program.poll() is None and not _has_begun(program.pid, number):
+    while program.poll() is None and not has_begun(program.pid, number):
         time.sleep(0.001)
     time.sleep(delay)
     struck, idle = time.monotonic(), _idle_seconds()
@@ -136,7 +136,7 @@ def strike(kind: str, mode: str, delay: float, folder: Path, domain_id: int) -> 
     return Outcome(", ".join(wrong), seconds, is_late)
 
 
-def _has_begun(pid: int, number: signal.Signals) -> bool:
+def has_begun(pid: int, number: signal.Signals) -> bool:
     """Returns whether a program has done its first instruction, which holds the signal back.
 
     Before it, nothing of the program's has a say: on a busy machine that may take .3 s.

@@ -23,9 +23,10 @@ from simulation_interfaces.srv import ResetSimulation, StepSimulation
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.srv import OptimizeTrajectory
 
+from tests.faults.interrupts import has_begun
 from tests.faults.listener import RESENT
 from tests.faults.strangers import THERE
-from tests.faults.system import BACK, NODES, NOTICED, System
+from tests.faults.system import BACK, ENDING, NODES, NOTICED, System
 from tests.nodes.conftest import SMALL_MEMORY, Process, may_mount
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_to_msg, policy_to_msg, state_to_msg
@@ -63,6 +64,20 @@ def hung(name: str, system: System) -> None:
 
 def ended(name: str, system: System) -> None:
     """INT or TERM, once or twice, and a start anew."""
+    system.end(name)
+    system.start(name)
+    if name == "simulation":
+        system.play()
+
+
+def interrupted_early(system: System) -> None:
+    """INT or TERM in the first second of a node, also where a script's shell has INT ignored."""
+    name = system.rng.choice(NODES)
+    system.end(name)
+    system.start(name, system.rng.choice(((), ("env", "--ignore-signal=INT"))))
+    begun = [partial(has_begun, system.processes[name].pid, number) for number in ENDING]
+    system.wait_for(lambda: all(one() for one in begun), f"the first instruction of {name}")
+    system.spin(system.rng.random())
     system.end(name)
     system.start(name)
     if name == "simulation":
@@ -189,6 +204,16 @@ def crowd(system: System) -> None:
     assert strangers.wait() == 0, strangers.output
 
 
+def damaged_bag(system: System) -> None:
+    """Copies of the bag just recorded are damaged, and each reader takes what is whole in them."""
+    ended("recorder", system)
+    bag, seed = system.recordings[-2].path, system.rng.randrange(10**6)
+    words = ["-m", "tests.bags.damage", "--bag", str(bag), "--count", "5", "--seed", str(seed)]
+    readers = system.graph.start_command("damage", [sys.executable, *words])
+    system.wait_for(lambda: not readers.running, "the readers of damaged bags", 3 * BACK)
+    assert readers.wait() == 0, readers.output
+
+
 def full_memory(system: System) -> None:
     """A node that finds /dev/shm full to all but the last pages works."""
     name = system.rng.choice(("recorder", "visualizer"))
@@ -246,6 +271,8 @@ FAULTS: dict[str, Fault] = {
     "impossible step": impossible_step,
     "hostile rates": hostile_rates,
     "30 strangers, a node started anew": crowd,
+    "early INT, a node started anew": interrupted_early,
+    "damaged bag, recorder started anew": damaged_bag,
 }
 if may_mount():
     FAULTS["/dev/shm full, a node started anew"] = full_memory
