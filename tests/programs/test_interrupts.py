@@ -6,9 +6,11 @@ import textwrap
 import pytest
 
 _PROGRAM = """
-import ctypes, msgspec, os, signal, time
+import ctypes, msgspec, os, signal, subprocess, time
+from concurrent.futures import ThreadPoolExecutor
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.programs import __main__, check
+from vgps_ros.views import viewer
 
 def strike():
     os.kill(os.getpid(), signal.SIGINT)
@@ -38,7 +40,7 @@ def stderr_of(body: str) -> str:
     """What the program `check` says whose work is this; it must end with 1."""
     script = _PROGRAM.format(textwrap.indent(body, "    "))
     command = [sys.executable, "-c", script, "check", "rotor"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     return done.stderr
 
@@ -49,6 +51,41 @@ def stderr_of(body: str) -> str:
 def test_an_interrupt_ends_a_program_also_where_python_loses_the_exception(struck):
     """As in what C calls back, such as loops that numba loads, and in finalisers and lookups."""
     assert stderr_of(f"{struck}\ntime.sleep(20)") == "vgps check: interrupted.\n"
+
+
+def test_an_interrupt_leaves_no_thread_of_a_pool_for_which_python_would_wait_for_ever():
+    """It strikes between the start of the thread and the note by which Python wakes it at the end.
+
+    Here the pool stays alive to the end, as one does that an object in a cycle holds.
+    """
+    body = """
+class Struck(set):
+    def add(self, thread):
+        strike()
+        super().add(thread)
+
+pool = __main__.pool = ThreadPoolExecutor(1)
+pool._threads = Struck()
+pool.submit(time.sleep, 0)
+time.sleep(20)
+"""
+    assert stderr_of(body) == "vgps check: interrupted.\n"
+
+
+def test_an_interrupt_leaves_no_process_that_a_program_has_just_started():
+    """The process would keep stderr open, for the end of which the test waits."""
+    body = """
+execute = subprocess.Popen._execute_child
+
+def struck(self, *given):
+    execute(self, *given)
+    strike()
+
+subprocess.Popen._execute_child = struck
+with viewer._running(["sleep", "90"]):
+    time.sleep(20)
+"""
+    assert stderr_of(body) == "vgps check: interrupted.\n"
 
 
 def test_an_interrupt_leaves_time_to_clean_up():

@@ -6,8 +6,11 @@ compiled loops, and each lookup in a dictionary that clears errors, as msgspec's
 an interrupt looks again a little later, and raises it once more if it is gone.
 """
 
+import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Thread
 from types import FrameType
 from typing import Any
 
@@ -16,10 +19,15 @@ LATER = 0.05  # after which a signal is looked at again [s]
 # executor that rclpy has half made prints a traceback and does not say goodbye to the others. What
 # measures the coverage keeps a lock for ever.
 _UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy", "coverage"}
+# An exception between the start of a thread or process and the note that there is one leaves it to
+# itself: Python then waits for ever for the thread of a pool, as it ends, and a child runs on.
+_STARTING = (Thread.start, ThreadPoolExecutor.submit, subprocess.Popen.__init__)
 
 
 def may_raise(frame: FrameType | None) -> bool:
     """Returns whether an exception in a thread's frame would reach the program, and do no harm."""
+    if any(is_within(function, frame) for function in _STARTING):
+        return False
     while frame:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in _UNSAFE:
             return False
