@@ -72,6 +72,22 @@ time.sleep(20)
     assert stderr_of(body) == "vgps check: interrupted.\n"
 
 
+def test_an_interrupt_leaves_nothing_of_llvm_half_made():
+    body = """
+from llvmlite.binding.ffi import ObjectRef
+
+class Struck(ObjectRef):
+    def __setattr__(self, name, value):
+        if not self.__dict__:
+            strike()
+        super().__setattr__(name, value)
+
+Struck(1)
+time.sleep(20)
+"""
+    assert stderr_of(body) == "vgps check: interrupted.\n"
+
+
 def test_an_interrupt_leaves_no_process_that_a_program_has_just_started():
     """The process would keep stderr open, for the end of which the test waits."""
     body = """

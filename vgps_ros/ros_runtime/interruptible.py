@@ -17,8 +17,12 @@ from typing import Any
 LATER = 0.05  # after which a signal is looked at again [s]
 # Extension modules that begin lose the exception, or turn it into an ImportError. A node or an
 # executor that rclpy has half made prints a traceback and does not say goodbye to the others. What
-# measures the coverage keeps a lock for ever.
-_UNSAFE = {"importlib", "_frozen_importlib", "_frozen_importlib_external", "rclpy", "coverage"}
+# measures the coverage keeps a lock for ever. What llvmlite has half made prints a traceback as it
+# is finalised.
+_UNSAFE = {
+    *("importlib", "_frozen_importlib", "_frozen_importlib_external"),
+    *("rclpy", "coverage", "llvmlite"),
+}
 # An exception between the start of a thread or process and the note that there is one leaves it to
 # itself: Python then waits for ever for the thread of a pool, as it ends, and a child runs on.
 _STARTING = (Thread.start, ThreadPoolExecutor.submit, subprocess.Popen.__init__)
