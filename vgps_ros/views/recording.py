@@ -85,7 +85,8 @@ class Recording:
             self.log_static(entity, style)
         self.logged.add(entity)
         key = entity, self._timeline
-        rows = self._rows.setdefault(key, Rows(kind, self._timeline))
+        if (rows := self._rows.get(key)) is None:
+            rows = self._rows[key] = Rows(kind, self._timeline)
         rows.add(self._time, values)
         if len(rows) >= _LONGEST:
             self._send(key)

@@ -1,9 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Gathers what an entity shows at many times into the columns that Rerun stores."""
 
-from array import array
+from collections import defaultdict
 from collections.abc import Callable
-from itertools import chain
 from math import prod
 from typing import Any
 
@@ -52,8 +51,8 @@ class Rows:
     def __init__(self, kind: Any, timeline: Timeline):
         self._kind, self._timeline = kind, timeline
         self._times: list[int | tuple[int, int]] = []
-        self._numbers: dict[str, array[float]] = {}
-        self._shapes: dict[str, list[tuple[int, ...]]] = {}
+        self._numbers: dict[str, bytearray] = defaultdict(bytearray)
+        self._shapes: dict[str, list[tuple[int, ...]]] = defaultdict(list)
 
     def __len__(self) -> int:
         return len(self._times)
@@ -63,8 +62,8 @@ class Rows:
         self._times.append(time)
         for name, value in values.items():
             numbers = np.asarray(value, float)
-            self._numbers.setdefault(name, array("d")).frombytes(numbers.tobytes())
-            self._shapes.setdefault(name, []).append(numbers.shape)
+            self._numbers[name] += numbers.tobytes()
+            self._shapes[name].append(numbers.shape)
 
     def columns(self) -> tuple[list[rr.TimeColumn], rr.ComponentColumnList]:
         """Returns the columns of the times and of the components."""
@@ -75,7 +74,9 @@ class Rows:
 
     def _instances(self, name: str) -> list[Array]:
         """Returns the values of a component, those of all rows one after another."""
-        shapes = self._shapes[name]
-        parts = np.split(np.array(self._numbers[name]), np.cumsum([prod(s) for s in shapes])[:-1])
-        rows = (part.reshape(shape) for part, shape in zip(parts, shapes, strict=True))
-        return list(chain.from_iterable(rows))
+        numbers, instances, begin = np.frombuffer(self._numbers[name]), list[Array](), 0
+        for shape in self._shapes[name]:
+            end = begin + prod(shape)
+            instances.extend(numbers[begin:end].reshape(shape))
+            begin = end
+        return instances
