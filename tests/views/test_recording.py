@@ -41,20 +41,22 @@ def test_a_row_has_as_many_instances_as_were_logged_at_its_time(tmp_path):
         origins[:] = count  # as MuJoCo's arrays, which the next state overwrites
         written.set_time(10 * count)
         written.log("forces", rr.Arrows3D, origins=origins[:count], vectors=origins[:count])
+    written.log("in_the_air", rr.Arrows3D, origins=origins[:0], vectors=origins[:0])
     written.set_iteration(3, 7)
     written.log("forces", rr.Arrows3D, origins=[[4.0, 5.0, 6.0]], vectors=[[0.0, 0.0, 1.0]])
     written.close()
     found = {}
     for chunk in RrdReader(tmp_path / "run.rrd").stream():
-        if str(chunk.entity_path) == "/forces":
+        if (name := str(chunk.entity_path)) in ("/forces", "/in_the_air"):
             table = chunk.to_record_batch()
             timeline = "time" if "time" in table.schema.names else "iteration"
             times = table.column(timeline).cast("int64").to_pylist()
             rows = table.column("Arrows3D:origins").to_pylist()
-            found[timeline] = dict(zip(times, rows, strict=True))
+            found[name, timeline] = dict(zip(times, rows, strict=True))
     assert found == {
-        "time": {20: [[2.0] * 3] * 2, 0: [], 10: [[1.0] * 3]},
-        "iteration": {3: [[4.0, 5.0, 6.0]]},
+        ("/forces", "time"): {20: [[2.0] * 3] * 2, 0: [], 10: [[1.0] * 3]},
+        ("/forces", "iteration"): {3: [[4.0, 5.0, 6.0]]},
+        ("/in_the_air", "time"): {10: []},
     }
 
 
