@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from vgps_ros import NODES
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.ros_runtime.c_memory import use_one_heap
 from vgps_ros.ros_runtime.middleware import check_machine
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -55,6 +56,7 @@ def start(name: str, arguments: Sequence[str]) -> NoReturn:
     there, with the libraries that a node has loaded.
     """
     heed(lambda *_: os._exit(0))
+    use_one_heap()
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
     try:
         check_machine()

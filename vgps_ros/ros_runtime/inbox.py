@@ -9,7 +9,6 @@ waits there. What a backlog took and the C library keeps for later is given back
 """
 
 import copy
-import ctypes
 import os
 import time
 from collections import Counter, deque
@@ -22,6 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
+from vgps_ros.ros_runtime.c_memory import trim
 from vgps_ros.ros_runtime.rclpy_internals import discard_unread
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
@@ -32,7 +32,9 @@ _BUDGET = 256.0  # that the memory may rise above its floor before messages are 
 _FLOOR_RISES = 1.0  # as fast as a node's memory may grow by what it keeps on purpose [MB/s]
 _SHARE = 16.0  # that the unread messages of one topic may take after that [MB]
 _PERIOD = 0.2  # between two looks at the memory [s]
-_LOOKS = 5  # between two trims of the C library's memory
+_LARGE = 2**14  # from which on a message leaves room in the C library's memory [bytes]
+_LEFT = 2**20  # by such messages, after which that memory is trimmed [bytes]
+_LOOKS = 5  # between two trims
 _SHOWN = 3.0  # in which a warning stays after the last message that was dropped [s]
 _DISCARDING = 0.2  # in which messages that are given up are counted [s]
 
@@ -100,7 +102,7 @@ class Inbox:
         self._streams: list[_Stream] = []
         self._said: dict[str, tuple[float, str]] = {}  # when a sentence was last true, by topic
         self._floor = float("inf")
-        self._taken = 0  # while the memory has been high, since the C library's was trimmed [bytes]
+        self._taken = 0  # in large messages since the C library's memory was trimmed [bytes]
         self._looks = 0
         steady_timer(node, _PERIOD, self._look)
 
@@ -174,7 +176,7 @@ class Inbox:
 
     def _note(self, stream: _Stream, data: bytes) -> None:
         stream.largest = max(stream.largest, len(data))
-        self._taken += len(data)
+        self._taken += len(data) * (len(data) >= _LARGE)
 
     def _drop(self, topic: str, count: int, sentence: str) -> None:
         self.dropped[topic] += count
@@ -183,14 +185,12 @@ class Inbox:
     def _look(self) -> None:
         memory = (_own_memory() - self.kept()) * 1e-6
         self._floor = min(memory, self._floor + _FLOOR_RISES * _PERIOD)
-        if memory < self._floor + _SHARE:
-            self._taken = 0
-        elif memory > self._floor + _BUDGET:
+        if memory > self._floor + _BUDGET:
             self._shorten_heaviest()
         self._looks += 1
-        if self._looks % _LOOKS == 0 and self._taken > _SHARE * 1e6:
+        if self._looks % _LOOKS == 0 and self._taken >= _LEFT:
             self._taken = 0
-            _trim()
+            trim()
 
     def _shorten_heaviest(self) -> None:
         heaviest = max(self._streams, key=lambda stream: stream.weight)
@@ -204,13 +204,7 @@ class Inbox:
             f"what waited there took more than {_BUDGET:g} MB of this node's memory; send less, or "
             "smaller messages",
         )
-        _trim()
-
-
-def _trim() -> None:
-    """Gives back the memory that the C library keeps for later, where that is the GNU one."""
-    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
-        trim(0)
+        trim()
 
 
 def _own_memory() -> int:
