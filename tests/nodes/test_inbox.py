@@ -131,3 +131,24 @@ def test_memory_of_a_backlog_is_given_back_once_it_is_read(graph, tmp_path):
         )
     finally:
         sender.close()
+
+
+def test_large_messages_leave_little_memory_behind(graph):
+    """The C library would keep 15 MB, in a heap of a thread of the middleware."""
+    simulation, sender = graph.start("simulation", start_paused=True), Sender(graph)
+    try:
+        graph.diagnosis("simulation", DiagnosticStatus.OK)
+        commands = sender.node.create_publisher(JointState, "joint_command", QoSProfile(depth=10))
+        graph.spin_until(commands.get_subscription_count)
+        message = JointState(effort=pack([0.5] * (SIZE // 16)))
+        graph.spin_for(2.0)
+        before = private_memory(simulation.pid)
+        for _ in range(300):
+            commands.publish(message)
+            graph.spin_for(0.01)
+        left = before + 5.0
+        graph.spin_until(lambda: private_memory(simulation.pid) < left, what="memory given back")
+        graph.spin_for(3.0)
+        assert private_memory(simulation.pid) < left
+    finally:
+        sender.close()
