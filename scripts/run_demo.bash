@@ -6,11 +6,11 @@
 # PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
 # INT and TERM end it at any time, also in the background of a script, which ignores INT.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-# INT and TERM wait while the programs of env.bash run, which would print a traceback, and during which
-# bash may lose one. Only another program can let them through: it starts this script once more.
+# INT and TERM wait while the programs of env.bash run, which would print a traceback or be left behind,
+# and during which bash may lose one. Only another program can let them through: it starts this script once more.
 if [[ -z ${_VGPS_DEMO_BEGUN:-} ]]; then
+  cd "$(dirname "${BASH_SOURCE[0]}")/.."
   source env.bash
   _VGPS_DEMO_BEGUN=1 exec python -c 'import os, signal, sys
 for number in (signal.SIGINT, signal.SIGTERM):
