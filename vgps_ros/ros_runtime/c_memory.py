@@ -1,9 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Has the C library give back what a node has no use for any more, where that is the GNU one.
 
-By itself it keeps what large messages took. It has one heap for each thread, too, and of those of
-other threads than the main one it never gives back the end: a flood of messages of 1 MB left 17 MB
-in an executor for good, and leaves 1 or 2 MB with a single heap that is trimmed.
+By itself it keeps what large messages took. It also makes a heap for each thread, and never gives
+back the end of a heap other than the main one: a flood of messages of 1 MB left 17 MB in an
+executor for good. With a single heap that is trimmed it leaves 1 or 2 MB.
 """
 
 import ctypes

@@ -32,9 +32,9 @@ _BUDGET = 256.0  # that the memory may rise above its floor before messages are 
 _FLOOR_RISES = 1.0  # as fast as a node's memory may grow by what it keeps on purpose [MB/s]
 _SHARE = 16.0  # that the unread messages of one topic may take after that [MB]
 _PERIOD = 0.2  # between two looks at the memory [s]
-_LARGE = 2**14  # from which on a message leaves room in the C library's memory [bytes]
-_LEFT = 2**20  # by such messages, after which that memory is trimmed [bytes]
-_LOOKS = 5  # between two trims
+_LOOKS = 5  # between two trims of the C library's memory
+_LARGE = 2**14  # from which on even few messages leave memory there that is not used again [bytes]
+_LEFT = 2**20  # taken in such messages, after which it is trimmed [bytes]
 _SHOWN = 3.0  # in which a warning stays after the last message that was dropped [s]
 _DISCARDING = 0.2  # in which messages that are given up are counted [s]
 
@@ -102,7 +102,8 @@ class Inbox:
         self._streams: list[_Stream] = []
         self._said: dict[str, tuple[float, str]] = {}  # when a sentence was last true, by topic
         self._floor = float("inf")
-        self._taken = 0  # in large messages since the C library's memory was trimmed [bytes]
+        # Since the C library's memory was trimmed: in all messages, and in large ones [bytes].
+        self._taken = self._taken_large = 0
         self._looks = 0
         steady_timer(node, _PERIOD, self._look)
 
@@ -176,7 +177,9 @@ class Inbox:
 
     def _note(self, stream: _Stream, data: bytes) -> None:
         stream.largest = max(stream.largest, len(data))
-        self._taken += len(data) * (len(data) >= _LARGE)
+        self._taken += len(data)
+        if len(data) >= _LARGE:
+            self._taken_large += len(data)
 
     def _drop(self, topic: str, count: int, sentence: str) -> None:
         self.dropped[topic] += count
@@ -187,9 +190,10 @@ class Inbox:
         self._floor = min(memory, self._floor + _FLOOR_RISES * _PERIOD)
         if memory > self._floor + _BUDGET:
             self._shorten_heaviest()
+        is_backlog = memory > self._floor + _SHARE and self._taken > _SHARE * 1e6
         self._looks += 1
-        if self._looks % _LOOKS == 0 and self._taken >= _LEFT:
-            self._taken = 0
+        if self._looks % _LOOKS == 0 and (is_backlog or self._taken_large >= _LEFT):
+            self._taken = self._taken_large = 0
             trim()
 
     def _shorten_heaviest(self) -> None:

@@ -20,8 +20,12 @@ LATER = 0.05  # after which a signal is looked at again [s]
 # measures the coverage keeps a lock for ever. What llvmlite has half made prints a traceback as it
 # is finalised.
 _UNSAFE = {
-    *("importlib", "_frozen_importlib", "_frozen_importlib_external"),
-    *("rclpy", "coverage", "llvmlite"),
+    "importlib",
+    "_frozen_importlib",
+    "_frozen_importlib_external",
+    "rclpy",
+    "coverage",
+    "llvmlite",
 }
 # An exception between the start of a thread or process and the note that there is one leaves it to
 # itself: Python then waits for ever for the thread of a pool, as it ends, and a child runs on.

@@ -3,6 +3,6 @@
 
 import os
 
-# Rerun's allocator reads it as the library is loaded. By default it keeps for later what it has no
-# use for, but uses little of it again, so that a visualizer's memory grows.
+# Rerun's allocator reads this variable as Rerun is imported. By default the allocator keeps memory
+# that Rerun has freed, but uses little of it again, so that a visualizer's memory grows.
 os.environ.setdefault("MIMALLOC_PURGE_DELAY", "0")

@@ -41,7 +41,7 @@ class Rows:
 
     Where Rerun gets each row by itself, it makes a small Arrow array of each component, and the
     memory of these is not used again: a visualizer of a busy graph grew by 2 MB a minute. Here the
-    numbers of each component are in one array, since small ones leave holes in the memory, too.
+    numbers of each component are in one buffer, since small arrays leave holes in the memory, too.
 
     Args:
         kind: the archetype, such as `rr.Scalars`.
