@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Sums up the rows of the comparison, docs/figure1.csv, as the tables of its page."""
 
+import sys
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -10,15 +11,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from vgps_ros.experiments.cell_table import by_panel
-from vgps_ros.experiments.comparison_tables import improvement, last_costs, summary
-from vgps_ros.views.comparison import CEILING
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where `benchmarks` is
+
+from benchmarks.figure1.statistics import CEILING, improvement, last_costs, summary
+from benchmarks.figure1.table import by_panel
 
 Figures = dict[str, Any]
 
 
 def summed_up(path: Path) -> Figures:
-    """Returns the rows of the tables, of a table that `vgps experiment` has written."""
+    """Returns the rows of the tables, from a table of `python -m benchmarks.figure1 run`."""
     results = by_panel(pa.csv.read_csv(path))
     ends = {
         "deterministic": last_costs(results, "deterministic_cost"),

@@ -21,7 +21,7 @@ SHORTER = {
     r"vgps train --task walker --demonstration": "--task swimmer --demonstration-tolerance 9",
     r"vgps train-through-graph ": "--iterations 1",
     r"vgps evaluate ": "--rollouts 2 --seconds 1",
-    r"vgps experiment ": "--panels swimmer-5 --methods vgps --seeds 1 --iterations 1 --jobs 1",
+    r"figure1 run ": "--panels swimmer-5 --methods vgps --seeds 1 --iterations 1 --jobs 1",
     r"vgps find-gait ": "--evaluations 8 --seconds 1",
     r"vgps execute-policy": "--steps 20",
     r"make demo": "ITERATIONS=1",
@@ -32,7 +32,7 @@ SHORTER = {
 SLOW = (
     r"make (demo|interrupts|damages)",
     r"recordings/cheetah-(run|demo)|cheetah\.onnx",
-    r"vgps (experiment|figure|train-through-graph|execute-policy)\b",
+    r"vgps (train-through-graph|execute-policy)\b|benchmarks.figure1 (run|plot)\b",
     r"--disturb-push|--pushes",
     r"config/walker/five_units",
 )

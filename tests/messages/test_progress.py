@@ -8,7 +8,7 @@ from typing import get_type_hints
 
 from builtin_interfaces.msg import Time
 
-from vgps_ros.experiments.cell_table import SCHEMA
+from benchmarks.figure1.table import SCHEMA
 from vgps_ros.messages.progress import progress_from_msg, progress_to_msg
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 

@@ -3,7 +3,7 @@
 
 from dataclasses import replace
 
-from vgps_ros.experiments.gait_search import FALLING, gait_cost
+from vgps_ros.programs.find_gait import FALLING, gait_cost
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.walker.simbicon import GAIT
 

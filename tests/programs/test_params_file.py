@@ -7,8 +7,8 @@ import yaml
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import settings_of
-from vgps_ros.experiments.command_line import with_parameters_of
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.programs.command_line import with_parameters_of
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.tasks import make_task
 

@@ -97,7 +97,7 @@ def test_a_package_tells_release_tools_what_they_ask_for(name):
 def test_what_rosdep_knows_of_the_requirements_stands_in_the_package():
     """The keys of packages that have one: of rosdep's python.yaml, or the one that brings them."""
     keys = {
-        **{name: f"python3-{name}" for name in ("argcomplete", "joblib", "matplotlib", "numba")},
+        **{name: f"python3-{name}" for name in ("argcomplete", "matplotlib", "numba")},
         **{name: f"python3-{name}" for name in ("numpy", "rich", "scipy", "torch")},
         **{name: f"python3-{name}-pip" for name in ("mujoco", "rosbags")},
         "pillow": "python3-pil",

@@ -17,10 +17,14 @@ from vgps_ros.programs.node import heed, start
 from vgps_ros.ros_runtime.interruptible import LATER, is_raised, is_within, may_raise, tell_lost
 
 if TYPE_CHECKING:
-    from vgps_ros.experiments.command_line import Parser
+    from vgps_ros.programs.command_line import Parser
 
 _struck: list[int] = []  # the signals that have come to interrupt the program
-COMMANDS = sorted(f.stem.replace("_", "-") for f in Path(__file__).parent.glob("[!_]*.py"))
+COMMANDS = sorted(
+    file.stem.replace("_", "-")
+    for file in Path(__file__).parent.glob("[!_]*.py")
+    if file.stem != "command_line"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -140,7 +144,7 @@ def _without_ros_arguments(words: Sequence[str]) -> list[str]:
 
 def _parser(words: Sequence[str]) -> "Parser":
     """Returns the parser of all commands, with the arguments of the one that the words name."""
-    from vgps_ros.experiments.command_line import Parser
+    from vgps_ros.programs.command_line import Parser
 
     parser = Parser(prog="vgps", description=__doc__, words=words)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)

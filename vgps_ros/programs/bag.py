@@ -14,7 +14,7 @@ import yaml
 
 from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.command_line import Parser
+from vgps_ros.programs.command_line import Parser
 
 _UNPROVEN = 3  # exit code of a check that found nothing wrong, but could not prove everything
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result

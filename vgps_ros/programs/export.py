@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 
 if TYPE_CHECKING:

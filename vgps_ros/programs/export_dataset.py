@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 from vgps_ros.core.settings import Setting
-from vgps_ros.experiments.command_line import Parser
+from vgps_ros.programs.command_line import Parser
 
 _FORMAT = Setting(
     "format",

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.tasks.document import Document, Place, shortened
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -77,8 +77,8 @@ def _read(source: Path, namespace: str | None) -> "RunRecord":
 
     if (source / "experiment.json").is_file():
         raise InvalidInputError(
-            f"'{source}' is the folder of an experiment: `vgps figure {source}` draws it, and "
-            "`vgps plot` draws one of the folders in its runs/."
+            f"'{source}' is a comparison: `python -m benchmarks.figure1 plot "
+            f"{source}` draws it, and `vgps plot` draws one of the folders in its runs/."
         )
     if (folder := RunFolder(source)).trajectories.is_file():
         return read_results(folder)

@@ -14,7 +14,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.experiments.command_line import (
+from vgps_ros.programs.command_line import (
     Parser,
     parameters_of,
     refuse_existing,

@@ -10,7 +10,7 @@ from functools import partial
 
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting, settings_of
-from vgps_ros.experiments.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder

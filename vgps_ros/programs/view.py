@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.command_line import Parser
+from vgps_ros.programs.command_line import Parser
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.experiments.seed_statistics import (
+from benchmarks.figure1.statistics import (
+    CEILING,
     iqm,
     last_multiples,
     multiples,
     probability_of_improvement,
     profile,
 )
-from vgps_ros.views.comparison import CEILING
 
 
 def test_a_policy_that_fell_or_diverged_counts_as_the_ceiling():

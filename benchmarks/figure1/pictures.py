@@ -3,19 +3,45 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import rerun as rr
+import rerun.blueprint as rrb
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
+from benchmarks.figure1.cells import Cell, Panel
+from benchmarks.figure1.statistics import (
+    CEILING,
+    Band,
+    Results,
+    improvement,
+    iqm,
+    last_costs,
+    multiples,
+    print_rows,
+    profile,
+    summary,
+)
+from benchmarks.figure1.table import Columns, by_panel, read_table
 from vgps_ros.core.records import Array
-from vgps_ros.views.plots import draw_motion
-from vgps_ros.views.run_record import RunRecord
+from vgps_ros.programs.command_line import refuse_existing
+from vgps_ros.search.settings import METHOD
+from vgps_ros.simulation.model import compile_model
+from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.views.plots import draw_motion, save
+from vgps_ros.views.recording import Recording
+from vgps_ros.views.robot_shape import RobotShape
+from vgps_ros.views.rows import ITERATION
+from vgps_ros.views.run_record import RunRecord, read_results
 
-CEILING = 20.0  # costs are counted and drawn up to this multiple of the initial DDP solution's
 _LOWEST = 0.85  # the lowest multiple that is drawn
 # Colour, line and marker of each curve. In grey, lines and markers tell them apart.
 _STYLES = (
@@ -24,15 +50,6 @@ _STYLES = (
     ("#17a0c0", "--", "h"),
 )  # fmt: skip
 _KINDS = ("deterministic", "stochastic")
-
-
-@dataclass(frozen=True)
-class Band:
-    """A statistic over the seeds with its interval, each of the same shape."""
-
-    middle: Array
-    low: Array
-    high: Array
 
 
 @dataclass(frozen=True)
@@ -179,3 +196,144 @@ def profiles(levels: Array, shares: Mapping[str, Mapping[str, Band]]) -> Figure:
         fontsize=9,
     )  # fmt: skip
     return figure
+
+
+_PATHS = {"learned": (31, 95, 191), "initial_ddp": (0, 0, 0)}
+
+
+def record_comparison(
+    panels: Sequence[ComparisonPanel], runs: Sequence[RunRecord], path: Path
+) -> None:
+    """Writes the middle of each curve over the seeds, and the paths of the robots.
+
+    Raises:
+        InvalidInputError: the file exists, or cannot be written.
+    """
+    recording = Recording(path)
+    style_of = styles([method for panel in panels for method in panel.curves])
+    for panel in panels:
+        for method, curve in panel.curves.items():
+            colour = [round(255 * part) for part in to_rgb(style_of[method]["color"])]
+            for name, width in (("stochastic", 2.0), ("deterministic", 1.0)):
+                middle = getattr(curve, name).middle
+                line = rr.SeriesLines(colors=[colour], names=f"{method} {name}", widths=width)
+                _record_costs(recording, f"{panel.entity}/{method}/{name}", line, middle)
+        line = rr.SeriesLines(colors=[(0, 0, 0)], names="initial DDP solution")
+        ones = np.ones(len(middle))
+        _record_costs(recording, f"{panel.entity}/initial_ddp", line, ones)
+    names = [_record_paths(recording, run) for run in runs]
+    views = [
+        rrb.TimeSeriesView(
+            origin=panel.entity,
+            name=f"{panel.title}: cost ÷ initial DDP solution's, by iteration",
+            axis_y=rrb.ScalarAxis(range=(0.0, 4.0), zoom_lock=False),
+        )
+        for panel in panels
+    ] + [
+        rrb.Spatial3DView(origin=f"robots/{name}", name=f"{name}: centre of mass [m]")
+        for name in names
+    ]
+    recording.lay_out(
+        rrb.Blueprint(rrb.Grid(*views), rrb.TimePanel(timeline=ITERATION), collapse_panels=True)
+    )
+    recording.close()
+
+
+def _record_costs(recording: Recording, entity: str, line: rr.SeriesLines, costs: Array) -> None:
+    recording.log_static(entity, line)
+    times = rr.TimeColumn(ITERATION, sequence=np.arange(1, len(costs) + 1))
+    recording.send_series(entity, [times], costs[:, None])
+
+
+def _record_paths(recording: Recording, run: RunRecord) -> str:
+    """Draws the paths of the centre of mass in a run and returns the robot's name."""
+    assert run.result is not None
+    name = str(run.result["task"])
+    shape = RobotShape(compile_model(run.mjcf))
+    for path, states in (("learned", run.executed_states), ("initial_ddp", run.initial_states)):
+        if states is not None:
+            strip = rr.LineStrips3D([shape.path(states)], colors=_PATHS[path], labels=path)
+            recording.log_static(f"robots/{name}/{path}", strip)
+    return name
+
+
+FILES = (
+    *("figure1.png", "figure1.svg", "figure1.rrd", "profiles.png", "profiles.svg"),
+    *("summary.csv", "improvement.csv"),
+)
+
+
+def draw_figure(root: Path, output: Path, *, average: str, overwrite: bool) -> None:
+    """Draws the finished cells of an experiment, and prints the summary.
+
+    Args:
+        root: the experiment's folder.
+        output: folder for the pictures.
+        average: whether a stochastic cost is the mean or the median of its rollouts.
+        overwrite: whether pictures there may be replaced.
+
+    Raises:
+        InvalidInputError: there is no experiment, or a picture is there already.
+    """
+    results = by_panel(read_table(root))
+    paths = [output / name for name in FILES]
+    refuse_existing(paths, overwrite=overwrite)
+    output.mkdir(parents=True, exist_ok=True)
+    for path in paths:
+        path.unlink(missing_ok=True)
+    panels = [_panel(panel, methods, average) for panel, methods in results.items()]
+    runs = _robots(root, results)
+    ends = {
+        kind: last_costs(results, column)
+        for kind, column in (
+            ("deterministic", "deterministic_cost"),
+            ("stochastic", f"stochastic_cost_{average}"),
+        )
+    }
+    levels = np.geomspace(0.9, CEILING, 201)[:-1]  # from there on all would seem to end alike
+    shares = {
+        kind: {method: profile(list(own.values()), levels) for method, own in methods.items()}
+        for kind, methods in ends.items()
+    }
+    for name, drawn in (
+        ("figure1", comparison(panels, runs, average)),
+        ("profiles", profiles(levels, shares)),
+    ):
+        for ending in ("png", "svg"):
+            save(drawn, output / f"{name}.{ending}")
+    record_comparison(panels, runs, output / "figure1.rrd")
+    for name, title, rows in (
+        ("summary", "last iteration; costs ÷ initial DDP's", summary(results, average)),
+        ("improvement", "probability that ours ends lower", improvement(ends)),
+    ):
+        if rows:
+            pa.csv.write_csv(pa.Table.from_pylist(rows), output / f"{name}.csv")
+            print_rows(title, rows)
+    written = [path.name for path in paths if path.exists()]
+    print(f"Wrote {', '.join(written)} to {output}.")
+
+
+def _panel(panel: Panel, methods: Mapping[str, Columns], average: str) -> ComparisonPanel:
+    def band(columns: Columns, name: str) -> Band:
+        return iqm(multiples(columns[name], columns["initial_ddp_cost"]))
+
+    return ComparisonPanel(
+        title=f"{panel.task}, {panel.hidden_units} hidden units",
+        curves={
+            method: Curve(band(own, f"stochastic_cost_{average}"), band(own, "deterministic_cost"))
+            for method, own in methods.items()
+        },
+    )
+
+
+def _robots(root: Path, results: Results) -> list[RunRecord]:
+    """The run of the lowest cost that our method has for each task, if it has one."""
+    best: dict[str, tuple[float, Cell]] = {}
+    for panel, methods in results.items():
+        if METHOD.default in methods:
+            result = methods[METHOD.default]
+            for seed, costs in zip(result["seed"][:, 0], result["deterministic_cost"], strict=True):
+                found = (float(costs[-1]), Cell(panel, METHOD.default, int(seed)))
+                best[panel.task] = min(best.get(panel.task, found), found, key=lambda pair: pair[0])
+    cells = [cell for cost, cell in best.values() if np.isfinite(cost)]
+    return [read_results(RunFolder(cell.folder(root))) for cell in cells]

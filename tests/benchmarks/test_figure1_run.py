@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
 
-from vgps_ros.experiments import cell_runner, cells, paper
-from vgps_ros.experiments.cell_table import read_table
-from vgps_ros.experiments.cells import Cell, Panel, Protocol, all_cells, run_cell
-from vgps_ros.experiments.paper import CURVES, RISING
-from vgps_ros.programs.__main__ import main as vgps
+from benchmarks.figure1 import cells, curves, runner
+from benchmarks.figure1.__main__ import main as figure1
+from benchmarks.figure1.cells import Cell, Panel, Protocol, all_cells, run_cell
+from benchmarks.figure1.curves import CURVES, RISING
+from benchmarks.figure1.table import read_table
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
 
@@ -30,7 +30,7 @@ CELLS = 2 * len(CURVES)
 
 
 def main(arguments):
-    vgps(["experiment", *arguments])
+    figure1(["run", *arguments])
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def undisturbed(tmp_path_factory):
 
 def start(folder: Path) -> subprocess.Popen:
     """Starts the program in a process group of its own."""
-    command = [sys.executable, "-m", "vgps_ros.programs", "experiment", *SMALL]
+    command = [sys.executable, "-m", "benchmarks.figure1", "run", *SMALL]
     command += ["--output", str(folder), "--jobs", "2"]
     return subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -107,7 +107,7 @@ def test_seeds_may_begin_elsewhere(undisturbed):
     seeds = {row["seed"] for row in read_table(undisturbed).to_pylist()}
     assert seeds == {0, 1, 900}
     shutil.rmtree(undisturbed / "runs" / "rotor-3" / "dagger" / "seed-900")
-    cell_runner.write_table(undisturbed)
+    runner.write_table(undisturbed)
 
 
 def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
@@ -120,7 +120,7 @@ def test_a_second_one_is_refused_and_ctrl_c_ends_the_first(tmp_path):
     program.send_signal(signal.SIGINT)
     _, errors = program.communicate(timeout=60)
     assert program.returncode == 1
-    assert "experiment: interrupted; the same command goes on" in errors
+    assert "figure1 run: interrupted; the same command goes on" in errors
 
 
 def test_a_cluster_of_two_workers_gives_the_same_table(undisturbed, tmp_path):
@@ -141,7 +141,7 @@ def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(tmp_path, monkeypatc
             return "DivergenceError: it flew away."
         return run_cell(cell, protocol, root)
 
-    monkeypatch.setattr(cell_runner, "run_cell", fails_for_one)
+    monkeypatch.setattr(runner, "run_cell", fails_for_one)
     with pytest.raises(SystemExit, match="1 cells failed"):
         main(
             [
@@ -165,7 +165,7 @@ def trained(monkeypatch):
 @pytest.mark.parametrize("name", ["swimmer", "walker"])
 def test_a_cell_has_the_papers_schedule_and_what_tuning_chose(tmp_path, monkeypatch, trained, name):
     own = {"ddp_iterations": 7, "marginals.initial_std_factor": 2.5}
-    monkeypatch.setattr(paper, "tuned", lambda: {name: {"vgps": own}})
+    monkeypatch.setattr(curves, "tuned", lambda: {name: {"vgps": own}})
     for method in ("vgps", "dagger"):
         run_cell(Cell(Panel(name, 7), method, 0), Protocol.of(50, 1), tmp_path)
     (_, task, settings), (_, other, _) = trained
@@ -187,10 +187,10 @@ def test_the_rising_curve_has_the_tasks_own_settings(tmp_path, trained):
 
 
 def test_what_tuning_chose_is_valid_for_every_curve():
-    for name, curves in paper.tuned().items():
-        assert set(curves) < set(CURVES)
-        for curve in curves:
-            paper.configured(make_task(name), curve)
+    for name, own in curves.tuned().items():
+        assert set(own) < set(CURVES)
+        for curve in own:
+            curves.configured(make_task(name), curve)
 
 
 def test_an_error_within_a_cell_is_returned_and_leaves_no_results(tmp_path, monkeypatch):

@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from benchmarks.figure1.cells import Cell, Panel, finished_cells
+from benchmarks.figure1.curves import CURVES
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.experiments.cells import Cell, Panel, finished_cells
-from vgps_ros.experiments.paper import CURVES
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, read_result
@@ -59,7 +59,7 @@ def read_table(root: Path) -> pa.Table:
     path = root / f"{TABLE}.parquet"
     if not path.is_file():
         raise InvalidInputError(
-            f"'{root}' has no {path.name}; name the output folder of `vgps experiment`."
+            f"'{root}' has no {path.name}; name the output folder of `benchmarks.figure1 run`."
         )
     try:
         table = pa.parquet.read_table(path)

@@ -6,18 +6,17 @@ import subprocess
 import numpy as np
 import pytest
 
-from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.paper import CURVES
-from vgps_ros.views.comparison import (
-    CEILING,
-    Band,
+from benchmarks.figure1.curves import CURVES
+from benchmarks.figure1.pictures import (
     ComparisonPanel,
     Curve,
     comparison,
     profiles,
+    record_comparison,
     styles,
 )
-from vgps_ros.views.comparison_recording import record_comparison
+from benchmarks.figure1.statistics import CEILING, Band
+from vgps_ros.core.errors import InvalidInputError
 
 
 def level(*middle):

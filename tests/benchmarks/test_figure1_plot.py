@@ -11,24 +11,23 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from vgps_ros.experiments.cell_table import write_table
-from vgps_ros.experiments.cells import Panel
-from vgps_ros.experiments.comparison_tables import summary
-from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.views.comparison import CEILING
+from benchmarks.figure1.__main__ import main as figure1
+from benchmarks.figure1.cells import Panel
+from benchmarks.figure1.statistics import CEILING, summary
+from benchmarks.figure1.table import write_table
 
 
 def main(arguments):
-    vgps(["figure", *arguments])
+    figure1(["plot", *arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A finished experiment of two methods and two seeds."""
     output = tmp_path_factory.mktemp("experiment")
-    vgps(
+    figure1(
         [
-            "experiment",
+            "run",
             *("--panels", "rotor-2", "rotor-3", "--methods", "vgps", "cost_weighted"),
             *("--seeds", "2", "--iterations", "2", "--evaluation-rollouts", "2", "--jobs", "1"),
             *("--output", str(output)),
@@ -81,7 +80,7 @@ def test_pictures_are_replaced_only_where_that_is_asked_for(folder, tmp_path):
 
 
 def test_bad_input_is_a_sentence(tmp_path):
-    with pytest.raises(SystemExit, match=r"figure: '.*' has no results\.parquet; name the output"):
+    with pytest.raises(SystemExit, match=r"plot: '.*' has no results\.parquet; name the"):
         main([str(tmp_path)])
     (tmp_path / "results.parquet").write_text("nothing of the kind")
     with pytest.raises(SystemExit, match="is not a Parquet table"):

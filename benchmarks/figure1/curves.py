@@ -2,8 +2,8 @@
 """The curves of the paper's comparison (section 6), which Figure 1 draws, and their settings.
 
 Each curve is a method. All of them have the paper's schedule, in which α falls, and what the
-paper's methods share. Beyond that each has its own settings on each task, which
-`scripts/tune_methods.py` has chosen with the same number of trials for each: tuned.yaml. One curve
+paper's methods share. Beyond that each has its own settings on each task (tuned.yaml), which
+`tune.py` has chosen with the same number of trials for each. One curve
 more, `vgps_rising`, is vgps with the tasks' own settings, in which α rises.
 """
 

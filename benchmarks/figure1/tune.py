@@ -11,11 +11,11 @@ whose trials would take as long as those of all others together.
 
 It needs an environment with `pip install -r requirements/comparison.txt`. After `source env.bash`:
 
-    python scripts/tune_methods.py
+    python -m benchmarks.figure1.tune
 
 Each trial is a row of docs/figure1_tuning.csv as soon as it has ended, and the script goes on from
 that table. Where all methods have had as many trials, it writes the best settings of each into
-vgps_ros/experiments/tuned.yaml, from where `vgps experiment` takes them.
+benchmarks/figure1/tuned.yaml, from where `python -m benchmarks.figure1 run` takes them.
 """
 
 import argparse
@@ -41,15 +41,15 @@ from optuna.distributions import (
 )
 from optuna.trial import TrialState
 
+from benchmarks.figure1.curves import TUNED, configured
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import settings_of
-from vgps_ros.experiments.paper import TUNED, configured
 from vgps_ros.search.methods import search
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import make_task
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "figure1_tuning.csv"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "figure1_tuning.csv"
 TASKS, UNITS, SEEDS = ("swimmer", "walker"), 10, (900, 901)
 LAST, WORST, LEAST = 5, 1000.0, 1e-4
 OF_ALL: Mapping[str, BaseDistribution] = {

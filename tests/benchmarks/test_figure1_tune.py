@@ -2,24 +2,20 @@
 """The choice of settings goes on where it was stopped, and writes what it has found."""
 
 import csv
-import importlib.util
+import importlib
 import math
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("optuna", reason="pip install -r requirements/comparison.txt")
-SCRIPT = Path(__file__).parents[2] / "scripts" / "tune_methods.py"
 
 
 @pytest.fixture
 def tuner(tmp_path, monkeypatch):
     """The script on the rotor, with two iterations, writing into a folder of its own."""
-    spec = importlib.util.spec_from_file_location("tune_methods", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = importlib.import_module("benchmarks.figure1.tune")
     configured = module.configured
 
     def short(*arguments):
@@ -39,7 +35,7 @@ def tuner(tmp_path, monkeypatch):
         monkeypatch.setattr(module, name, value)
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["tune_methods", *arguments])
+        monkeypatch.setattr(sys, "argv", ["tune", *arguments])
         module.main()
         return list(csv.DictReader(module.PAGE.open()))
 

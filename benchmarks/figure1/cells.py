@@ -13,9 +13,9 @@ from pathlib import Path
 
 import torch
 
+from benchmarks.figure1.curves import CURVES, configured, method_of
 from vgps_ros.core.checks import nearest, one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.paper import CURVES, configured, method_of
 from vgps_ros.experiments.training import train
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder

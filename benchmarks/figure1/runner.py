@@ -13,9 +13,9 @@ from typing import Any
 import joblib
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from benchmarks.figure1.cells import Cell, Protocol, remove_unfinished, run_cell
+from benchmarks.figure1.table import write_table
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.cell_table import write_table
-from vgps_ros.experiments.cells import Cell, Protocol, remove_unfinished, run_cell
 from vgps_ros.storage.files import read_json, write_json
 from vgps_ros.views.table_console import plain_console
 
