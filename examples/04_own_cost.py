@@ -2,7 +2,7 @@
 """A cost of one's own: the arm reaches its target, but keeps its elbow straight while it does.
 
 A cost is a sum of weights times norms of readings; a task is a record, so a changed one is a copy.
-What has the same shape in YAML is in docs/task_file.md. A trained policy needs the task again:
+docs/reference/task_file.md has the same in YAML. A trained policy needs the task again:
 `vgps train --task examples/04_own_cost.py:straight_arm`.
 
     python examples/04_own_cost.py

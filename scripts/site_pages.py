@@ -1,50 +1,95 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Pages of the documentation site that are made from the code, as a hook of MkDocs.
+"""Pages of the documentation site that are made from other files, as a hook of MkDocs.
 
-The interfaces come from the definitions in msg_schemas, the parameters from the nodes' own --help,
-the library from docstrings, and the examples from their files, so that none of them can grow old.
+The first page is README.md. The interfaces come from the definitions in msg_schemas, commands and
+parameters from what `--help` prints, the library from docstrings, the examples from their files.
+Links of all pages are relative paths in the repository, as code hosts follow them; where one leads
+to a file that the site shows in another form, it is turned into a link to that page.
 """
 
 import os
+import re
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import vgps_ros
+from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[1]
-LIBRARY = (
-    "core",
-    "core/ddp",
-    "core/sampling",
-    "simulation",
-    "tasks",
-    "search",
-    "safety",
-    "storage",
-)
+LIBRARY = ("core", "core/ddp", "simulation", "safety", "policies", "tasks", "search")
+# The page of the site that shows a file or a folder outside docs/.
+SHOWN_AS = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "project/contributing.md",
+    "QUALITY_DECLARATION.md": "project/quality_declaration.md",
+    "SECURITY.md": "project/security.md",
+    "examples": "reference/examples.md",
+    "msg_schemas": "reference/interfaces.md",
+    "vgps_ros": "reference/api/index.md",
+    "vgps_ros/nodes": "reference/parameters.md",
+    "vgps_ros/programs": "reference/commands.md",
+}
+LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Adds the library's pages to the navigation."""
+    """Adds the library's pages to the part of the navigation that is the reference."""
     assert config.nav
-    config.nav.insert(-1, {"Library": ["api/index.md", *(f"api/{name(f)}.md" for f in LIBRARY)]})
+    (reference,) = (part["Reference"] for part in config.nav if "Reference" in part)
+    pages = ["reference/api/index.md", *(f"reference/api/{name(f)}.md" for f in folders())]
+    reference.append({"Library": pages})
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the pages that are made from the code."""
+    """Adds the pages that are made from other files."""
     pages = {
-        "interfaces.md": interfaces(),
-        "parameters.md": parameters(),
-        "examples.md": examples(),
-        "api/index.md": library_index(),
-        **{f"api/{name(folder)}.md": library(folder) for folder in LIBRARY},
+        page: with_links_of_the_site((ROOT / path).read_text(), path, page)
+        for path, page in SHOWN_AS.items()
+        if path.endswith(".md")
+    }
+    pages |= {
+        "reference/interfaces.md": interfaces(),
+        "reference/commands.md": helps("Commands", COMMANDS, "vgps {}"),
+        "reference/parameters.md": helps("Parameters", vgps_ros.NODES, "vgps node {}"),
+        "reference/examples.md": examples(),
+        "reference/api/index.md": library_index(),
+        **{f"reference/api/{name(folder)}.md": library(folder) for folder in folders()},
     }
     for path, text in pages.items():
         files.append(File.generated(config, path, content=text))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Turns the links of a page of docs/ into those of the site."""
+    path = page.file.src_uri
+    return with_links_of_the_site(markdown, f"docs/{path}", path)
+
+
+def with_links_of_the_site(text: str, path: str, page: str) -> str:
+    """Returns a text of the file `path` with the links that it needs as the site's `page`.
+
+    A link to a file of the repository that the site does not show becomes plain text.
+    """
+
+    def link(found: re.Match[str]) -> str:
+        picture, title, target, anchor = found.groups("")
+        if "://" in target or target.startswith("mailto:"):
+            return found[0]
+        there = os.path.normpath(os.path.join(os.path.dirname(path), target))
+        shown = there.removeprefix("docs/") if there.startswith("docs/") else SHOWN_AS.get(there)
+        if shown is None:
+            return title
+        relative = os.path.relpath(shown, os.path.dirname(page) or ".")
+        return f"{picture}[{title}]({relative}{anchor})"
+
+    return LINK.sub(link, text)
 
 
 def interfaces() -> str:
@@ -54,7 +99,7 @@ def interfaces() -> str:
         "",
         "The package `vgps_msgs` defines these types. The graph speaks standard ones beside them: "
         "`sensor_msgs`, `nav_msgs`, `tf2_msgs`, `std_msgs`, and `simulation_interfaces`; see "
-        "[the graph of nodes](graph.md).",
+        "[topics and frames](graph.md).",
     ]
     for kind, title in (("msg", "Messages"), ("srv", "Services"), ("action", "Actions")):
         lines += ["", f"## {title}"]
@@ -63,14 +108,13 @@ def interfaces() -> str:
     return "\n".join(lines)
 
 
-def parameters() -> str:
-    """Returns the page of the parameters of each node, as its --help prints them."""
-    names = sorted(p.stem for p in (ROOT / "vgps_ros" / "nodes").glob("[a-z]*.py"))
+def helps(title: str, names: list[str], command: str) -> str:
+    """Returns a page of what `--help` prints for each name of a command or node."""
 
-    def help_of(node: str) -> str:
+    def help_of(name: str) -> str:
         return subprocess.run(
-            ["vgps", "node", node, "--help"],
-            env=os.environ | {"COLUMNS": "110", "NO_COLOR": "1"},
+            [*command.format(name).split(), "--help"],
+            env=os.environ | {"COLUMNS": "100", "NO_COLOR": "1"},
             capture_output=True,
             text=True,
             check=True,
@@ -78,9 +122,9 @@ def parameters() -> str:
 
     with ThreadPoolExecutor(2) as pool:
         texts = list(pool.map(help_of, names))
-    lines = ["# Parameters", "", "This is what `vgps node NAME --help` prints."]
-    for node, text in zip(names, texts, strict=True):
-        lines += ["", f"## {node}", "", "```", text.strip(), "```"]
+    lines = [f"# {title}", "", f"This is what `{command.format('NAME')} --help` prints."]
+    for each, text in zip(names, texts, strict=True):
+        lines += ["", f"## {each}", "", "```text", text.strip(), "```"]
     return "\n".join(lines)
 
 
@@ -102,13 +146,13 @@ def library_index() -> str:
     lines = [
         "# Library",
         "",
-        "The rows go from the paper's mathematics up to the search; each imports those above it "
-        "alone. None of them imports ROS.",
+        "The rows go from the paper's mathematics up to the search; each imports only those above "
+        "it. None of them imports ROS.",
         "",
         "| package | about |",
         "| --- | --- |",
     ]
-    for folder in LIBRARY:
+    for folder in folders():
         about = first_line(ROOT / "vgps_ros" / folder / "__init__.py")
         lines.append(f"| [`vgps_ros.{name(folder)}`]({name(folder)}.md) | {about} |")
     return "\n".join(lines)
@@ -121,6 +165,11 @@ def library(folder: str) -> str:
     for module in modules:
         lines += ["", f"::: vgps_ros.{name(folder)}.{module.stem}"]
     return "\n".join(lines)
+
+
+def folders() -> list[str]:
+    """Returns the folders of the library, which are shown from the bottom upwards."""
+    return [folder for folder in LIBRARY if (ROOT / "vgps_ros" / folder).is_dir()]
 
 
 def name(folder: str) -> str:

@@ -18,7 +18,7 @@ import yaml
 from vgps_ros.tasks.task_file import SCHEMA_PATH
 from vgps_ros.tasks.task_schema import TaskFile
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "task_file.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "task_file.md"
 _BLOCK = re.compile(r"(<!-- keys: .*? -->\n).*?(<!-- end of keys -->)", re.S)
 
 

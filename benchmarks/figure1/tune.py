@@ -13,9 +13,9 @@ It needs an environment with `pip install -r requirements/comparison.txt`. After
 
     python -m benchmarks.figure1.tune
 
-Each trial is a row of docs/figure1_tuning.csv as soon as it has ended, and the script goes on from
-that table. Where all methods have had as many trials, it writes the best settings of each into
-benchmarks/figure1/tuned.yaml, from where `python -m benchmarks.figure1 run` takes them.
+Each trial is a row of docs/evidence/figure1_tuning.csv as soon as it has ended, and the script
+goes on from that table. Where all methods have had as many trials, it writes the best settings of
+each into benchmarks/figure1/tuned.yaml, from where `python -m benchmarks.figure1 run` takes them.
 """
 
 import argparse
@@ -49,7 +49,7 @@ from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import make_task
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "figure1_tuning.csv"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "evidence" / "figure1_tuning.csv"
 TASKS, UNITS, SEEDS = ("swimmer", "walker"), 10, (900, 901)
 LAST, WORST, LEAST = 5, 1000.0, 1e-4
 OF_ALL: Mapping[str, BaseDistribution] = {
@@ -64,7 +64,7 @@ GUIDED = {
     "gps.redraw": CategoricalDistribution((False, True)),
 }
 # Four settings of each method: those of the marginals that every method begins with, and the two
-# that matter most to it (docs/comparison.md).
+# that matter most to it (docs/evidence/comparison.md).
 SPACES: Mapping[str, Mapping[str, BaseDistribution]] = {
     "vgps": {**OF_ALL, **WIDE, **ADAPTS},
     "gps": {**OF_ALL, **GUIDED},

@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+EVIDENCE = ROOT / "docs" / "evidence"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [page for page in PAGES if EVIDENCE not in page.parents]
 
 # Words that are put behind a command, where the last of several values counts. The sample is a bag
 # of a swimmer with noise.
@@ -54,7 +56,6 @@ NOT_RUN = {
     r"export (FASTRTPS|ROS_)": "is about other machines",
     r"vgps bag (sign|check BAG --signers)": "needs an own SSH key; tests/bags/test_manifest.py "
     "makes one for it",
-    r"python scripts/write_figures.py": "takes a quarter of an hour; test_pages.py checks it",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
 

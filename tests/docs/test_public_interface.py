@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The public interface is what docs/public_interface.md declares, and it is documented."""
+"""What docs/reference/public_interface.md declares exists, and it is documented."""
 
 import ast
 import importlib
@@ -13,7 +13,7 @@ import vgps_ros
 from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "public_interface.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "public_interface.md").read_text()
 DECLARED = {
     module: re.findall(r"`(\w+)`", names)
     for module, names in re.findall(r"^\| `(vgps_ros[\w.]*)` \| (.*) \|$", PAGE, re.M)
@@ -39,7 +39,7 @@ def test_each_declared_name_exists_and_is_documented(module):
 
 
 def test_examples_and_pages_use_declared_names_alone():
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     blocks = [re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S) for page in pages]
     code = [text for texts in blocks for text in texts]
     code += [path.read_text() for path in (ROOT / "examples").glob("*.py")]
@@ -65,4 +65,4 @@ def test_all_files_name_the_same_version():
     heading = re.compile(rf"^{re.escape(in_setup)} \(\d{{4}}-\d\d-\d\d\)$", re.M)
     for folder in (ROOT, ROOT / "msg_schemas"):
         assert heading.search((folder / "CHANGELOG.rst").read_text())
-    assert f"version = {{{in_setup}}}" in (ROOT / "docs" / "citing.md").read_text()
+    assert f"version = {{{in_setup}}}" in (ROOT / "docs" / "reference" / "citing.md").read_text()

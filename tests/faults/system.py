@@ -27,7 +27,7 @@ NODES = (
     "recorder",
     "visualizer",
 )
-NOTICED = 5.0  # in which the others say that a node is silent, as docs/reliability.md promises [s]
+NOTICED = 5.0  # until others say that a node is silent (docs/explanation/reliability.md) [s]
 BACK = 60.0  # generous: the machine may be busy [s]
 ENDING = (signal.SIGINT, signal.SIGTERM)  # what ends a node properly
 

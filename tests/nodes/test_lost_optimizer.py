@@ -13,7 +13,7 @@ from vgps_ros.storage.run_folder import load_policy
 
 # More solver iterations in the first solve, so that there is time to strike in the middle of it.
 SETTINGS = {**parameters(SHORT), "initial_ddp_iterations": 40}
-NOTICED = 5.0  # what docs/reliability.md promises [s]
+NOTICED = 5.0  # what docs/explanation/reliability.md promises [s]
 HANGS = "/trajectory_optimizer has been silent for over 3 s"
 
 

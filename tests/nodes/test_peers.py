@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from simulation_interfaces.srv import GetSimulationState
 
-NOTICED = 5.0  # what docs/reliability.md promises [s]
+NOTICED = 5.0  # what docs/explanation/reliability.md promises [s]
 SILENT = "/trajectory_optimizer has been silent for over 3 s: it was killed, or it hangs."
 
 

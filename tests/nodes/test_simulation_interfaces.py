@@ -19,7 +19,7 @@ from tests.nodes.simulation_calls import FAILED, LISTS, OK, ROBOT, ROWS, SET, ST
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.ros_runtime.qos import STREAM
 
-PAGE = Path(__file__).parents[2] / "docs" / "simulation_interfaces.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "simulation_interfaces.md"
 OWN = "-r /clock:=clock -r /tf:=tf -r /tf_static:=tf_static"
 HAS = SimulatorFeatures
 FEATURES = {

@@ -116,7 +116,7 @@ def test_the_teacher_answers_a_push_that_it_does_not_know(walker):
 
 
 def test_a_few_lessons_make_a_policy_that_swims(swimmer):
-    """Where DAGGER's policy, which drives itself, stands still (docs/comparison.md)."""
+    """Where DAGGER's policy, which drives itself, stands still (docs/evidence/comparison.md)."""
     values = {"iterations": 2, "policy_rollouts": 2, "teacher.plan_every": 10}
     values |= {"supervised_iterations": 5, "initial_ddp_iterations": 40}
     settings = with_values(search_settings(swimmer), values)

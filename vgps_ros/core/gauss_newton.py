@@ -9,8 +9,8 @@ where it was not.
 
 Each step has new samples, and so the fit cannot lean on those that it has seen: from one draw it
 comes closer to that draw's optimum, but q, which adapts to the network, then ends at a poorer one
-(docs/benchmarks.md). New samples tell as well when to end: once the last step has gained less on
-them than a tolerance.
+(docs/evidence/benchmarks.md). New samples tell as well when to end: once the last step has gained
+less on them than a tolerance.
 """
 
 from collections.abc import Iterator

@@ -7,7 +7,7 @@ In deviations from the trajectory, δx = x ⊖ x̄ and δu = u − ū:
 
 q is centred on the trajectory that was executed last, whose k is zero once DDP has converged; the
 means of δx and δu are then zero, and the covariances are all that is left to compute. Before that,
-k would shift the means by a full step that no line search has tried (docs/method.md).
+k would shift the means by a full step that no line search has tried (docs/explanation/method.md).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The services and the action of the ROS standard simulation_interfaces, as `simulation` has them.
 
-docs/simulation_interfaces.md tells what each of them answers.
+docs/reference/simulation_interfaces.md tells what each of them answers.
 """
 
 import re

@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
 
 # E[c] counts no rollout at more than this many times max(initial DDP cost, 1): a mean over rollouts
 # of which one diverged would be infinite, and without it too low. A walker that lies on the ground
-# costs 4,000 times what walking costs (docs/figure1.csv), and is still told apart.
+# costs 4,000 times what walking costs (docs/evidence/figure1.csv), and is still told apart.
 LARGEST_COST = 1e4
 
 

@@ -212,7 +212,7 @@ class SearchSettings:
 
         A small network also needs α to begin low: q then bends to the network, r becomes small, and
         stays so. Where q keeps to the optimum of the cost from the first iteration on, some seeds
-        end at a policy that never fits it (docs/policies.md).
+        end at a policy that never fits it (docs/evidence/policies.md).
         """
         alphas, reached = self.alphas, self.alpha_iterations
         if self.schedule == "paper":

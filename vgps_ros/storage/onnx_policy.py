@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A network of others as a policy: any ONNX graph without loops, which onnxruntime executes.
 
-Its metadata say what its numbers mean, by the keys that mjlab writes (docs/export.md):
+Its metadata say what its numbers mean, by the keys that mjlab writes (docs/how_to/export.md):
 
     joint_names         the joints that its actions drive, in their order
     observation_names   what it reads; joint_pos and joint_vel stand for one number of each joint
