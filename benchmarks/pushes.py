@@ -21,8 +21,8 @@ from benchmarks.pushed import add_arguments, push
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
 from vgps_ros.tasks import make_task
 
 _TIMEOUT = 0.5  # after which a command no longer holds, as in the node simulation [s]

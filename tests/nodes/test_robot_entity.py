@@ -8,7 +8,7 @@ from geometry_msgs.msg import Vector3
 from simulation_interfaces.msg import Bounds, EntityFilters
 
 from vgps_ros.messages.conversions import stamp_of
-from vgps_ros.ros_runtime.robot_entity import RobotEntity
+from vgps_ros.nodes.simulation.robot_entity import RobotEntity
 from vgps_ros.tasks import make_task
 
 STAMP = stamp_of(0)

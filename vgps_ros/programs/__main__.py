@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from vgps_ros.programs.command_line import Parser
 
 _struck: list[int] = []  # the signals that have come to interrupt the program
+_SHARED = {"command_line", "policy_run", "training_client"}  # modules that are no commands
 COMMANDS = sorted(
     file.stem.replace("_", "-")
     for file in Path(__file__).parent.glob("[!_]*.py")
-    if file.stem != "command_line"
+    if file.stem not in _SHARED
 )
 
 

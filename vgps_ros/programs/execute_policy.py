@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rich.progress import Progress
     from rich.table import Column, Table
 
+    from vgps_ros.programs.policy_run import PolicyRun
     from vgps_ros.ros_runtime.client_node import client_node
-    from vgps_ros.ros_runtime.policy_run import PolicyRun
     from vgps_ros.tasks import make_task
     from vgps_ros.views.table_console import plain_console
 

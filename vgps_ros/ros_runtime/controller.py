@@ -22,9 +22,9 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
 from vgps_ros.messages.executor_diagnostics import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.ros_runtime.control_timing import AnswerPace
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
-from vgps_ros.ros_runtime.pace import AnswerPace
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import NEWEST, NEWEST_OF_SENSORS, STREAM
 from vgps_ros.ros_runtime.state_subscription import subscribe_to_states

@@ -20,13 +20,13 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, with_values
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.messages.progress import progress_to_msg
-from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.optimizer_pool import (
+from vgps_ros.nodes.policy_learner.optimizer_pool import (
     OPTIMIZER_TIMEOUT,
     OPTIMIZERS,
     CancelledError,
     OptimizerPool,
 )
+from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM

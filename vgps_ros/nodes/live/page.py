@@ -16,9 +16,9 @@ import numpy as np
 import viser
 
 from vgps_ros.core.records import Array
+from vgps_ros.nodes.live.origin import only_own_origin
+from vgps_ros.nodes.live.robot import LiveRobot
 from vgps_ros.search.metrics import IterationMetrics
-from vgps_ros.views.live_origin import only_own_origin
-from vgps_ros.views.live_robot import LiveRobot
 
 _TOP = 100.0  # of the learning curve; what diverged is drawn there
 _CURVES = {  # of the learning curve: a metric each, with its name and colour

@@ -32,11 +32,11 @@ from simulation_interfaces.srv import (
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import stamp_of
+from vgps_ros.nodes.simulation.robot_entity import RobotEntity
+from vgps_ros.nodes.simulation.run_control import QUITTING, STOPPED, RefusedError, RunControl
+from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
 from vgps_ros.ros_runtime.lasting_goals import Goal, LastingGoals
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.ros_runtime.robot_entity import RobotEntity
-from vgps_ros.ros_runtime.run_control import QUITTING, STOPPED, RefusedError, RunControl
-from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.tasks import Task
 

@@ -8,7 +8,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
-from vgps_ros.ros_runtime.cost_parameters import READINGS, TARGETS, WEIGHTS
+# Parameters of a planner, as the node `mpc` has them.
+READINGS, TARGETS, WEIGHTS = "cost.readings", "cost.targets", "cost.weights"
 
 Show = Callable[[Sequence[str], Sequence[float], Sequence[float]], object]
 

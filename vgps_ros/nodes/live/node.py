@@ -22,13 +22,13 @@ from vgps_ros.messages.descriptions import MJCF
 from vgps_ros.messages.executor_diagnostics import driver
 from vgps_ros.messages.progress import progress_from_msg
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
-from vgps_ros.ros_runtime.cost_client import CostClient
+from vgps_ros.nodes.live.cost_client import CostClient
+from vgps_ros.nodes.live.simulation_client import SimulationClient
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, SIGNS_OF_LIFE, STREAM
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.simulation_client import SimulationClient
 from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
@@ -154,7 +154,7 @@ class Live(Node):
 
 def _open_page(port: int, node: Live) -> Any:
     try:
-        from vgps_ros.views.live_page import LivePage
+        from vgps_ros.nodes.live.page import LivePage
     except ModuleNotFoundError as error:
         raise VgpsError(
             f"The page needs the package {error.name}: pip install -r requirements/live.txt."

@@ -14,10 +14,10 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
+from vgps_ros.nodes.mpc.cost_parameters import declare_cost
+from vgps_ros.nodes.mpc.plan_report import PlanReport
 from vgps_ros.ros_runtime.controller import Controller
-from vgps_ros.ros_runtime.cost_parameters import declare_cost
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
-from vgps_ros.ros_runtime.plan_report import PlanReport
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf

@@ -27,17 +27,17 @@ from vgps_ros.messages.conversions import (
     wrench_from_msg,
 )
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.ros_runtime.frame_broadcaster import FrameBroadcaster
+from vgps_ros.nodes.simulation.frame_broadcaster import FrameBroadcaster
+from vgps_ros.nodes.simulation.run_control import RunControl
+from vgps_ros.nodes.simulation.services import SimulationServices
+from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
+from vgps_ros.ros_runtime.control_timing import TorqueAge
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.pace import TorqueAge
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf, publish_urdf
-from vgps_ros.ros_runtime.run_control import RunControl
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.simulated_robot import SimulatedRobot
-from vgps_ros.ros_runtime.simulation_services import SimulationServices
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
