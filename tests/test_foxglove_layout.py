@@ -9,7 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from vgps_ros.messages.types import message_type
+from vgps_ros.messages.names import message_type
 from vgps_ros.simulation.frames import ROOT
 from vgps_ros.views.graph_scene import DRAWN
 

@@ -21,7 +21,7 @@ from vgps_ros.bags.recorded_executor import RecordedExecutor
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import distribution_from_msg, policy_from_msg
-from vgps_ros.messages.executor_diagnostics import SAFE_ACTION_DRIVES
+from vgps_ros.messages.names import SAFE_ACTION_DRIVES
 from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.torque_limits import TorqueLimiter

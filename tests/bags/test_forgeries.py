@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from tests.bags.altered import ALL, SAMPLE, copy, definitions_of, main, rewritten, sample
 from vgps_ros.bags import BagReader
-from vgps_ros.messages.executor_diagnostics import SAFE_ACTION_DRIVES
+from vgps_ros.messages.names import SAFE_ACTION_DRIVES
 
 WRONG, UNPROVEN = 1, 3
 MESSAGES = sample()

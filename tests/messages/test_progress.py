@@ -9,7 +9,7 @@ from typing import get_type_hints
 from builtin_interfaces.msg import Time
 
 from benchmarks.figure1.table import SCHEMA
-from vgps_ros.messages.progress import progress_from_msg, progress_to_msg
+from vgps_ros.messages.conversions import progress_from_msg, progress_to_msg
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_progress_message.py"

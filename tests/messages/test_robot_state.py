@@ -18,8 +18,7 @@ from tests.nodes.malformed import broken
 from tests.simulation.robots import everything, random_states
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import stamp_of
-from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.messages.state_collector import StateCollector
+from vgps_ros.messages.robot_state import StateCollector, StateMessages
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import make_task
 

@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 from tests.browser import LACKING, opened
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
 from vgps_ros.messages.conversions import nanoseconds
-from vgps_ros.messages.executor_diagnostics import SAFE_ACTION_DRIVES, driver
+from vgps_ros.messages.names import SAFE_ACTION_DRIVES, driver
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.timeline import SLACK
-from vgps_ros.messages.executor_diagnostics import (
+from vgps_ros.messages.names import (
     COMMANDS_SENT,
     IS_ACTIVE,
     OWNS,

@@ -15,7 +15,7 @@ from vgps_ros.bags.reindex import missing_of, storage_files
 from vgps_ros.bags.storage import StorageScan
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
+from vgps_ros.messages.names import MJCF, URDF, is_mjcf
 
 # What a graph has once for each robot.
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from vgps_ros.bags import BagReader
-from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.messages.state_collector import StateCollector
+from vgps_ros.messages.robot_state import StateCollector, StateMessages
 
 
 def recorded_states(bag: BagReader, states: StateMessages) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -4,6 +4,7 @@
 Arrays cross as their bytes, so a value that goes there and back keeps every bit.
 """
 
+import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import fields
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import LearningProgress
 from vgps_msgs.msg import Plan as PlanMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
@@ -27,6 +29,7 @@ from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
+from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
 from vgps_ros.search.mpc import Plan
 from vgps_ros.tasks import Task
 
@@ -183,6 +186,32 @@ def _sizes(message: TrajectoryMsg) -> tuple[int, int, int]:
             "values, but both must be above 0, and there must be the controls of a step at least."
         )
     return n_x, n_u, horizon
+
+
+def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> LearningProgress:
+    """Returns one iteration's metrics as a message.
+
+    Args:
+        metrics: the iteration.
+        stamp: when it ended.
+        run: task, method, seed, iterations and remaining_seconds of the run.
+    """
+    header = Header(stamp=stamp)
+    return to_message(LearningProgress, metrics, header=header, iteration=metrics.k, **run)
+
+
+def progress_from_msg(message: LearningProgress) -> IterationMetrics:
+    """Returns the message's metrics; NaN stands for one that an older bag's messages lack."""
+    found = {name: plain(getattr(message, name, math.nan)) for name in METRICS}
+    return IterationMetrics(k=message.iteration, **found)
+
+
+def result_from_msgs(
+    history: Sequence[LearningProgress], policy: GaussianPolicy | None
+) -> dict[str, Any]:
+    """Returns the content of result.json of a training that messages tell of, at least one."""
+    last, metrics = history[-1], [progress_from_msg(message) for message in history]
+    return result_content(last.task, last.method, int(last.seed), policy, metrics)
 
 
 def state_to_msg(

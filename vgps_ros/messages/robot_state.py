@@ -15,7 +15,8 @@ world's axes and ROS in the body's, and a rotation there and back rounds. Whoeve
 messages has the same x bit for bit, and the simulation itself goes on from what its messages say.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -29,9 +30,14 @@ from sensor_msgs.msg import JointState, MultiDOFJointState
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_joints import BodyJoint, body_joints
-from vgps_ros.messages.conversions import name_order, pack, state_from_msg, state_to_msg
-from vgps_ros.messages.planar_base import PlanarBase, planar_base
+from vgps_ros.messages.body_poses import BodyJoint, PlanarBase, body_joints, planar_base
+from vgps_ros.messages.conversions import (
+    name_order,
+    nanoseconds,
+    pack,
+    state_from_msg,
+    state_to_msg,
+)
 from vgps_ros.simulation.model import joint_names, state_names
 
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = (
@@ -41,6 +47,7 @@ ODOMETRY, BODIES, ACTIVATIONS, JOINTS = (
     "joint_states",
 )
 TOPICS = (ODOMETRY, BODIES, ACTIVATIONS, JOINTS)
+_PATIENCE = 1000  # incomplete states that are kept
 
 
 class StateMessages:
@@ -91,6 +98,28 @@ class StateMessages:
         if not self.topics.keys() <= there:
             return False
         return ODOMETRY in there or not self.lacks_base(messages[JOINTS])
+
+    def subscribe(
+        self,
+        create_subscription: Callable[..., object],
+        take: Callable[[dict[str, Any]], object],
+        qos: Any,
+    ) -> None:
+        """Calls a function with the messages of each state by topic, once all of them are there.
+
+        Args:
+            create_subscription: subscribes to one topic, as a node's function of this name does.
+            take: the function.
+            qos: quality of service of each subscription.
+        """
+        collector = StateCollector(self.is_complete)
+
+        def receive(topic: str, message: Any) -> None:
+            if messages := collector.add(topic, message):
+                take(messages)
+
+        for topic, kind in self.sources.items():
+            create_subscription(kind, topic, partial(receive, topic), qos)
 
     def split(self, x: Array, stamp: Time, efforts: Array | None = None) -> dict[str, Any]:
         """Returns the messages by topic, with efforts of the joints [N·m, N] where known."""
@@ -163,6 +192,36 @@ class StateMessages:
             )
             x[self._first_activation :] = values[order]
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
+
+
+class StateCollector:
+    """Collects messages until those of one stamp make a state, in any order.
+
+    A state that is sent again is complete again once all of its messages came again.
+
+    Args:
+        is_complete: returns True if messages by topic make a state.
+    """
+
+    def __init__(self, is_complete: Callable[[Mapping[str, Any]], bool]):
+        self._is_complete = is_complete
+        self._waiting: dict[int, dict[str, Any]] = {}  # by stamp [ns], the oldest first
+
+    def add(self, topic: str, message: Any) -> dict[str, Any] | None:
+        """Returns the messages of a state by topic, if this message completes it."""
+        stamp = nanoseconds(message.header.stamp)
+        messages = self._waiting.setdefault(stamp, {})
+        messages[topic] = message
+        if not self._is_complete(messages):
+            if len(self._waiting) > _PATIENCE:
+                del self._waiting[next(iter(self._waiting))]
+            return None
+        # Messages from before belong to states whose other messages were lost: topics keep order.
+        for earlier in list(self._waiting):
+            del self._waiting[earlier]
+            if earlier == stamp:
+                break
+        return messages
 
 
 def _places(names: list[str], joints: list[str]) -> NDArray[np.intp]:

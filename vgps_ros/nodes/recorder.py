@@ -22,7 +22,7 @@ from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import setting
-from vgps_ros.messages.types import message_type
+from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.bag_qos import recording, to_bag
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameter_collector import ParameterCollector

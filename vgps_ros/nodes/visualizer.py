@@ -12,8 +12,7 @@ from typing import Any
 from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.descriptions import MJCF, URDF
-from vgps_ros.messages.types import message_type
+from vgps_ros.messages.names import MJCF, URDF, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare

@@ -21,7 +21,6 @@ from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.tasks import Task
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
@@ -51,7 +50,7 @@ class PolicyRun(Node):
         self._controls: dict[int, Array] = {}
         self._policies: list[Any] = []
         self._messages = StateMessages(task.dynamics.model)
-        subscribe_to_states(self.create_subscription, self._messages, self._take_state, STREAM)
+        self._messages.subscribe(self.create_subscription, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         for kind, topic in ((GaussianPolicyMsg, "policy"), (UInt8MultiArray, "onnx_policy")):
             self.create_subscription(kind, topic, self._policies.append, LATCHED)

@@ -38,8 +38,7 @@ def run(arguments: argparse.Namespace) -> None:
     check_machine()
     from vgps_msgs.action import TrainPolicy
 
-    from vgps_ros.messages.conversions import policy_from_msg
-    from vgps_ros.messages.progress import result_from_msgs
+    from vgps_ros.messages.conversions import policy_from_msg, result_from_msgs
     from vgps_ros.programs.training_client import TrainingClient
     from vgps_ros.ros_runtime.client_node import client_node
     from vgps_ros.views.learning_curve import learning_curve

@@ -16,7 +16,7 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.messages.progress import progress_from_msg
+from vgps_ros.messages.conversions import progress_from_msg
 from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.peers import TRAINING, Peers

@@ -20,14 +20,13 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
-from vgps_ros.messages.executor_diagnostics import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
+from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.control_timing import AnswerPace
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import NEWEST, NEWEST_OF_SENSORS, STREAM
-from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
@@ -106,7 +105,7 @@ class Controller(LifecycleNode):
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
         self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
-        subscribe_to_states(self.health.inbox.subscribe, self._states, self._take_state, qos)
+        self._states.subscribe(self.health.inbox.subscribe, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.executor_diagnostics import OWNS
+from vgps_ros.messages.names import OWNS
 from vgps_ros.ros_runtime import middleware
 from vgps_ros.ros_runtime.given_parameters import check_given_parameters
 from vgps_ros.ros_runtime.inbox import Inbox

@@ -22,7 +22,7 @@ from vgps_ros.messages.conversions import (
     policy_from_msg,
     policy_to_msg,
 )
-from vgps_ros.messages.executor_diagnostics import POLICY_OF_ITERATION
+from vgps_ros.messages.names import POLICY_OF_ITERATION
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import value

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.executor_diagnostics import OWNS
+from vgps_ros.messages.names import OWNS
 from vgps_ros.ros_runtime.ending import end_with
 from vgps_ros.ros_runtime.inbox import Inbox
 from vgps_ros.ros_runtime.parameters import declare

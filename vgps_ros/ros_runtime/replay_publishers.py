@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 
 from vgps_ros.bags.reader import BagMessage
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.types import message_type
+from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.bag_qos import replaying
 
 _BURST = 500  # messages of a topic ...

@@ -4,7 +4,7 @@
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from vgps_ros.messages.descriptions import MJCF, URDF
+from vgps_ros.messages.names import MJCF, URDF
 from vgps_ros.ros_runtime.qos import LATEST
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import Task

@@ -24,12 +24,11 @@ from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
     policy_from_msg,
+    result_from_msgs,
     trajectory_from_msg,
 )
-from vgps_ros.messages.descriptions import MJCF, URDF, is_mjcf
-from vgps_ros.messages.progress import result_from_msgs
-from vgps_ros.messages.robot_state import JOINTS, TOPICS
-from vgps_ros.messages.state_collector import StateCollector
+from vgps_ros.messages.names import MJCF, URDF, is_mjcf
+from vgps_ros.messages.robot_state import JOINTS, TOPICS, StateCollector
 from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import LEARNING_CURVE
 from vgps_ros.views.learning_curve import learning_curve

@@ -17,10 +17,8 @@ from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import nanoseconds, push_to_msg
-from vgps_ros.messages.descriptions import MJCF
-from vgps_ros.messages.executor_diagnostics import driver
-from vgps_ros.messages.progress import progress_from_msg
+from vgps_ros.messages.conversions import nanoseconds, progress_from_msg, push_to_msg
+from vgps_ros.messages.names import MJCF, driver
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.live.cost_client import CostClient
 from vgps_ros.nodes.live.simulation_client import SimulationClient
@@ -29,7 +27,6 @@ from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, SIGNS_OF_LIFE, STREAM
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.state_subscription import subscribe_to_states
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.simulation.model import compile_model
@@ -132,7 +129,7 @@ class Live(Node):
         self._health.clear("robot")
         self._health.arrived(f"{MJCF} from simulation")
         self._page.show_robot(model)
-        subscribe_to_states(self._health.inbox.subscribe, states, self._take_state, NEWEST)
+        states.subscribe(self._health.inbox.subscribe, self._take_state, NEWEST)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self._newest = messages

@@ -3,7 +3,7 @@
 
 import time
 
-from vgps_ros.messages.executor_diagnostics import PLAN_AGE, PLAN_COST, PLAN_DURATION
+from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.health import Health
 
 _PERIOD = 1.0  # over which the rate of the plans is counted [s]

@@ -18,8 +18,7 @@ from vgps_msgs.msg import LearningProgress
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, with_values
-from vgps_ros.messages.conversions import policy_to_msg
-from vgps_ros.messages.progress import progress_to_msg
+from vgps_ros.messages.conversions import policy_to_msg, progress_to_msg
 from vgps_ros.nodes.policy_learner.optimizer_pool import (
     OPTIMIZER_TIMEOUT,
     OPTIMIZERS,

@@ -27,7 +27,7 @@ from vgps_ros.messages.conversions import (
     wrench_from_msg,
 )
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.nodes.simulation.frame_broadcaster import FrameBroadcaster
+from vgps_ros.nodes.simulation.frames import FrameBroadcaster
 from vgps_ros.nodes.simulation.run_control import RunControl
 from vgps_ros.nodes.simulation.services import SimulationServices
 from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot

@@ -22,7 +22,7 @@ from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_joints import BodyJoint, body_joints
+from vgps_ros.messages.body_poses import BodyJoint, body_joints
 from vgps_ros.nodes.simulation.run_control import RefusedError
 from vgps_ros.tasks import Task
 

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.types import message_type
+from vgps_ros.messages.names import message_type
 
 
 def test_standard_types_and_the_projects_own_are_found():

@@ -1,0 +1,81 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Names on which nodes, bags and views agree: topics, message types, keys on /diagnostics."""
+
+import io
+from collections.abc import Mapping
+from importlib import import_module
+from xml.etree import ElementTree
+
+from ament_index_python import get_resource
+
+from vgps_ros.core.errors import InvalidInputError
+
+# Topics that describe the robot: MJCF for this project's nodes, URDF for all others.
+MJCF, URDF = "mjcf_description", "robot_description"
+
+# Keys of values that controllers show on /diagnostics.
+COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
+IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
+PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  # keys of values
+OWNS = "owns"  # key of a value: the topics that this node alone may publish
+POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
+SAFE_ACTION_DRIVES = "Not the controller drives, but the safe action"  # begins a status's sentence
+
+
+def is_mjcf(topic: str, text: str) -> bool:
+    """Returns whether a text on one of the two topics is the robot's MJCF.
+
+    Bags of old versions have it on `robot_description`.
+    """
+    if topic.rpartition("/")[2] == MJCF:
+        return True
+    try:
+        _, root = next(ElementTree.iterparse(io.StringIO(text), ("start",)))
+    except (ElementTree.ParseError, StopIteration):
+        return False
+    return root.tag == "mujoco"
+
+
+def driver(message: str, values: Mapping[str, str]) -> str | None:
+    """Returns who drives the robot and why, by a node's status; None if it is no controller.
+
+    Args:
+        message: the status's sentences.
+        values: its values by key.
+    """
+    if COMMANDS_SENT not in values:
+        return None
+    if values.get(IS_ACTIVE) != "True":
+        return "nobody: the controller is not active."
+    if SAFE_ACTION_DRIVES in message:
+        return f"the safe action. {message}"
+    if values[COMMANDS_SENT] == "0":
+        return f"nobody yet. {message}"
+    if PLAN_AGE in values:
+        keys = [key for key in (PLAN_AGE, PLAN_COST, PLAN_DURATION) if key in values]
+        return f"plans: {', '.join(f'{key} {values[key]}' for key in keys)}. {message}"
+    if POLICY_OF_ITERATION in values:
+        return f"the policy of iteration {values[POLICY_OF_ITERATION]}. {message}"
+    return message
+
+
+def message_type(kind: str) -> type:
+    """Returns the class of a type such as `sensor_msgs/msg/JointState`.
+
+    The name may come from a bag or from another host, so that only what an installed interface
+    package lists is imported.
+
+    Raises:
+        InvalidInputError: its package is not installed, or has no such message.
+    """
+    package, _, name = kind.partition("/msg/")
+    try:
+        listed = get_resource("rosidl_interfaces", package)[0].split() if package else []
+        if f"msg/{name}.idl" not in listed:  # one is made of each .msg file
+            raise LookupError(kind)
+        found: type = getattr(import_module(f"{package}.msg"), name)
+    except (LookupError, ImportError, AttributeError, ValueError, OSError) as error:
+        raise InvalidInputError(
+            f"the type {kind} is not installed; build or source its package."
+        ) from error
+    return found
