@@ -18,11 +18,10 @@ from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
+from vgps_ros.policies.onnx_file import ExportedPolicy, parsed, to_onnx
 from vgps_ros.programs.export import metadata
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
-from vgps_ros.storage.onnx_file import parsed
-from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import Task, make_task
 

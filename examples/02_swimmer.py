@@ -10,8 +10,8 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from vgps_ros.experiments.training import train
 from vgps_ros.search.settings import search_settings
+from vgps_ros.search.training import train
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import make_task
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.experiments.training import train
 from vgps_ros.search.methods import METHODS, Method
 from vgps_ros.search.settings import search_settings
+from vgps_ros.search.training import train
 from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import make_task

@@ -16,15 +16,15 @@ from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
+from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
+from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.programs.export import metadata
+from vgps_ros.search.run_record import RunRecord, read_results
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
-from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
-from vgps_ros.storage.policy_file import policy_of
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_file import load_demonstration, write_motion
-from vgps_ros.views.run_record import RunRecord, read_results
 
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
 SAMPLE = Path(__file__).parents[1] / "recordings" / "sample"

@@ -16,7 +16,7 @@ import torch
 from benchmarks.figure1.curves import CURVES, configured, method_of
 from vgps_ros.core.checks import nearest, one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.experiments.training import train
+from vgps_ros.search.training import train
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import BUILT_IN, make_task

@@ -33,6 +33,7 @@ from benchmarks.figure1.statistics import (
 from benchmarks.figure1.table import Columns, by_panel, read_table
 from vgps_ros.core.records import Array
 from vgps_ros.programs.command_line import refuse_existing
+from vgps_ros.search.run_record import RunRecord, read_results
 from vgps_ros.search.settings import METHOD
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
@@ -40,7 +41,6 @@ from vgps_ros.views.plots import draw_motion, save
 from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_shape import RobotShape
 from vgps_ros.views.rows import ITERATION
-from vgps_ros.views.run_record import RunRecord, read_results
 
 _LOWEST = 0.85  # the lowest multiple that is drawn
 # Colour, line and marker of each curve. In grey, lines and markers tell them apart.

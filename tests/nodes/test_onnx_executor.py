@@ -15,9 +15,9 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import last_episode
 from vgps_ros.messages.conversions import policy_to_msg
+from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED
-from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks.driving import driver_of
 

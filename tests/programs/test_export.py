@@ -14,8 +14,8 @@ import pytest
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.driving import driver_of

@@ -269,7 +269,7 @@ def test_the_method_runs_where_there_is_no_ros():
         "for name in ('rclpy', 'vgps_msgs', 'std_msgs', 'sensor_msgs'):\n"
         "    sys.modules[name] = None\n"
         "import vgps_ros.search.methods, vgps_ros.tasks\n"
-        "import vgps_ros.experiments.training\n"
+        "import vgps_ros.search.training\n"
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root)

@@ -7,9 +7,9 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import with_values
-from vgps_ros.experiments.training import train
 from vgps_ros.programs.__main__ import main
 from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.training import train
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import make_task

@@ -15,11 +15,11 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
 from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.run_record import RunRecord
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from vgps_ros.bags.policy_check import check_policies
 from vgps_ros.bags.torque_check import TOLERANCE, check_torques
 from vgps_ros.bags.torque_counts import TorqueCheck
 from vgps_ros.bags.type_check import altered_types
-from vgps_ros.storage.policy_file import PolicyFile
+from vgps_ros.policies.policy_file import PolicyFile
 
 
 @dataclass

@@ -9,8 +9,7 @@ from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_policies import learned_policy, onnx_content, policy_messages
 from vgps_ros.bags.timeline import SLACK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.policy_digest import policy_digest
-from vgps_ros.storage.policy_file import PolicyFile
+from vgps_ros.policies.policy_file import PolicyFile, policy_digest
 
 
 @dataclass

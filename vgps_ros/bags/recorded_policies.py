@@ -8,7 +8,7 @@ from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.messages.conversions import policy_from_msg
-from vgps_ros.storage.onnx_policy import OnnxPolicy
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
 

@@ -9,9 +9,9 @@ from vgps_ros.bags.episode import last_episode
 from vgps_ros.bags.recorded_policies import learned_policy
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg, result_from_msgs
+from vgps_ros.search.run_record import RunRecord, read_results
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.views.run_record import RunRecord, read_results
 
 
 def read_run(path: Path, namespace: str | None = None) -> RunRecord:

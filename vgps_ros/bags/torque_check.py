@@ -32,10 +32,10 @@ from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
 )
+from vgps_ros.policies import onnx_policy
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import actuated_joint_names, compile_model
-from vgps_ros.storage import onnx_policy
-from vgps_ros.storage.onnx_policy import OnnxPolicy
 
 _NEEDED = ("joint_states", "joint_command")
 # Between the torques of two BLAS kernels, relative to the largest torque. Versions whose executors

@@ -88,7 +88,7 @@ def check(arguments: argparse.Namespace) -> None:
     The last line says how much is proven, and of what.
     """
     from vgps_ros.bags.bag_check import check_bag
-    from vgps_ros.storage.policy_file import open_policy
+    from vgps_ros.policies.policy_file import open_policy
 
     trusted = open_policy(arguments.policy) if arguments.policy else None
     found = check_bag(arguments.bag, trusted, arguments.signers, arguments.namespace)

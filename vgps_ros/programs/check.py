@@ -133,9 +133,9 @@ def _show(task: "Task", found: TaskCheck) -> None:
 
 
 def _draw(task: "Task", found: TaskCheck, path: Path) -> None:
+    from vgps_ros.search.run_record import RunRecord
     from vgps_ros.views.filmstrip import RenderingError, filmstrip
     from vgps_ros.views.plots import motion, save
-    from vgps_ros.views.run_record import RunRecord
 
     assert found.optimized is not None
     run = RunRecord(task.mjcf, task.dynamics.time_step, executed_states=found.optimized.states)

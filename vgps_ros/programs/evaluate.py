@@ -17,9 +17,9 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
+from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.command_line import Parser, picture, refuse_existing
 from vgps_ros.storage.files import write_json
-from vgps_ros.storage.policy_file import open_policy
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:

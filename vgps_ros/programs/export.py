@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> None:
     refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
+    from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
-    from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
     from vgps_ros.tasks import make_task, recorded_task
 
     task = make_task(arguments.task) if arguments.task else recorded_task(name)

@@ -14,7 +14,7 @@ from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
-    from vgps_ros.views.run_record import RunRecord
+    from vgps_ros.search.run_record import RunRecord
 
 
 def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None = None) -> None:
@@ -73,7 +73,7 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
 
 def _read(source: Path, namespace: str | None) -> "RunRecord":
     """Reads what is known of a run; see `plot`."""
-    from vgps_ros.views.run_record import read_results
+    from vgps_ros.search.run_record import read_results
 
     if (source / "experiment.json").is_file():
         raise InvalidInputError(

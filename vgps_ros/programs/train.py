@@ -84,9 +84,9 @@ def run(arguments: argparse.Namespace) -> None:
 
         check_search(arguments.method, task, settings, arguments.seed)
         return
-    from vgps_ros.experiments.training import train
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
+    from vgps_ros.search.training import train
     from vgps_ros.views.event_log import EventLog
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save

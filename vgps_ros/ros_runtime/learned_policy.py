@@ -23,13 +23,13 @@ from vgps_ros.messages.conversions import (
     policy_to_msg,
 )
 from vgps_ros.messages.names import POLICY_OF_ITERATION
+from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.storage.policy_file import PolicyFile, open_policy
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.driving import Driver, driver_of

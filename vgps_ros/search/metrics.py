@@ -16,9 +16,9 @@ import numpy as np
 from vgps_ros.core.gaussians import entropy
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.policies.policy_file import policy_digest
 from vgps_ros.search.bound import bound_metrics
 from vgps_ros.search.coverage import coverage
-from vgps_ros.storage.policy_digest import policy_digest
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation

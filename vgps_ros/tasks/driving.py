@@ -9,8 +9,8 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.policies.policy_file import Policy, PolicyFile, open_policy
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.storage.policy_file import Policy, PolicyFile, open_policy
 from vgps_ros.tasks.task import Task
 
 

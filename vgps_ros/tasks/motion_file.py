@@ -20,8 +20,8 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.policies.policy_file import is_policy_file
 from vgps_ros.simulation.model import actuated_joint_names, state_names
-from vgps_ros.storage.policy_file import is_policy_file
 from vgps_ros.tasks.driving import demonstrated_by
 from vgps_ros.tasks.table import read_rows
 from vgps_ros.tasks.task import Task

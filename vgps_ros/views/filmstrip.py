@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vgps_ros.core.errors import VgpsError
+from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.run_record import RunRecord
 
 _FRAMES = 5  # number of frames in a filmstrip
 _RATE = 25  # frames per second of a moving picture

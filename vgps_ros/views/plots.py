@@ -9,10 +9,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
+from vgps_ros.search.run_record import RunRecord
 from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
 from vgps_ros.views.departure import Departure, find_departure
 from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.run_record import RunRecord
 
 _LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
 _PHASE = ("position", "velocity")

@@ -6,8 +6,8 @@ from onnx import TensorProto, helper
 
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage import onnx_file
-from vgps_ros.storage.onnx_file import metadata_of, package, parsed, read_bytes
+from vgps_ros.policies import onnx_file
+from vgps_ros.policies.onnx_file import metadata_of, package, parsed, read_bytes
 
 NAMES = {"joint_names": "hip", "task": "rotor"}
 

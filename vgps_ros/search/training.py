@@ -12,13 +12,13 @@ from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
 from vgps_ros.search.metrics import result_content
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.run_record import RunRecord
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import OptimizationResult, optimize
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.storage.software import environment
 from vgps_ros.tasks import Task
-from vgps_ros.views.run_record import RunRecord
 
 
 def train(

@@ -25,15 +25,16 @@ import numpy as np
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.storage.onnx_file import (
+from vgps_ros.policies.onnx_file import (
     DOMAINS,
+    IR_VERSION,
+    OPSET,
     metadata_of,
     names_of,
     numbers_of,
     package,
     parsed,
 )
-from vgps_ros.storage.onnx_graph import IR_VERSION, OPSET
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _LONGEST = 5.0  # time for one observation, at the first time [s]

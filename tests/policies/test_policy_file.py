@@ -9,8 +9,8 @@ import pytest
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.onnx_graph import ExportedPolicy, to_onnx
-from vgps_ros.storage.policy_file import is_policy_file, open_policy
+from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
+from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.storage.run_folder import RunFolder
 
 UNLIMITED = (np.full(2, -np.inf), np.full(2, np.inf))

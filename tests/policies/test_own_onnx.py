@@ -10,7 +10,7 @@ import pytest
 
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import policy_from_msg
-from vgps_ros.storage.onnx_graph import ExportedPolicy, from_onnx, to_onnx
+from vgps_ros.policies.onnx_file import ExportedPolicy, from_onnx, to_onnx
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 SHAPES = [

@@ -1,14 +1,16 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Opens a file with a policy: policy.json of a run, an ONNX file of ours, or one of others."""
+"""Opens the file of a policy (policy.json, or an ONNX file of ours or of others); digests."""
 
+import hashlib
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from vgps_ros.core.arrays import arrays_of
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.storage.onnx_file import metadata_of, parsed, read_bytes
-from vgps_ros.storage.onnx_graph import from_onnx
-from vgps_ros.storage.onnx_policy import OnnxPolicy
+from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.storage.run_folder import load_policy
 
 Policy = GaussianPolicy | OnnxPolicy
@@ -21,7 +23,7 @@ class PolicyFile:
     Attributes:
         name: what the sentence of an error calls the file.
         task: the task that the file names; empty if it names none.
-        gaussian: the policy, if vgps_ros wrote the file; None for a network of others.
+        gaussian: the policy, if vgps_ros wrote the file; None for a third-party network.
         content: bytes of an ONNX file; empty for policy.json.
     """
 
@@ -37,7 +39,7 @@ class PolicyFile:
             joints: the joints that its controls drive, in the order of the controls.
 
         Raises:
-            InvalidInputError: a network of others does not fit the robot, or cannot be executed.
+            InvalidInputError: a third-party network does not fit the robot, or cannot be executed.
         """
         return self.gaussian or OnnxPolicy(self.content, self.name, joints)
 
@@ -68,3 +70,18 @@ def policy_of(content: bytes, name: str) -> PolicyFile:
     exported = from_onnx(content, name)
     task = metadata_of(parsed(content, name)).get("task", "")
     return PolicyFile(name, task, exported.policy if exported else None, content)
+
+
+def policy_digest(policy: GaussianPolicy, before: str = "") -> str:
+    """Returns the SHA-256 of a policy and of the digest before it, in hexadecimal.
+
+    So each digest of a training vouches for all policies before it.
+
+    Args:
+        policy: the policy of iteration k; each bit of its arrays counts, and its shape.
+        before: the digest of iteration k − 1; empty for the first.
+    """
+    digest = hashlib.sha256(f"{before}{json.dumps(asdict(policy.architecture))}".encode())
+    for values in arrays_of(policy).values():
+        digest.update(values.astype("<f8").tobytes())
+    return digest.hexdigest()

@@ -13,9 +13,9 @@ from onnx import TensorProto, helper
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model, model
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage import onnx_policy
-from vgps_ros.storage.onnx_policy import OnnxPolicy
-from vgps_ros.storage.policy_file import open_policy
+from vgps_ros.policies import onnx_policy
+from vgps_ros.policies.onnx_policy import OnnxPolicy
+from vgps_ros.policies.policy_file import open_policy
 
 JOINTS = ("hip", "knee")
 READ = ("hip/position", "knee/position", "hip/velocity", "knee/velocity", "up")
@@ -49,7 +49,7 @@ def test_a_network_may_read_one_vector_without_a_batch(rng):
 def test_onnxruntime_says_nothing_to_its_maker(tmp_path):
     """Where it does, it begins with a file of its session beside other temporary ones."""
     given = {"CI", "ORT_DISABLE_TELEMETRY"}
-    code = "from vgps_ros.storage.onnx_file import package; package('onnxruntime')"
+    code = "from vgps_ros.policies.onnx_file import package; package('onnxruntime')"
     environment = {name: value for name, value in os.environ.items() if name not in given}
     environment["TMPDIR"] = str(tmp_path)
     subprocess.run([sys.executable, "-c", code], env=environment, check=True)
