@@ -6,14 +6,10 @@ import threading
 
 import pytest
 import rclpy
-from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
-from simulation_interfaces.action import SimulateSteps
 from std_srvs.srv import Trigger
 
-from vgps_ros.ros_runtime.lasting_goals import LastingGoals
 from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor, wrap_callback, wrap_sender
 
 
@@ -35,30 +31,6 @@ def test_rclpys_executors_read_a_services_callback_and_sender_for_each_request(g
     assert calls == ["callback", "sender"], (
         "rclpy does not read a service's callback and send_response any more: see rclpy_internals"
     )
-
-
-@pytest.mark.parametrize("make", [SingleThreadedExecutor, EventsExecutor])
-def test_a_goal_works_until_it_is_told_to_end(graph, make):
-    context, begun = graph.node.context, []
-    node, executor = rclpy.create_node("asked", context=context), make(context=context)
-    goals = LastingGoals(node, SimulateSteps, "work", begun.append)
-    executor.add_node(node)
-    client = ActionClient(graph.node, SimulateSteps, "work")
-
-    def turn(condition):
-        graph.spin_until(lambda: executor.spin_once(timeout_sec=0.05) or condition())
-
-    turn(client.server_is_ready)
-    sent = client.send_goal_async(SimulateSteps.Goal(steps=1))
-    turn(lambda: begun and sent.done())
-    result = sent.result().get_result_async()
-    turn(lambda: sent.result().status == GoalStatus.STATUS_EXECUTING)
-    assert not result.done(), "rclpy does not call notify_execute any more: see lasting_goals"
-    goals.end(begun[0], SimulateSteps.Result(), is_good=True)
-    turn(result.done)
-    assert result.result().status == GoalStatus.STATUS_SUCCEEDED
-    client.destroy()
-    node.destroy_node()
 
 
 def test_the_threads_of_an_executor_end_with_it(graph):

@@ -17,7 +17,7 @@ from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Simbicon
 _STATE = "joint_states from simulation"
 
 
-class Demonstration(Node):
+class DemonstrationNode(Node):
     """Answers each state of the walker once; time that runs backwards starts the gait anew."""
 
     def __init__(self) -> None:
@@ -63,4 +63,4 @@ class Demonstration(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(Demonstration)
+    return run(DemonstrationNode)

@@ -22,7 +22,6 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
-from vgps_ros.ros_runtime.control_timing import AnswerPace
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
@@ -50,6 +49,7 @@ STATE_QOS = Setting(
     "driver of a real robot, whose states must have a stamp other than zero",
     choices=("reliable", "sensor_data"),
 )
+_PERIOD = 1.0  # over which figures are taken [s]
 
 
 class Controller(LifecycleNode):
@@ -84,7 +84,7 @@ class Controller(LifecycleNode):
         self._sent = 0
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self.task.dynamics.time_step
-        self._pace = AnswerPace(self.health, time_step)
+        self._times = AnswerTimes(self.health, time_step)
         velocities = driven_velocities(self.task.dynamics.model)
         self._supervisor = Supervisor(
             self._settings,
@@ -180,7 +180,7 @@ class Controller(LifecycleNode):
             command = self._supervisor.refuse(str(error), time.monotonic())
         self._send(command)
         if command and not self._supervisor.fault:
-            self._pace.answered(command.stamp, time.monotonic() - began)
+            self._times.answered(command.stamp, time.monotonic() - began)
         self._report()
 
     def _answer(self, messages: dict[str, Any]) -> Command | None:
@@ -229,3 +229,43 @@ class Controller(LifecycleNode):
         self.health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
+
+
+class AnswerTimes:
+    """Shows on /diagnostics how often a controller answers, how fast, and what it missed.
+
+    The figures are those of ros2_control's controller_manager.
+
+    A state is missed where the next one comes while an earlier one is still being answered: the
+    stamps of the states that are answered then have a gap.
+
+    Args:
+        health: the node's diagnostics.
+        period: the control period [s].
+    """
+
+    def __init__(self, health: Health, period: float):
+        self._health = health
+        self._period = round(period * 1e9)
+        self._stamp: int | None = None
+        self._missed = self._states = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._since, self._count, self._spent, self._longest = time.monotonic(), 0, 0.0, 0.0
+
+    def answered(self, stamp: int, seconds: float) -> None:
+        """Notes the stamp [ns] of a state that was answered, and the time that it took [s]."""
+        gap = 0 if self._stamp is None else (stamp - self._stamp) // self._period - 1
+        self._stamp = stamp
+        self._missed += max(0, gap)
+        self._states += 1 + max(0, gap)
+        self._count += 1
+        self._spent += seconds
+        self._longest = max(self._longest, seconds)
+        if (passed := time.monotonic() - self._since) > _PERIOD:
+            mean, longest = 1e3 * self._spent / self._count, 1e3 * self._longest
+            self._health.set_value("periodicity", f"{self._count / passed:.1f} Hz")
+            self._health.set_value("execution time", f"mean {mean:.2f}, longest {longest:.2f} ms")
+            self._health.set_value("missed deadlines", f"{self._missed} of {self._states}")
+            self._begin()

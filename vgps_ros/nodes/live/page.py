@@ -28,7 +28,7 @@ _CURVES = {  # of the learning curve: a metric each, with its name and colour
 }
 
 
-class Push(NamedTuple):
+class BodyPush(NamedTuple):
     """A push of a body: force [N] at its origin and torque [N·m] along its axes, shape (6,)."""
 
     body: str
@@ -107,7 +107,7 @@ class LivePage:
         if self._robot:
             self._robot.show(state)
 
-    def push(self) -> Push | None:
+    def push(self) -> BodyPush | None:
         """Shows the drag that is under way, and returns the push that it stands for."""
         if self._robot is None:
             return None
@@ -115,7 +115,7 @@ class LivePage:
             return None
         force = self._pull.value * grab.pull
         self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
-        return Push(grab.body, np.concatenate([force, np.cross(grab.point, force)]))
+        return BodyPush(grab.body, np.concatenate([force, np.cross(grab.point, force)]))
 
     def tell(self, **texts: str) -> None:
         """Shows sentences, which may come from anybody: none is read as HTML.

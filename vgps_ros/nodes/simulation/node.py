@@ -28,10 +28,8 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.nodes.simulation.frames import FrameBroadcaster
-from vgps_ros.nodes.simulation.run_control import RunControl
-from vgps_ros.nodes.simulation.services import SimulationServices
-from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
-from vgps_ros.ros_runtime.control_timing import TorqueAge
+from vgps_ros.nodes.simulation.robot import SimulatedRobot
+from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
@@ -81,10 +79,11 @@ PUSH_DURATION = Setting(
 START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
 
 _COMMAND = "joint_command from policy_executor"
+_FIGURE_PERIOD = 1.0  # over which figures are taken [s]
 _REPEAT_PERIOD = 1.0  # between two copies of a state that does not change [s]
 
 
-class Simulation(Node):
+class SimulationNode(Node):
     """Publishes states and the clock, takes commands, and does what its services say."""
 
     def __init__(self) -> None:
@@ -122,7 +121,7 @@ class Simulation(Node):
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
         self._health.inbox.subscribe(JointState, "joint_command", self._take_command, STREAM)
         self._health.inbox.subscribe(WrenchStamped, "push", self._take_push, STREAM)
-        SimulationServices(node=self, simulated=self, task=self._task)
+        SimulationServices(self, self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
         time_step = self._task.dynamics.time_step
@@ -270,6 +269,45 @@ class Simulation(Node):
         self._publish()
 
 
+class TorqueAge:
+    """Shows on /diagnostics for how many control steps each torque was held; one is right.
+
+    Args:
+        health: the node's diagnostics.
+        limit: number of steps from which on that is an error.
+    """
+
+    def __init__(self, health: Health, limit: int):
+        self._health = health
+        self._limit = limit
+        self._overruns = self._steps = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._since, self._ages, self._oldest, self._count = time.monotonic(), 0, 0, 0
+
+    def held(self, age: int) -> None:
+        """Notes a step under a torque whose state is so many steps older than the newest one."""
+        self._steps += 1
+        self._overruns += age > 0
+        self._ages += age
+        self._count += 1
+        self._oldest = max(self._oldest, age)
+        if age == self._limit:
+            sentence = (
+                f"A torque was held for {age} control steps or more, but each step needs a new "
+                "one: give the controller more of the processor, or bring it nearer."
+            )
+            self._health.report("torque age", error=sentence)
+        if time.monotonic() - self._since > _FIGURE_PERIOD:
+            if self._oldest < self._limit:
+                self._health.clear("torque age")
+            mean = self._ages / self._count
+            self._health.set_value("torque age", f"mean {mean:.2f}, largest {self._oldest} steps")
+            self._health.set_value("overruns", f"{self._overruns} of {self._steps}")
+            self._begin()
+
+
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(Simulation, streaming_executor)
+    return run(SimulationNode, streaming_executor)

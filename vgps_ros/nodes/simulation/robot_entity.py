@@ -20,15 +20,26 @@ from simulation_interfaces.srv import SetEntityState
 
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
 from vgps_ros.messages.body_poses import BodyJoint, body_joints
-from vgps_ros.nodes.simulation.run_control import RefusedError
 from vgps_ros.tasks import Task
 
 WORLD = "world"
 _FRAMES = ("", WORLD, "odom")  # names of the one frame that there is
 _LONGEST_PATTERN = 200  # of a filter for names
+
+
+class RefusedError(VgpsError):
+    """A request that fails.
+
+    Attributes:
+        result: the code that the standard has for it, and a sentence on what would be right.
+    """
+
+    def __init__(self, code: int, sentence: str):
+        super().__init__(sentence)
+        self.result = Result(result=code, error_message=sentence)
 
 
 class RobotEntity:

@@ -8,14 +8,14 @@ import re
 import signal
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import mujoco
-from rclpy.action import CancelResponse
-from rclpy.node import Node
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 from simulation_interfaces.action import SimulateSteps
-from simulation_interfaces.msg import EntityState, Result, SimulatorFeatures
+from simulation_interfaces.msg import EntityState, Result, SimulationState, SimulatorFeatures
 from simulation_interfaces.srv import (
     GetEntities,
     GetEntitiesStates,
@@ -30,16 +30,19 @@ from simulation_interfaces.srv import (
 )
 
 from vgps_ros.core.checks import quoted
-from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import stamp_of
-from vgps_ros.nodes.simulation.robot_entity import RobotEntity
-from vgps_ros.nodes.simulation.run_control import QUITTING, STOPPED, RefusedError, RunControl
-from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
-from vgps_ros.ros_runtime.lasting_goals import Goal, LastingGoals
+from vgps_ros.nodes.simulation.robot_entity import RefusedError, RobotEntity
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.tasks import Task
 
+if TYPE_CHECKING:
+    from vgps_ros.nodes.simulation.node import SimulationNode
+
+STOPPED, PLAYING = SimulationState.STATE_STOPPED, SimulationState.STATE_PLAYING
+PAUSED, QUITTING = SimulationState.STATE_PAUSED, SimulationState.STATE_QUITTING
+_NAMES = {STOPPED: "stopped", PLAYING: "playing", PAUSED: "paused", QUITTING: "quitting"}
+_CODES = SetSimulationState.Response
 _FAREWELL = 0.5  # between the answer to a client that wants the end, and the end [s]
 _SCOPES = ResetSimulation.Request.SCOPE_TIME | ResetSimulation.Request.SCOPE_STATE
 _HAS = SimulatorFeatures
@@ -59,23 +62,113 @@ _FEATURES = (
 )
 
 
-class Simulated(Protocol):
-    """The part of the node that the services need."""
+class RunControl:
+    """Keeps whether a simulation is stopped, plays, is paused, does a number of steps, or quits."""
 
-    control: RunControl
-    robot: SimulatedRobot
+    def __init__(self, *, paused: bool):
+        self._state = PAUSED if paused else PLAYING
+        self._failure = ""  # why the robot cannot go on from its state
+        self._steps_done = self._steps_left = 0
+        self._tell: Callable[[int, int], None] = lambda *_: None
+        self._end: Callable[[Result], None] | None = None  # what is called after the last step
 
-    def initial_state(self) -> Array:
-        """Returns the state at the beginning, shape (n_x,)."""
-        ...
+    @property
+    def is_stepping(self) -> bool:
+        """True while a number of steps is under way."""
+        return self._end is not None
 
-    def put(self, state: Array | None, *, time: bool) -> None:
-        """Puts the robot into a state, where one is given, and its time to 0, where asked."""
-        ...
+    @property
+    def running(self) -> bool:
+        """True while the simulation plays or does steps."""
+        return self.is_stepping or self._state == PLAYING
 
-    def begin(self) -> None:
-        """Waits for a new command, and publishes the state that it is to answer."""
-        ...
+    @property
+    def state(self) -> int:
+        """The state as others see it: while it steps, it plays."""
+        return PLAYING if self.running else self._state
+
+    def set(self, wanted: int) -> None:
+        """Plays, pauses, stops or quits; steps that were under way end early.
+
+        Raises:
+            RefusedError: there is no such state, or it does not follow upon the present one.
+        """
+        if wanted not in _NAMES:
+            valid = ", ".join(f"{value} ({name})" for value, name in _NAMES.items())
+            sentence = f"The state is {wanted}, but it must be one of {valid}."
+            raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
+        if self._state == QUITTING:
+            sentence = "The simulation is quitting already; start another one."
+            raise RefusedError(_CODES.INCORRECT_TRANSITION, sentence)
+        if wanted == self.state:
+            until = " until its last step; pause it first, to play on" if self.is_stepping else ""
+            sentence = f"The simulation is {_NAMES[wanted]} already{until}."
+            raise RefusedError(_CODES.ALREADY_IN_TARGET_STATE, sentence)
+        if (self._state, wanted) == (STOPPED, PAUSED):
+            sentence = "A stopped simulation cannot be paused: play it, pause it, and reset it."
+            raise RefusedError(_CODES.INCORRECT_TRANSITION, sentence)
+        if wanted == PLAYING and self._failure:
+            raise RefusedError(_CODES.STATE_TRANSITION_ERROR, self._failure)
+        self.interrupt(f"The simulation was set to {_NAMES[wanted]} before the last step.")
+        self._state = wanted
+
+    def interrupt(self, sentence: str) -> None:
+        """Ends steps that are under way; their caller gets the sentence."""
+        self._end_steps(RefusedError(Result.RESULT_OPERATION_FAILED, sentence).result)
+
+    def fail(self, sentence: str) -> None:
+        """Pauses, since the robot cannot go on from its state."""
+        self._state, self._failure = PAUSED, sentence
+        self.interrupt(sentence)
+
+    def recover(self) -> None:
+        """Notes that the robot has another state, from which it can go on."""
+        self._failure = ""
+
+    def begin_steps(
+        self,
+        steps: int,
+        end: Callable[[Result], None],
+        tell: Callable[[int, int], None] = lambda *_: None,
+    ) -> None:
+        """Begins a number of steps.
+
+        Args:
+            steps: how many.
+            end: is called with the outcome after the last step.
+            tell: is called after each step, with how many are done and how many are left.
+
+        Raises:
+            RefusedError: it cannot step now.
+        """
+        sentence = self._failure
+        if steps < 1:
+            sentence = f"steps is {steps}, but it must be at least 1."
+        elif self.running or self._state != PAUSED:
+            doing = "stepping already" if self.is_stepping else _NAMES[self._state]
+            sentence = (
+                f"The simulation is {doing}; it must be paused before it can step: set its state "
+                f"to {PAUSED}."
+            )
+        if sentence:
+            raise RefusedError(Result.RESULT_OPERATION_FAILED, sentence)
+        self._steps_done, self._steps_left = 0, steps
+        self._end, self._tell = end, tell
+
+    def step_done(self) -> None:
+        """Counts a step."""
+        if not self.is_stepping:
+            return
+        self._steps_done += 1
+        self._steps_left -= 1
+        self._tell(self._steps_done, self._steps_left)
+        if self._steps_left == 0:
+            self._end_steps(Result(result=Result.RESULT_OK))
+
+    def _end_steps(self, result: Result) -> None:
+        end, self._end = self._end, None
+        if end is not None:
+            end(result)
 
 
 class SimulationServices:
@@ -83,15 +176,14 @@ class SimulationServices:
 
     Args:
         node: the node; the names of the services are below its own.
-        simulated: the simulation.
         task: its task.
     """
 
-    def __init__(self, node: Node, simulated: Simulated, task: Task):
-        self._node, self._simulated, self._task = node, simulated, task
-        self._control, self._robot = simulated.control, simulated.robot
+    def __init__(self, node: "SimulationNode", task: Task):
+        self._node, self._task = node, task
+        self._control, self._robot = node.control, node.robot
         self._entity = RobotEntity(task)
-        self._goal: Goal | None = None  # whose steps are under way
+        self._goal: ServerGoalHandle | None = None  # whose steps are under way
         for kind, answer in {
             GetEntities: self._list,
             GetEntitiesStates: self._list_states,
@@ -106,11 +198,12 @@ class SimulationServices:
         }.items():
             name = f"~/{_name(kind)}"
             node.create_service(kind, name, partial(_answered, answer), qos_profile=CALLS)
-        self._goals = LastingGoals(
+        ActionServer(
             node,
             SimulateSteps,
             f"~/{_name(SimulateSteps)}",
-            self._begin_goal,
+            lambda _: None,  # a goal is executed once it has its result
+            handle_accepted_callback=self._begin_goal,
             cancel_callback=self._cancel,
             goal_service_qos_profile=CALLS,
             result_service_qos_profile=CALLS,
@@ -136,8 +229,8 @@ class SimulationServices:
             )
             raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
         self._control.interrupt("The simulation was reset before the last step.")
-        state = self._simulated.initial_state() if scope & request.SCOPE_STATE else None
-        self._simulated.put(state, time=bool(scope & request.SCOPE_TIME))
+        state = self._node.initial_state() if scope & request.SCOPE_STATE else None
+        self._node.put(state, time=bool(scope & request.SCOPE_TIME))
 
     def _tell_simulation_state(self, _: Any, response: GetSimulationState.Response) -> None:
         response.state.state = self._control.state
@@ -146,9 +239,9 @@ class SimulationServices:
         was_running = self._control.running
         self._control.set(request.state.state)
         if self._control.state in (STOPPED, QUITTING):
-            self._simulated.put(self._simulated.initial_state(), time=True)
+            self._node.put(self._node.initial_state(), time=True)
         elif self._control.running != was_running:
-            self._simulated.begin()
+            self._node.begin()
         if self._control.state == QUITTING:
             # The node ends as if somebody else had sent the signal, once its answers have gone out.
             steady_timer(self._node, _FAREWELL, lambda: signal.raise_signal(signal.SIGTERM))
@@ -160,10 +253,10 @@ class SimulationServices:
             answer.set_result(StepSimulation.Response(result=result))
 
         self._control.begin_steps(request.steps, end)
-        self._simulated.begin()
+        self._node.begin()
         return answer
 
-    def _begin_goal(self, goal: Goal) -> None:
+    def _begin_goal(self, goal: ServerGoalHandle) -> None:
         def tell(done: int, left: int) -> None:
             feedback = SimulateSteps.Feedback(completed_steps=done, remaining_steps=left)
             goal.publish_feedback(feedback)
@@ -174,14 +267,22 @@ class SimulationServices:
             self._end_goal(goal, error.result)
         else:
             self._goal = goal
-            self._simulated.begin()
+            self._node.begin()
 
-    def _end_goal(self, goal: Goal, result: Result) -> None:
+    def _end_goal(self, goal: ServerGoalHandle, result: Result) -> None:
+        def end(goal: ServerGoalHandle) -> SimulateSteps.Result:
+            if result.result == Result.RESULT_OK:  # the wish to cancel it may have come too late
+                goal.succeed()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return SimulateSteps.Result(result=result)
+
         self._goal = None
-        is_good = result.result == Result.RESULT_OK
-        self._goals.end(goal, SimulateSteps.Result(result=result), is_good=is_good)
+        goal.execute(end)
 
-    def _cancel(self, goal: Goal) -> CancelResponse:
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if self._goal is not None and self._goal.goal_id == goal.goal_id:
             self._control.interrupt("The steps were cancelled before the last one.")
         return CancelResponse.ACCEPT
@@ -222,7 +323,7 @@ class SimulationServices:
 
     def _move(self, request: SetEntityState.Request, _: Any) -> None:
         self._check_name(request.entity)
-        self._simulated.put(self._entity.moved(self._robot.state, request.state), time=False)
+        self._node.put(self._entity.moved(self._robot.state, request.state), time=False)
 
 
 def _name(kind: Any) -> str:

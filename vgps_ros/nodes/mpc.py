@@ -5,23 +5,30 @@ Each state is answered with the feedback of the newest plan. A plan that is late
 before it in use; where that one becomes too old, the safe action drives until a plan comes.
 """
 
+import time
+from collections.abc import Callable
 from functools import partial
 
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from vgps_msgs.msg import Plan as PlanMsg
 
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
-from vgps_ros.nodes.mpc.cost_parameters import declare_cost
-from vgps_ros.nodes.mpc.plan_report import PlanReport
+from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf
 from vgps_ros.ros_runtime.runner import run
+from vgps_ros.search.adjusted_cost import LARGEST, adjustable
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
 from vgps_ros.search.plan_follower import PlanFollower
 from vgps_ros.search.preparation import prepare
@@ -36,6 +43,8 @@ PLAN_EVERY = Setting(
     minimum=0,
     maximum=1000,
 )
+_READINGS, _TARGETS, _WEIGHTS = "cost.readings", "cost.targets", "cost.weights"
+_PERIOD = 1.0  # over which the rate of the plans is counted [s]
 
 
 class Mpc(Controller):
@@ -43,7 +52,7 @@ class Mpc(Controller):
 
     def __init__(self) -> None:
         super().__init__("mpc", needs_policy=False)
-        self._report_plans = PlanReport(self.health)
+        self._since, self._count = time.monotonic(), 0  # of plans
         self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
         publish_mjcf(self, self.task)
 
@@ -72,7 +81,7 @@ class Mpc(Controller):
         finally:
             trouble = self._horizon.trouble
             self.health.report("plan", warning=f"At step {step} {trouble}" if trouble else "")
-        self._report_plans.answer(age * self.task.dynamics.time_step)
+        self.health.set_value(PLAN_AGE, f"{age * self.task.dynamics.time_step:.3f} s")
         return torques
 
     def stop(self) -> None:
@@ -86,9 +95,65 @@ class Mpc(Controller):
         self._horizon.stop()
 
     def _take_plan(self, plan: Plan, seconds: float) -> None:
-        self._report_plans.plan(plan.cost, seconds)
+        self._count += 1
+        passed = time.monotonic() - self._since
+        if passed > _PERIOD:
+            self.health.set_value("plan rate", f"{self._count / passed:.1f} Hz")
+            self._since, self._count = time.monotonic(), 0
+        self.health.set_value(PLAN_COST, f"{plan.cost:.4g}")
+        self.health.set_value(PLAN_DURATION, f"{1e3 * seconds:.1f} ms")
         stamp = stamp_of(round(plan.start * self.task.dynamics.time_step * 1e9))
         self._plans.publish(plan_to_msg(plan, self.task, seconds, stamp))
+
+
+def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
+    """Declares the cost's targets and weights as parameters, where it has any that can be changed.
+
+    Args:
+        node: the node.
+        cost: the task's cost.
+        take: called with the cost, now and after each change.
+    """
+    changed = adjustable(cost)
+    if not changed.names:
+        return
+    readings = Setting(
+        _READINGS,
+        changed.names,
+        "the readings of the cost to which cost.targets and cost.weights belong, given by the task",
+    )
+    targets = Setting(
+        _TARGETS,
+        tuple(changed.targets.tolist()),
+        "their targets, from the next plan on [units of the readings]",
+        minimum=-LARGEST,
+        maximum=LARGEST,
+    )
+    weights = Setting(
+        _WEIGHTS,
+        tuple(changed.weights.tolist()),
+        "their weights, from the next plan on",
+        minimum=0.0,
+        maximum=LARGEST,
+    )
+
+    def check_readings(given: tuple[str, ...]) -> None:
+        if given != changed.names:
+            raise InvalidInputError(
+                f"{_READINGS} is {quoted(list(given))}, but the task has "
+                f"{quoted(list(changed.names))}; leave this parameter out."
+            )
+
+    declare(node, readings, also_check=check_readings)
+    for setting in (targets, weights):
+        declare(node, setting, may_change=True, also_check=changed.check_count)
+
+    def adjust(parameters: list[Parameter]) -> None:
+        if {p.name for p in parameters} & {_TARGETS, _WEIGHTS}:
+            take(changed(value(node, targets), value(node, weights)))
+
+    node.add_post_set_parameters_callback(adjust)
+    take(changed(value(node, targets), value(node, weights)))
 
 
 def main() -> int:

@@ -1,6 +1,0 @@
-# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Node `mpc`, and what serves it alone."""
-
-from vgps_ros.nodes.mpc.node import main
-
-__all__ = ["main"]
