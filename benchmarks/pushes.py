@@ -21,7 +21,7 @@ from benchmarks.pushed import add_arguments, push
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.nodes.simulation.simulated_robot import SimulatedRobot
+from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.tasks import make_task
 

@@ -160,7 +160,7 @@ def test_a_goal_tells_of_each_step_and_ends_after_the_last(graph, swimmer):
     states = graph.messages(JointState, "joint_states")
     commands = graph.publisher(JointState, "joint_command")
     goal = client.goal(3, lambda f: told.append((f.completed_steps, f.remaining_steps)))
-    graph.spin_until(lambda: goal.status == GoalStatus.STATUS_EXECUTING)
+    graph.spin_until(lambda: goal.status == GoalStatus.STATUS_ACCEPTED)
     assert client.call("get_simulation_state").state.state == STATES["playing"]
     assert client.call("step_simulation").result.error_message.startswith(
         "The simulation is stepping already"
