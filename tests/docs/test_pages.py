@@ -74,12 +74,11 @@ def test_the_navigation_names_all_pages_but_the_evidence():
 KEY = re.compile(r"`((?:changes|lookahead|marginals|begin|optimizer|search): [^`]+)`")
 
 
-@pytest.mark.parametrize("page", ["how_to/tune", "tutorials/your_own_robot"])
-def test_what_a_page_advises_for_a_task_file_may_stand_in_one(page, tmp_path):
+def test_what_the_page_on_tuning_advises_may_stand_in_a_task_file(tmp_path):
     shutil.copytree(ROOT / "vgps_ros" / "tasks" / "hopper", tmp_path, dirs_exist_ok=True)
     whole = read_yaml((tmp_path / "task.yaml").read_text(), "the hopper's task")
-    advice = KEY.findall((ROOT / "docs" / f"{page}.md").read_text())
-    assert len(advice) >= 5
+    advice = KEY.findall((ROOT / "docs" / "how_to" / "tune.md").read_text())
+    assert len(advice) >= 10
     for each in advice:
         (tmp_path / "task.yaml").write_text(yaml.safe_dump(whole | read_yaml(each, each)))
         read_task_file(tmp_path)
