@@ -71,6 +71,16 @@ def test_the_navigation_names_all_pages_but_the_evidence():
     assert there <= set(named)
 
 
+def test_each_promise_of_the_page_on_reliability_names_a_test_that_exists():
+    text = (ROOT / "docs" / "explanation" / "reliability.md").read_text()
+    (promises,) = re.findall(r"^## What is promised$(.*?)^## ", text, re.M | re.S)
+    rows = [line for line in promises.splitlines() if line.startswith("| ")]
+    for row in [row for row in rows if not row.startswith(("| what", "| ---"))]:
+        tests = re.findall(r"`([\w/]+\.py|\w+/)`", row.split("|")[-2])
+        assert tests, row
+        assert all((ROOT / "tests" / name).exists() for name in tests), row
+
+
 KEY = re.compile(r"`((?:changes|lookahead|marginals|begin|optimizer|search): [^`]+)`")
 
 
