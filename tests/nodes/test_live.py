@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 from tests.browser import LACKING, opened
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
 from vgps_ros.messages.conversions import nanoseconds
-from vgps_ros.messages.names import SAFE_ACTION_DRIVES, driver
+from vgps_ros.messages.names import SAFE_ACTION, driver
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
@@ -95,7 +95,11 @@ def test_without_viser_it_names_the_file_that_installs_it(domain_id):
     [
         ("Running.", {"simulated time": "1 s"}, None),
         ("Running.", {"commands sent": "0", "active": "False"}, "nobody: "),
-        (f"{SAFE_ACTION_DRIVES} (zero): late.", {"commands sent": "3", "active": "True"}, "late."),
+        (
+            "It is late.",
+            {"commands sent": "3", "active": "True", SAFE_ACTION: "True"},
+            "safe action. It is late.",
+        ),
         (
             "Running.",
             {"commands sent": "3", "active": "True", "policy of iteration": "7"},

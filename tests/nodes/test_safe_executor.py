@@ -198,7 +198,7 @@ def test_an_unusable_state_gets_the_safe_action_and_the_next_good_one_the_policy
     np.testing.assert_array_equal(torques, braking(robot, state))
     assert step == robot.step  # that of the last usable state
     status = robot.diagnosis(ERROR, sentence)
-    assert "the safe action (damping)" in status.message
+    assert "Safe action active (damping)" in status.message
     # The watchdog goes on with it; nothing else came meanwhile.
     robot.graph.spin_until(lambda: len(robot.commands) > 3, what="the watchdog")
     for torques, stamp in robot.commands:

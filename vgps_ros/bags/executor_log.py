@@ -13,6 +13,7 @@ from vgps_ros.messages.names import (
     IS_ACTIVE,
     OWNS,
     POLICY_OF_ITERATION,
+    SAFE_ACTION,
     SAFE_ACTION_DRIVES,
 )
 
@@ -59,8 +60,9 @@ class ExecutorLog:
                     continue  # all robots of a domain share the topic
                 values = {pair.key: pair.value for pair in status.values}
                 is_its_own = commands in values.get(OWNS, commands).split()
-                if is_its_own and (COMMANDS_SENT in values or SAFE_ACTION_DRIVES in status.message):
-                    self._add(received, values, SAFE_ACTION_DRIVES in status.message)
+                is_safe = values.get(SAFE_ACTION) == "True" or SAFE_ACTION_DRIVES in status.message
+                if is_its_own and (COMMANDS_SENT in values or is_safe):
+                    self._add(received, values, is_safe)
         if self.counts:  # so each of its statuses does
             self._all = [status for status in self._all if status.sent is not None]
         self._received = [status.received for status in self._all]

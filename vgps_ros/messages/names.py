@@ -19,7 +19,9 @@ IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
 PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  # keys of values
 OWNS = "owns"  # key of a value: the topics that this node alone may publish
 POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
-SAFE_ACTION_DRIVES = "Not the controller drives, but the safe action"  # begins a status's sentence
+SAFE_ACTION = "safe action active"  # key of a value: True while it drives, and not the controller
+# In bags of old versions a sentence said so, which begins with these words.
+SAFE_ACTION_DRIVES = "Not the controller drives, but the safe action"
 
 
 def is_mjcf(topic: str, text: str) -> bool:
@@ -47,7 +49,7 @@ def driver(message: str, values: Mapping[str, str]) -> str | None:
         return None
     if values.get(IS_ACTIVE) != "True":
         return "nobody: the controller is not active."
-    if SAFE_ACTION_DRIVES in message:
+    if values.get(SAFE_ACTION) == "True":
         return f"the safe action. {message}"
     if values[COMMANDS_SENT] == "0":
         return f"nobody yet. {message}"

@@ -20,7 +20,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
-from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION_DRIVES
+from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
@@ -164,6 +164,7 @@ class Controller(LifecycleNode):
     def _set_active(self, is_active: bool) -> None:
         self._active = is_active
         self.health.set_value(IS_ACTIVE, is_active)
+        self.health.set_value(SAFE_ACTION, False)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         if not self._active:
@@ -220,9 +221,10 @@ class Controller(LifecycleNode):
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
         supervisor, settings = self._supervisor, self._settings
+        self.health.set_value(SAFE_ACTION, supervisor.fault is not None)
         sentence = ""
         if supervisor.fault:
-            sentence = f"{SAFE_ACTION_DRIVES} ({settings.safe_action}): {supervisor.fault}"
+            sentence = f"Safe action active ({settings.safe_action}): {supervisor.fault}"
             if settings.recovery == "manual":
                 sentence += " It stays until the node is deactivated and activated."
         self.health.report("state", error=sentence)

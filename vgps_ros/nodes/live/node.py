@@ -6,7 +6,6 @@ Its buttons call the services of `simulation`, a body that is dragged is pushed 
 """
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,8 +19,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import nanoseconds, progress_from_msg, push_to_msg
 from vgps_ros.messages.names import MJCF, driver
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
-from vgps_ros.nodes.live.cost_client import CostClient
-from vgps_ros.nodes.live.simulation_client import SimulationClient
+from vgps_ros.nodes.live.clients import CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
@@ -63,14 +61,14 @@ class Live(Node):
         self._simulation = SimulationClient(self, simulation, self._tell)
         self.play, self.pause = self._simulation.play, self._simulation.pause
         self.step, self.reset = self._simulation.step, self._simulation.reset
-        self._cost = CostClient(self, planner, self._show_cost, self._tell)
+        self._page = _open_page(port, self)
+        self._cost = CostClient(self, planner, self._page.show_cost, self._tell)
         self.set_cost = self._cost.set
         self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
         subscribe = self._health.inbox.subscribe
         subscribe(String, MJCF, self._take_robot, LATCHED, largest=LARGEST_RECORD)
         subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, SIGNS_OF_LIFE)
         subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
-        self._page = _open_page(port, self)
         steady_timer(self, _FRAME, self._show)
         steady_timer(self, _LOOK, self._look)
         self.get_logger().info(f"The page is {self._page.address}")
@@ -90,10 +88,13 @@ class Live(Node):
             else:
                 self._health.clear("state")
                 self._time = f"{nanoseconds(messages[JOINTS].header.stamp) * 1e-9:.2f} s"
-        while not self._page.wishes.empty():
-            self._page.wishes.get()()
-        if push := self._page.push():
-            self._pushes.publish(push_to_msg(push.body, push.wrench))
+        try:
+            while self._page.wishes:
+                self._page.wishes.popleft()()
+            if push := self._page.push():
+                self._pushes.publish(push_to_msg(push.body, push.wrench))
+        except Exception as error:  # a page may send any value in a number's place
+            self._tell(f"This cannot be: {error}")
 
     def _look(self) -> None:
         self._simulation.look()
@@ -113,9 +114,6 @@ class Live(Node):
 
     def _tell(self, sentence: str) -> None:
         self._page.tell(answer=sentence)
-
-    def _show_cost(self, *cost: Sequence[Any]) -> None:
-        self._page.show_cost(*cost)
 
     def _take_robot(self, message: String) -> None:
         if self._states is not None:

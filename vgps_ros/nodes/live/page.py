@@ -7,19 +7,24 @@ node takes it, so that one thread alone speaks ROS.
 
 import html
 import math
-from collections.abc import Callable, Sequence
-from queue import SimpleQueue
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 import viser
+from websockets.asyncio import server as websocket_server
+from websockets.typing import Origin
 
 from vgps_ros.core.records import Array
-from vgps_ros.nodes.live.origin import only_own_origin
 from vgps_ros.nodes.live.robot import LiveRobot
 from vgps_ros.search.metrics import IterationMetrics
 
+_NAMES = ("127.0.0.1", "localhost")  # of this machine
+_MOST_WISHES = 20  # that wait for the node; older ones are forgotten
+_STRONGEST = 100.0  # force of a push, in the robot's weight
 _TOP = 100.0  # of the learning curve; what diverged is drawn there
 _CURVES = {  # of the learning curve: a metric each, with its name and colour
     "deterministic_cost": ("without noise", "#1f5fbf"),
@@ -59,7 +64,7 @@ class LivePage:
 
     Attributes:
         address: where a browser finds it.
-        wishes: what the visitor wants done.
+        wishes: what the visitor wants done, the latest of it.
 
     Args:
         port: TCP port; where another program has it, one of the next.
@@ -67,9 +72,9 @@ class LivePage:
     """
 
     def __init__(self, port: int, actions: Actions):
-        self.wishes = SimpleQueue[Callable[[], None]]()
-        with only_own_origin():
-            self._server = server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        self.wishes: deque[Callable[[], None]] = deque(maxlen=_MOST_WISHES)
+        with _only_own_origin():
+            self._server = server = _Server(host="127.0.0.1", port=port, verbose=False)
         self.address = f"http://127.0.0.1:{server.get_port()}"
         gui, self._texts = server.gui, {}
         gui.configure_theme(show_share_button=False, show_logo=False, dark_mode=False)
@@ -100,6 +105,7 @@ class LivePage:
         """Shows a robot in its model's first state."""
         self._robot = LiveRobot(self._server, model)
         mass, size = float(model.body_subtreemass[0]), float(model.stat.extent)
+        self._strongest = _STRONGEST * 9.81 * mass
         self._pull.value = float(f"{10.0 * mass / size:.2g}")
 
     def show_state(self, state: Array) -> None:
@@ -109,11 +115,13 @@ class LivePage:
 
     def push(self) -> BodyPush | None:
         """Shows the drag that is under way, and returns the push that it stands for."""
-        if self._robot is None:
+        if self._robot is None or (grab := self._robot.grabbed()) is None:
             return None
-        if (grab := self._robot.grabbed()) is None:
+        force = float(self._pull.value) * grab.pull
+        size = float(np.linalg.norm(force))
+        if not math.isfinite(size):
             return None
-        force = self._pull.value * grab.pull
+        force *= min(1.0, self._strongest / max(size, 1e-9))
         self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
         return BodyPush(grab.body, np.concatenate([force, np.cross(grab.point, force)]))
 
@@ -167,7 +175,7 @@ class LivePage:
 
     def _add_buttons(self, wishes: dict[str, Callable[[], None]]) -> None:
         group = self._server.gui.add_button_group("", tuple(wishes))
-        group.on_click(lambda event: self.wishes.put(wishes[event.target.value]))
+        group.on_click(lambda event: self.wishes.append(wishes[event.target.value]))
 
     def _add_slider(self, kind: str, i: int, name: str, value: float) -> None:
         reach = max(1.0, 2.0 * abs(value))
@@ -182,9 +190,37 @@ class LivePage:
         @slider.on_update
         def _(event: Any) -> None:
             if event.client is not None:  # moved by a visitor
-                self.wishes.put(self._set_cost)
+                self.wishes.append(self._set_cost)
 
     def _set_cost(self) -> None:
         count = len(self._sliders) // 2
         values = [[self._sliders[k, i].value for i in range(count)] for k in ("target", "weight")]
         self._actions.set_cost(*values)
+
+
+class _Server(viser.ViserServer):
+    """A server that opens no tunnel to the public, whatever a page asks for."""
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Does nothing."""
+
+
+@contextmanager
+def _only_own_origin() -> Iterator[None]:
+    """Lets the servers that viser starts meanwhile refuse other web pages.
+
+    Browsers let every page open a WebSocket to every address, and name the page's own address in
+    the header Origin. The library websockets refuses origins that its server does not list, but
+    viser 1.1 starts this server without a list, and has no option for one.
+    """
+    serve = websocket_server.serve
+
+    def serve_itself(handler: Any, host: str, port: int, **options: Any) -> Any:
+        origins = [Origin(f"http://{name}:{port}") for name in _NAMES]
+        return serve(handler, host, port, origins=origins, **options)
+
+    websocket_server.serve = serve_itself  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        websocket_server.serve = serve  # type: ignore[misc]

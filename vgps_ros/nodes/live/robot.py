@@ -37,6 +37,15 @@ class Grab(NamedTuple):
     pull: Array
 
 
+class _Drag(NamedTuple):
+    """A drag by a client: the body, where it is held, in its frame, and where the pointer is."""
+
+    client: int
+    body: int
+    held: Array
+    pointer: Array
+
+
 class LiveRobot:
     """Draws one robot.
 
@@ -49,8 +58,7 @@ class LiveRobot:
         self._server, self._model = server, model
         self._shape = RobotShape(model)
         self._data = self._shape.data
-        # The body that is dragged, where it is held, in its frame, and where the pointer is.
-        self._drag: tuple[int, Array, Array] | None = None
+        self._drag: _Drag | None = None
         self._arrow: Any = None
         self._world = server.scene.add_frame("/world", show_axes=False)
         server.scene.add_grid(
@@ -76,13 +84,14 @@ class LiveRobot:
                 part.position, part.wxyz = self._data.geom_xpos[i], turned
 
     def grabbed(self) -> Grab | None:
-        """Returns the drag that is under way, and draws it as an arrow."""
-        if (drag := self._drag) is None:
+        """Returns the drag that is under way, and draws it; it ends with the page it came from."""
+        if (drag := self._drag) is None or drag.client not in self._server.get_clients():
+            self._drag = None
             if self._arrow is not None:
                 self._arrow.remove()
                 self._arrow = None
             return None
-        body, held, pointer = drag
+        _, body, held, pointer = drag
         origin, axes = self._frame(body)
         start = origin + axes @ held
         size = 0.01 * self._model.stat.extent
@@ -122,12 +131,13 @@ class LiveRobot:
 
     def _follow(self, body: int) -> Callable[[Any], Any]:
         async def follow(event: Any) -> None:  # in order, as viser calls coroutines alone
-            drag = self._drag
-            if drag is None or event.phase == "start":
+            if event.phase == "start":
                 origin, axes = self._frame(body)
-                drag = body, (np.array(event.start_position) - origin) @ axes, origin
+                held = (np.array(event.start_position) - origin) @ axes
+                self._drag = _Drag(event.client_id, body, held, origin)
             pointer = np.array(event.end_position)
-            self._drag = None if event.phase == "end" else (*drag[:2], pointer)
+            if self._drag:
+                self._drag = None if event.phase == "end" else self._drag._replace(pointer=pointer)
 
         return follow
 
