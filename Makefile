@@ -1,7 +1,7 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line reach the scripts.
-VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT SOAK_MINUTES PACKAGES BENCHMARKS PYTHON CXX \
-  FLOOD_MINUTES ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
+VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT PACKAGES BENCHMARKS PYTHON CXX \
+  ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
 given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
 ifneq ($(unknown),)
@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow coverage faults interrupts damages soak flood bench bench-peers site lint clean distclean
+.PHONY: help setup demo test test-slow coverage faults damages bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,20 +31,11 @@ test-slow: setup  ## a real `pip install ".[standalone]"`, a colcon workspace, p
 coverage: setup  ## lines and branches that the tests reach, with limits (PACKAGES="safety": theirs alone; else an hour)
 	@scripts/measure_coverage.bash $(PACKAGES)
 
-faults: setup  ## inject COUNT=40 faults into a graph at work; SEED= repeats a run (about ten minutes)
-	@scripts/run_faults.bash --count $(or $(COUNT),40) $(if $(SEED),--seed $(SEED))
-
-interrupts: setup  ## one INT or TERM at random times, COUNT=60 times each, for nodes and programs (SEED=)
-	@bash -c 'source env.bash && exec python -m tests.faults.interrupts --count $(or $(COUNT),60) $(if $(SEED),--seed $(SEED))'
+faults: setup  ## kill, stop and restart the nodes of a training graph at random, COUNT=40 times; SEED= repeats a run
+	@FAULTS=$(or $(COUNT),40) $(if $(SEED),FAULTS_SEED=$(SEED)) scripts/run_tests.bash tests/nodes/test_faults.py -s
 
 damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
 	@bash -c 'source env.bash && exec nice python -m tests.bags.damage --count $(or $(COUNT),2000) --seed $(or $(SEED),7)'
-
-soak: setup  ## the whole graph with random faults for SOAK_MINUTES=30; memory, files, bags
-	@scripts/run_faults.bash --minutes $(or $(SOAK_MINUTES),30) $(if $(SEED),--seed $(SEED))
-
-flood: setup  ## a stranger floods a robot and its recorder for FLOOD_MINUTES=60; memory by the minute
-	@bash -c 'source env.bash && exec python -m tests.faults.flood --minutes $(or $(FLOOD_MINUTES),60)'
 
 bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
 	@scripts/run_benchmarks.bash $(BENCHMARKS)

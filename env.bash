@@ -40,7 +40,10 @@ _vgps_env() {
   export PATH VIRTUAL_ENV=$venv
   if [[ -z ${FASTDDS_DEFAULT_PROFILES_FILE:-} ]]; then
     export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE-$root/config/fastdds_loopback.xml}
+    export RMW_FASTRTPS_USE_QOS_FROM_XML=${RMW_FASTRTPS_USE_QOS_FROM_XML-1} # how queues keep memory
   fi
+  # Where no profile says otherwise: in shared memory a process that is stopped can hold up the others.
+  export FASTDDS_BUILTIN_TRANSPORTS=${FASTDDS_BUILTIN_TRANSPORTS-UDPv4}
   # onnxruntime tells its maker about networks otherwise, also where it is used without vgps_ros.
   export ORT_DISABLE_TELEMETRY=${ORT_DISABLE_TELEMETRY-1}
   # One thread a process: the matrices are small, the processes are many, and sums that are

@@ -57,7 +57,7 @@ run_group() {
 
 # The tests of these folders mostly wait. The others run beside them, with lower priority.
 status=0
-waiting=(tests/nodes tests/faults tests/bags)
+waiting=(tests/nodes tests/bags)
 if [[ $# -gt 0 ]]; then
   run_group chosen "$@" || status=$?
 else

@@ -27,12 +27,12 @@ SHORTER = {
     r"vgps find-gait ": "--evaluations 8 --seconds 1",
     r"vgps execute-policy": "--steps 20",
     r"make demo": "ITERATIONS=1",
-    r"make (interrupts|damages)": "COUNT=2",
+    r"make damages": "COUNT=2",
 }
 
 # They take long even so: `pytest -m slow tests/docs` runs these, and what stands before them.
 SLOW = (
-    r"make (demo|interrupts|damages)",
+    r"make (demo|damages)",
     r"recordings/cheetah-(run|demo)|cheetah\.onnx",
     r"vgps (train-through-graph|execute-policy)\b|benchmarks.figure1 (run|plot)\b",
     r"--disturb-push|--pushes",
@@ -44,7 +44,7 @@ LASTING = r"vgps (node|live|view)\b"
 
 NOT_RUN = {
     r"make (test|coverage|lint|site)|\.ci/run": "this test is a part of it",
-    r"make (faults|soak|flood)": "takes ten minutes or more; tests/faults runs one of each kind",
+    r"make faults": "takes ten minutes; tests/nodes/test_faults.py runs a short one",
     r"make bench|python -m benchmarks --help": "installs the peers; tests/benchmarks tries it",
     r"pip install": "downloads; make setup has installed it, and make test-slow installs anew",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "

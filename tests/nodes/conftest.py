@@ -12,7 +12,6 @@ Processes that a test leaves running are ended with INT, and must then exit with
 """
 
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -42,27 +41,7 @@ T = TypeVar("T")
 
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 232)
-# A prefix by which a process has a /dev/shm of its own, of a size, of which some is filled; both
-# follow it.
-SMALL_MEMORY = (
-    *("unshare", "--mount", "bash", "-c"),
-    "mount -t tmpfs -o size=$1 tmpfs /dev/shm || exit 1; "
-    'head -c $2 /dev/zero >/dev/shm/filled; shift 2; exec "$@"',
-    "-",
-)
 PATIENCE = 90.0  # generous: the machine may be busy [s]
-
-
-def may_mount() -> bool:
-    """Returns whether this process may give another one a /dev/shm of its own."""
-    command = [*SMALL_MEMORY, "1M", "0", "true"]
-    return bool(shutil.which("unshare")) and not subprocess.run(command, check=False).returncode
-
-
-def private_memory(pid: int) -> float:
-    """Returns the memory that a process shares with nobody [MB]."""
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
 
 
 def executed(policy: GaussianPolicy, inputs: Array) -> Array:
@@ -154,7 +133,7 @@ class Graph:
     def start(
         self, executable: str, *arguments: str, prefix: Sequence[str] = (), **parameters: Any
     ) -> Process:
-        """Starts an executable, as a prefix says, such as SMALL_MEMORY; without one, by itself.
+        """Starts an executable, after the words of a prefix, such as "env".
 
         Keyword arguments become its ROS parameters ('.' written '__').
         """
@@ -229,6 +208,7 @@ class Graph:
         """Calls a service once it is there and returns the response's future."""
         client = self.node.create_client(kind, name)
         self.spin_until(client.service_is_ready, what=f"the service {name}")
+        self.spin_for(0.1)  # for the service to discover the client, too: it answers only once
         return client.call_async(request or kind.Request())
 
     def call(self, kind: type, name: str, request: Any = None, timeout: float = PATIENCE) -> Any:

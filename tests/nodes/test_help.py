@@ -38,7 +38,7 @@ def test_a_node_tells_its_parameters_and_begins_nothing(name, tmp_path):
     assert f"ros2 run vgps_ros {name}" in answer.stdout
     names = [line.split()[0] for line in answer.stdout.splitlines() if line.strip()]
     assert {OWN[name], "wait_timeout"} <= {part.rpartition(".")[2] for part in names}
-    assert "s] (from 2.5 to 3600)" in answer.stdout  # of peer_timeout: unit and range
+    assert "s] (from 0.1 to 86400)" in answer.stdout  # of wait_timeout: unit and range
     assert not [file for file in tmp_path.iterdir() if file.name != "log"]
 
 

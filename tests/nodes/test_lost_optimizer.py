@@ -14,7 +14,7 @@ from vgps_ros.storage.run_folder import load_policy
 # More solver iterations in the first solve, so that there is time to strike in the middle of it.
 SETTINGS = {**parameters(SHORT), "initial_ddp_iterations": 40}
 NOTICED = 5.0  # what docs/explanation/reliability.md promises [s]
-HANGS = "/trajectory_optimizer has been silent for over 3 s"
+MISSED = "Waiting for the service of trajectory_optimizer"
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,7 @@ def test_one_that_is_ended_in_a_solve_hands_it_back(graph, training, expected, n
 
 def test_one_that_is_killed_is_missed_and_waited_for(graph, training, expected):
     training.optimizer.kill()
-    status = graph.diagnosis("policy_learner", DiagnosticStatus.WARN, timeout=NOTICED)
-    assert HANGS in status.message
+    graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
     graph.spin_for(1.0)
     assert training.program.running
     graph.start("trajectory_optimizer")
@@ -75,8 +74,7 @@ def test_one_that_is_killed_is_missed_and_waited_for(graph, training, expected):
 def test_one_that_hangs_is_missed_and_goes_on(graph, training, expected):
     training.optimizer.send(signal.SIGSTOP)
     try:
-        status = graph.diagnosis("policy_learner", DiagnosticStatus.WARN, timeout=NOTICED)
-        assert HANGS in status.message
+        graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
     finally:
         training.optimizer.send(signal.SIGCONT)
     assert same_bits(training.end(), expected)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from std_msgs.msg import String
 
 _NODE = """
 import os
@@ -32,14 +33,14 @@ class Failing(LifecycleNode):
     def fail(self):
         raise KeyError("callback failed")
 
-def close(node, _):
+def close(node):
     print("closed")
     if "{place}" == "closing":
         raise OSError("closing failed")
 
 code = run(Failing, close=close)
 print("left:", sockets(), flush=True)
-os._exit(code)
+raise SystemExit(code)
 """
 
 
@@ -95,28 +96,41 @@ def test_a_signal_ends_a_node_that_takes_long_to_begin(graph, numbers):
     assert (node.returncode, output) == (0, "")
 
 
-_UNWOKEN = """
-import signal, threading, time
+_TALKING = """
+import time
 from rclpy.node import Node
-from vgps_ros.ros_runtime.runner import run
+from std_msgs.msg import String
+from vgps_ros.ros_runtime.runner import run{executor}
 
-class Slow(Node):
+class Talking(Node):
     def __init__(self):
-        super().__init__("slow")
-        threading.Thread(target=self.strike).start()
-        time.sleep(300.0)
+        super().__init__("talking")
+        self.words = self.create_publisher(String, "words", 10)
+        self.create_timer(0.1, lambda: print("spins", flush=True))
 
-    def strike(self):  # this thread takes the signal, so that the main one's call goes on waiting
-        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+def close(node):
+    node.words.publish(String(data="last"))
+    time.sleep(0.5)
+    print("closed", flush=True)
 
-raise SystemExit(run(Slow))
+raise SystemExit(run(Talking, {executor_name}close=close))
 """
 
 
-def test_a_signal_ends_a_node_whose_waiting_call_it_did_not_interrupt(graph):
-    variables = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id)}
-    node = [sys.executable, "-c", _UNWOKEN]
-    ended = subprocess.run(
-        node, env=variables, capture_output=True, text=True, timeout=60, check=False
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executor", ["", "streaming_executor"])
+def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
+    graph, executor, number
+):
+    words = graph.messages(String, "words")
+    code = _TALKING.format(
+        executor=f", {executor}" * bool(executor), executor_name=f"{executor}, " * bool(executor)
     )
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
+    node = graph.start_command("talking", [sys.executable, "-c", code])
+    graph.spin_until_output(node, "spins")
+    graph.spin_until(lambda: graph.node.count_publishers("words"))
+    node.send(number)
+    graph.spin_until(lambda: [word.data for word in words] == ["last"])
+    node.send(number)
+    assert node.wait() == 0
+    assert node.output.splitlines()[-1] == "closed"

@@ -28,7 +28,7 @@ class DemonstrationNode(Node):
         self._answer = JointState()
         self._restart()
         self._commands = self.create_publisher(JointState, "joint_command", STREAM)
-        self._health.inbox.subscribe(JointState, "joint_states", self._take_state, NEWEST)
+        self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
         self._health.wait_for(_STATE)
 
     def _restart(self) -> None:

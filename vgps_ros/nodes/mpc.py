@@ -25,9 +25,8 @@ from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.search.adjusted_cost import LARGEST, adjustable
 from vgps_ros.search.mpc import MpcSettings, Plan, Planner
 from vgps_ros.search.plan_follower import PlanFollower
@@ -158,4 +157,4 @@ def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], ob
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(Mpc, streaming_executor, close=lambda node, _: node.end())
+    return run(Mpc, streaming_executor, close=lambda node: node.end())

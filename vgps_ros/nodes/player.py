@@ -2,7 +2,7 @@
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from rclpy.node import Node
@@ -75,7 +75,7 @@ class Player(Node):
         # node to the end of the process, and others would take it for alive.
         self.create_guard_condition(self._thread.start).trigger()
 
-    def close(self, _is_hurried: Callable[[], bool]) -> None:
+    def close(self) -> None:
         """Ends the playback."""
         self._playback.stop()
         if self._thread.ident:

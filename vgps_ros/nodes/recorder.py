@@ -3,11 +3,12 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -96,22 +97,21 @@ class Recorder(Node):
             max_backlog=round(settings.cache_size * 1e6),
             min_space=round(settings.min_space * 1e6),
         )
-        self._health.inbox.kept = lambda: self._writer.disk.backlog
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
-        self._collector = ParameterCollector(self, self._health.inbox)
+        self._collector = ParameterCollector(self)
         self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
         self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
         steady_timer(self, _DISCOVERY_PERIOD, self._discover)
         steady_timer(self, _FLUSH_PERIOD, self._save)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
-    def close(self, is_hurried: Callable[[], bool]) -> None:
+    def close(self) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
         self._writer.lost += self._all_missed()
         try:
-            self._writer.close(is_hurried)
+            self._writer.close()
         except UnfinishedBagError as error:
             self.get_logger().error(str(error))
         count, topics = self._writer.message_count, len(self._writer.topics)
@@ -181,12 +181,13 @@ class Recorder(Node):
             use_default_callbacks=False,
         )
         qos = recording(offered)
-        write = partial(self._write, topic)
-        self._health.inbox.subscribe_raw(kind_class, topic, write, qos, events)
+        # rclpy's types do not know that a callback may take the message's times too.
+        write: Any = partial(self._write, topic)
+        self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
 
     def _all_missed(self) -> int:
         """Returns the number of messages that never came to be written."""
-        return self._missed.total() + self._health.inbox.lost
+        return self._missed.total()
 
     def _count_missed(self, topic: str, lost: QoSMessageLostInfo) -> None:
         if not self._paused:

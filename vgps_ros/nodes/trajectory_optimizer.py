@@ -21,11 +21,12 @@ from vgps_ros.messages.optimization import (
     result_to_msg,
 )
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.liveness import lively
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATCHED, STREAM
-from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.search.preparation import prepare
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.warnings import in_words
@@ -49,11 +50,13 @@ class TrajectoryOptimizerNode(Node):
         # A solve must not keep the node from being cancelled or diagnosed.
         self._worker = ThreadPoolExecutor(1, "solve")
         self._places = threading.Semaphore(CALLS.depth)  # for requests that wait or are solved
-        self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", STREAM)
+        self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", lively(STREAM))
         self._distributions = self.create_publisher(
             TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
         )
-        self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue, qos_profile=CALLS)
+        answer_later(
+            self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue, qos_profile=CALLS)
+        )
         self.create_service(CancelOptimization, "~/cancel", self._cancel, qos_profile=CALLS)
         publish_mjcf(self, task)
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
@@ -130,4 +133,4 @@ class TrajectoryOptimizerNode(Node):
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(TrajectoryOptimizerNode, streaming_executor, close=lambda node, _: node.stop())
+    return run(TrajectoryOptimizerNode, streaming_executor, close=lambda node: node.stop())

@@ -4,7 +4,6 @@
 `ros2 run vgps_ros bag rerun BAG` makes the same recording from a bag.
 """
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from rclpy.node import Node
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.names import MJCF, URDF, message_type
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import run
@@ -38,7 +36,6 @@ class Visualizer(Node):
         path = Path(declare(self, OUTPUT))
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
-        self._health.inbox.kept = lambda: self._scene.recording.disk.backlog
         self._health.wait_for(f"{_STATES} from simulation")
         self._left_out = 0
         self._shown: set[str] = set()
@@ -48,19 +45,16 @@ class Visualizer(Node):
         steady_timer(self, _DISCOVERY_PERIOD, self._look)
         self.get_logger().info(f"Recording what is seen to {path}.")
 
-    def close(self, is_hurried: Callable[[], bool]) -> None:
+    def close(self) -> None:
         """Completes the recording, as far as the disk takes it."""
         try:
-            self._scene.close(is_hurried)
+            self._scene.close()
         except UnfinishedRecordingError as error:
             self.get_logger().error(str(error))
 
     def _listen(self, topic: str, kind: str) -> None:
-        subscribe, show = self._health.inbox.subscribe, partial(self._show, topic)
-        if topic in _LATCHED:
-            subscribe(message_type(kind), topic, show, LATCHED, largest=LARGEST_RECORD)
-        else:
-            subscribe(message_type(kind), topic, show, STREAM)
+        qos = LATCHED if topic in _LATCHED else STREAM
+        self.create_subscription(message_type(kind), topic, partial(self._show, topic), qos)
 
     def _show(self, topic: str, message: Any) -> None:
         if self._scene.recording.disk.backlog <= _MAX_BACKLOG:

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
 
-import gc
 import importlib
 import os
 import re
@@ -9,17 +8,14 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros import NODES
-from vgps_ros.programs.node import heed, start
-from vgps_ros.ros_runtime.interruptible import LATER, is_raised, is_within, may_raise, tell_lost
+from vgps_ros.programs.node import start
 
 if TYPE_CHECKING:
     from vgps_ros.programs.command_line import Parser
 
-_struck: list[int] = []  # the signals that have come to interrupt the program
 _SHARED = {"command_line", "policy_run", "training_client"}  # modules that are no commands
 COMMANDS = sorted(
     file.stem.replace("_", "-")
@@ -31,8 +27,10 @@ COMMANDS = sorted(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command that the arguments name, and ends with a sentence where it fails."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    # Else MuJoCo's import asks a second process for GLFW's version, which outlives an early INT.
-    os.environ.setdefault("MUJOCO_GL", "disable")
+    if arguments is None:
+        # A shell starts what it puts into the background with INT ignored.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
     if words and words[0] in NODES:  # as in `ros2 run vgps_ros simulation`
         words.insert(0, "node")
     if words and words[0] != "node":
@@ -40,8 +38,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1], words[2:])
-        if arguments is None:
-            _heed_interrupts()
         _run(words)
     except KeyboardInterrupt:
         sys.exit("vgps: interrupted.")
@@ -56,40 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else "needs more than is installed: run `pip install '.[standalone]'`"
         )
         sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
-    finally:
-        if arguments is None:
-            _ignore_interrupts()
-            gc.freeze()  # else Python looks for garbage in all modules before it ends, for a second
-
-
-def _heed_interrupts() -> None:
-    signal.signal(signal.SIGALRM, _interrupt)
-    sys.unraisablehook = tell_lost
-    heed(_interrupt)
-
-
-def _ignore_interrupts() -> None:
-    """Makes INT, TERM and the alarm do nothing, since an alarm would kill Python while it ends.
-
-    Their handlers become an empty function, not SIG_IGN: Python prints an error for a signal that
-    arrives just before its handler becomes SIG_IGN.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
-        signal.signal(number, lambda *_: None)
-    signal.setitimer(signal.ITIMER_REAL, 0)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raises KeyboardInterrupt after INT and TERM; in the midst of an import, once it is over.
-
-    It looks again until the program ends, and raises once more where the exception was lost. A
-    program that is ending already is left to it.
-    """
-    _struck.append(number)
-    signal.setitimer(signal.ITIMER_REAL, LATER)
-    is_ending = not is_within(_run, frame) or (number == signal.SIGALRM and is_raised())
-    if may_raise(frame) and not is_ending:
-        raise KeyboardInterrupt
 
 
 def _run(words: Sequence[str]) -> None:
@@ -115,11 +77,9 @@ def _run(words: Sequence[str]) -> None:
         name, sentence = parsed.parser.prog, parsed.interrupted
         silence_mujoco()
         _module(parsed.command).run(parsed)
-    except (Exception, KeyboardInterrupt) as error:
-        if _struck or isinstance(error, KeyboardInterrupt):  # of which C code may make any error
-            sys.exit(f"{name}: {sentence}")
-        if not isinstance(error, (VgpsError, OSError)):
-            raise
+    except KeyboardInterrupt:
+        sys.exit(f"{name}: {sentence}")
+    except (VgpsError, OSError) as error:
         sys.exit(f"{name}: {printable(_told(error))}")
 
 

@@ -24,7 +24,7 @@ _NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
 # Parameters that only the nodes heed: no settings of a search, but in its nodes' blocks.
 OF_NODES = {
     *("task", "method", "demonstration", "checkpoint_folder", "optimizers", "optimizer_timeout"),
-    *("peer_timeout", "wait_timeout", "use_sim_time"),
+    *("wait_timeout", "use_sim_time"),
 }
 
 

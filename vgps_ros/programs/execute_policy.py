@@ -12,7 +12,6 @@ from pathlib import Path
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
 from vgps_ros.tasks.settings import TASK
@@ -36,12 +35,11 @@ def run(arguments: argparse.Namespace) -> None:
     """Runs the policy as the arguments say."""
     if arguments.json:
         refuse_existing([arguments.json], overwrite=arguments.overwrite)
-    check_machine()
     from rich.progress import Progress
     from rich.table import Column, Table
 
     from vgps_ros.programs.policy_run import PolicyRun
-    from vgps_ros.ros_runtime.client_node import client_node
+    from vgps_ros.ros_runtime.runner import client_node
     from vgps_ros.tasks import make_task
     from vgps_ros.views.table_console import plain_console
 

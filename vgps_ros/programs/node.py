@@ -7,20 +7,11 @@
 
 import argparse
 import importlib
-import os
-import signal
 import sys
-import traceback
-from collections.abc import Callable, Sequence
-from types import FrameType
-from typing import Any, NoReturn
+from collections.abc import Sequence
+from typing import NoReturn
 
 from vgps_ros import NODES
-from vgps_ros.core.errors import VgpsError
-from vgps_ros.ros_runtime.c_memory import use_one_heap
-from vgps_ros.ros_runtime.middleware import check_machine
-
-_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,39 +27,11 @@ def run(arguments: argparse.Namespace) -> NoReturn:
     start(arguments.name, arguments.arguments)
 
 
-def heed(handler: Callable[[int, FrameType | None], Any]) -> None:
-    """Lets INT and TERM call a handler, also those that have waited since this process was started.
-
-    The executables start it with both blocked, since Python itself would meet one with a traceback;
-    and a shell starts what it puts into the background with INT ignored.
-    """
-    for number in _ENDING:
-        signal.signal(number, handler)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
-
-
 def start(name: str, arguments: Sequence[str]) -> NoReturn:
-    """Runs a node, and ends the process.
-
-    The imports of a node take a second or more. A signal that strikes meanwhile ends the process as
-    well as a later one does, before anything is open that would have to be closed. Once all is
-    closed the process ends at once: Python's own way of taking its modules apart was seen to hang
-    there, with the libraries that a node has loaded.
-    """
-    heed(lambda *_: os._exit(0))
-    use_one_heap()
+    """Runs a node and ends the process, also where INT or TERM comes while it is imported."""
     sys.argv = [name, *arguments]  # where ROS looks for its arguments
     try:
-        check_machine()
-    except VgpsError as error:
-        sys.exit(str(error))
-    module = importlib.import_module(f"vgps_ros.nodes.{name}")
-    code = 1
-    try:
-        code = module.main()
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        code = importlib.import_module(f"vgps_ros.nodes.{name}").main()
+    except KeyboardInterrupt:
+        code = 0
+    sys.exit(code)

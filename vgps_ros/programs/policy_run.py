@@ -19,7 +19,6 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
-from vgps_ros.ros_runtime.ending import Ending
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.tasks import Task
 
@@ -36,14 +35,10 @@ class PolicyRun(Node):
         simulation: name of the simulation node.
         timeout: how long to wait for anything that is missing [s].
         namespace: in which the robot's nodes are.
-        ending: takes note of INT and TERM.
     """
 
-    def __init__(
-        self, task: Task, simulation: str, timeout: float, namespace: str | None, ending: Ending
-    ):
+    def __init__(self, task: Task, simulation: str, timeout: float, namespace: str | None):
         super().__init__("execute_policy", namespace=namespace)
-        self._ending = ending
         self._task = task
         self._timeout = timeout
         self._states: dict[int, Array] = {}  # by stamp [ns]
@@ -66,7 +61,6 @@ class PolicyRun(Node):
 
         Raises:
             VgpsError: the simulation or a policy does not come in time, or a step fails.
-            KeyboardInterrupt: INT or TERM has come.
         """
         self._wait(
             self._step.service_is_ready,
@@ -146,7 +140,6 @@ class PolicyRun(Node):
     def _wait(self, condition: Callable[[], Any], sentence: str) -> None:
         end = time.monotonic() + self._timeout
         while not condition():
-            self._ending.check()
             if time.monotonic() > end:
                 raise VgpsError(f"Waited {self._timeout:g} s. {sentence}")
             self._executor.spin_once(timeout_sec=0.1)

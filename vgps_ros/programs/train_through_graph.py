@@ -11,7 +11,6 @@ from functools import partial
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.ros_runtime.middleware import check_machine
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
 
@@ -35,12 +34,11 @@ def run(arguments: argparse.Namespace) -> None:
     """Asks for the training that the arguments describe, and writes what `train` does."""
     output = RunFolder(arguments.output)
     refuse_existing([output.result], overwrite=arguments.overwrite)
-    check_machine()
     from vgps_msgs.action import TrainPolicy
 
     from vgps_ros.messages.conversions import policy_from_msg, result_from_msgs
     from vgps_ros.programs.training_client import TrainingClient
-    from vgps_ros.ros_runtime.client_node import client_node
+    from vgps_ros.ros_runtime.runner import client_node
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
     from vgps_ros.views.training_progress import TrainingProgress

@@ -13,26 +13,21 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 from vgps_msgs.action import TrainPolicy
-from vgps_msgs.msg import OptimizerIteration
+from vgps_msgs.msg import LearningProgress, OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import progress_from_msg
-from vgps_ros.ros_runtime.ending import Ending
-from vgps_ros.ros_runtime.inbox import Inbox
-from vgps_ros.ros_runtime.peers import TRAINING, Peers
+from vgps_ros.ros_runtime.liveness import Liveness
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.views.training_progress import TrainingProgress
 
-_WAKE_PERIOD = 0.2  # between two looks whether the user has interrupted [s]
+_WAKE_PERIOD = 0.2  # longest wait for a message [s]
 # A request to a learner that was just started again may go to the one that was killed [s].
 _ANSWER_TIMEOUT = 10.0  # after which a goal is sent again
 _RETRY_PERIOD = 1.0  # between two such goals
 _CANCEL_TIMEOUT = 15.0  # in which a learner confirms a cancellation [s]
 _RESULT_PERIOD = 60.0  # between two requests of the result
-
-
-class LostError(VgpsError):
-    """The learner that had the goal is gone."""
+_UNKNOWN = 3  # answers that a goal is unknown, until it counts as lost
 
 
 class TrainingClient(Node):
@@ -42,22 +37,19 @@ class TrainingClient(Node):
         learner: name of the learner node.
         lost_timeout: longest time without a learner, once there was one [s].
         namespace: in which the learner is.
-        ending: takes note of INT and TERM: the first cancels the training, the second does not wait
-            for the learner's word.
     """
 
-    def __init__(self, learner: str, lost_timeout: float, namespace: str | None, ending: Ending):
+    def __init__(self, learner: str, lost_timeout: float, namespace: str | None):
         super().__init__("train_through_graph", namespace=namespace)
-        self._ending = ending
-        self.action = ActionClient(self, TrainPolicy, f"{learner}/train")
-        self._learner = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
+        self._action = ActionClient(self, TrainPolicy, f"{learner}/train")
+        self._life = Liveness(self, LearningProgress, "learning_progress")
+        self._name = self.resolve_service_name(f"{learner}/train").rpartition("/")[0]
         self._lost_timeout = lost_timeout
         self._nobody = (
             f"There was no policy_learner for {lost_timeout:g} s; start one, and give this command "
             "again."
         )
-        self._peers = Peers(self, Inbox(self))
-        self._sent_before = False  # to a learner that may be at it
+        self._handle: ClientGoalHandle | None = None  # of the goal that a learner has accepted
 
     def train(
         self, goal: TrainPolicy.Goal, timeout: float, progress: TrainingProgress
@@ -66,24 +58,39 @@ class TrainingClient(Node):
 
         Raises:
             VgpsError: the learner does not come, is busy, or fails.
+            KeyboardInterrupt: after the training has been cancelled; a second one does not wait
+                for the learner's word.
         """
         self._wait_for_learner(
             timeout,
             f"No policy_learner answered within {timeout:g} s; start one with "
             "'ros2 run vgps_ros policy_learner'.",
         )
-
-        def show_solve(message: OptimizerIteration) -> None:
-            if message.search_iteration == 0:
-                progress.ddp_iteration(message.iteration)
+        self._show_solves(progress)
 
         def show_iteration(feedback: Any) -> None:
             p = feedback.feedback.progress
             progress.iteration(progress_from_msg(p), p.iterations, p.remaining_seconds)
 
+        request = partial(self._action.send_goal_async, goal, feedback_callback=show_iteration)
+        try:
+            result = self._follow(request, progress)
+        except KeyboardInterrupt:
+            self._cancel()
+            raise
+        if not result.success:
+            raise VgpsError(f"The training ended early: {result.message}")
+        return result
+
+    def _show_solves(self, progress: TrainingProgress) -> None:
+        """Shows the iterations of the initial DDP, also of optimizers that are discovered late."""
         shown: set[str] = set()
 
-        def find_solvers() -> None:  # some may be discovered later than the learner
+        def show_solve(message: OptimizerIteration) -> None:
+            if message.search_iteration == 0:
+                progress.ddp_iteration(message.iteration)
+
+        def find_solvers() -> None:
             for topic, types in self.get_topic_names_and_types():
                 if "vgps_msgs/msg/OptimizerIteration" in types and topic not in shown:
                     shown.add(topic)
@@ -91,116 +98,96 @@ class TrainingClient(Node):
 
         find_solvers()
         self.create_timer(_WAKE_PERIOD, find_solvers)
-        request = partial(self.action.send_goal_async, goal, feedback_callback=show_iteration)
-        result = None
-        while result is None:
-            instance = self._peers.instance_of(self._learner)
-            try:
-                result = self._result(self._send(request, instance), instance)
-            except LostError as error:
-                progress.say(str(error))
-                self._wait_for_learner(self._lost_timeout, self._nobody)
-                self._sent_before = True
-        if not result.success:
-            raise VgpsError(f"The training ended early: {result.message}")
-        return result
 
-    def _wait_for_learner(self, timeout: float, sentence: str) -> None:
-        """Waits until a learner is there and heard; raises the sentence if none comes in time."""
-        end = time.monotonic() + timeout
-        while (
-            not self.action.server_is_ready()
-            or not self._peers.instance_of(self._learner)
-            or self._peers.is_silent(self._learner)
-        ):
-            self._ending.check()
-            if time.monotonic() > end:
-                raise VgpsError(sentence)
-            self._spin()
-
-    def _result(self, handle: ClientGoalHandle, instance: str) -> TrainPolicy.Result:
-        """Asks for the result until the learner that has the goal gives it, or is lost.
-
-        A request may be lost; or a second learner, which is about to be refused, is faster to say
-        that it does not know the goal.
-        """
-        end = float("inf")
-        while time.monotonic() < end:
-            answer = self._wait(handle.get_result_async(), instance, _RESULT_PERIOD, handle)
-            if answer is None:  # the learner is at it, or the request was lost
-                end = float("inf")
-            elif answer.status != GoalStatus.STATUS_UNKNOWN:
-                return answer.result
-            else:
-                end = min(end, time.monotonic() + _ANSWER_TIMEOUT)
-                again = time.monotonic() + _RETRY_PERIOD
-                while time.monotonic() < again:
-                    self._spin()
-        raise LostError("The policy_learner does not know the goal any more; it is sent again.")
-
-    def _send(self, request: Callable[[], Future], instance: str) -> ClientGoalHandle:
-        """Sends the goal until a learner accepts it, dies, or refuses it."""
+    def _follow(
+        self, request: Callable[[], Future], progress: TrainingProgress
+    ) -> TrainPolicy.Result:
+        """Sends the goal until a learner accepts it and gives its result."""
+        may_be_at_it = False  # the learner refuses a goal, too, that it works on already
         while True:
-            handle = self._wait(request(), instance, _ANSWER_TIMEOUT)
+            handle = self._answer(request(), _ANSWER_TIMEOUT, progress)
             if handle and handle.accepted:
-                return handle
-            if handle and not self._sent_before:
-                is_busy = self._peers.show(TRAINING, self._learner)
-                busy = "is busy with another training; wait for its end."
-                refused = "refused the goal; the learner's log says why."
-                raise VgpsError(f"The policy_learner {busy if is_busy else refused}")
-            # It went to the one that died; or this one is at it already, but its answer was lost.
-            self._sent_before = True
-            self._wait(Future(), instance, _RETRY_PERIOD)
+                self._handle = handle
+                if result := self._result(handle, progress):
+                    return result
+                progress.say(
+                    "The policy_learner does not know the goal any more; it is sent again."
+                )
+            elif handle and not may_be_at_it:
+                raise VgpsError(
+                    "The policy_learner refused the goal: it is busy with another training, or its "
+                    "log says what is wrong with this one."
+                )
+            else:
+                self._spin_for(_RETRY_PERIOD)
+            may_be_at_it = True
 
-    def _wait(
-        self, future: Future, instance: str, timeout: float, goal: ClientGoalHandle | None = None
-    ) -> Any:
-        """Returns the learner's answer; an interrupt cancels the goal, where one is given, first.
+    def _result(
+        self, handle: ClientGoalHandle, progress: TrainingProgress
+    ) -> TrainPolicy.Result | None:
+        """Asks for the result until the learner gives it; returns None if it lost the goal."""
+        unknown, period = 0, _RESULT_PERIOD
+        while unknown < _UNKNOWN:
+            losses = self._life.losses
+            answer = self._answer(handle.get_result_async(), period, progress)
+            period = _RESULT_PERIOD if self._life.losses == losses else _ANSWER_TIMEOUT
+            if answer and answer.status != GoalStatus.STATUS_UNKNOWN:
+                return answer.result
+            if answer:  # it was started anew, or a second one that is about to be refused is faster
+                unknown += 1
+                self._spin_for(_RETRY_PERIOD)
+        return None
+
+    def _answer(self, future: Future, timeout: float, progress: TrainingProgress) -> Any:
+        """Returns the learner's answer; None if it must be asked again.
 
         Args:
             future: the answer.
-            instance: the run of the learner that is to answer.
-            timeout: time without an answer of a learner that is well, after which None comes [s].
-            goal: the one that an interrupt cancels.
+            timeout: longest time to wait for a learner that is alive [s].
+            progress: shows when it is not.
 
         Raises:
-            LostError: that learner will not answer any more.
-            VgpsError: it is silent for too long, or does not confirm the cancellation.
+            VgpsError: no learner is there for too long.
         """
-        waited = silent = 0.0
-        while not future.done():
-            passed = self._spin()
-            if self._peers.is_silent(self._learner):
-                silent += passed
-            else:
-                waited, silent = waited + passed, 0.0
-            if self._peers.instance_of(self._learner) != instance:
-                raise LostError("The policy_learner has died; its goal is for the next one.")
-            if silent > self._lost_timeout:
-                raise VgpsError(self._nobody)
-            if waited > timeout:
-                return None
-            if self._ending.is_wanted and goal and not silent:
-                self._cancel(goal, future)
-            else:
-                self._ending.check()
-        return future.result()
+        losses, end = self._life.losses, time.monotonic() + timeout
+        while not future.done() and time.monotonic() < end:
+            self._spin_for(_WAKE_PERIOD)
+            if not self._life.is_alive:
+                progress.say(f"{self._name} has ended, was killed, or hangs; waiting for one.")
+                self._wait_for_learner(self._lost_timeout, self._nobody)
+            if self._life.losses != losses:
+                self._wait_for_learner(self._lost_timeout, self._nobody)
+                self._spin_for(_WAKE_PERIOD)  # for an answer that has just come
+                break
+        return future.result() if future.done() else None
 
-    def _cancel(self, goal: ClientGoalHandle, future: Future) -> None:
+    def _wait_for_learner(self, timeout: float, sentence: str) -> None:
+        """Waits until a learner is there and alive; raises the sentence if none comes in time."""
+        end = time.monotonic() + timeout
+        while not (self._life.is_alive and self._action.server_is_ready()):
+            if time.monotonic() > end:
+                raise VgpsError(sentence)
+            self._spin_for(_WAKE_PERIOD)
+
+    def _cancel(self) -> None:
+        """Cancels the training; returns once it has ended, or raises VgpsError."""
+        if self._handle is None:
+            return
         print("Cancelling the training ...", flush=True)
-        goal.cancel_goal_async()
+        self._handle.cancel_goal_async()
+        result = self._handle.get_result_async()
         end = time.monotonic() + _CANCEL_TIMEOUT
-        while not future.done():
-            gone = not self.action.server_is_ready()
-            if gone or self._ending.is_hurried() or time.monotonic() > end:
-                raise VgpsError("The policy_learner did not confirm the cancellation.")
-            self._spin()
+        try:
+            while not result.done():
+                if not self._action.server_is_ready() or time.monotonic() > end:
+                    raise KeyboardInterrupt
+                self._spin_for(_WAKE_PERIOD)
+        except KeyboardInterrupt:
+            raise VgpsError("The policy_learner did not confirm the cancellation.") from None
+        raise VgpsError("The training was cancelled.")
 
-    def _spin(self) -> float:
-        """Takes what has come, or waits for a moment; returns the time that passed [s]."""
-        began = time.monotonic()
-        rclpy.spin_once(self, timeout_sec=_WAKE_PERIOD)
-        self._peers.look()
-        # Where this process was stopped meanwhile, nobody is to blame for the silence.
-        return min(time.monotonic() - began, 5 * _WAKE_PERIOD)
+    def _spin_for(self, duration: float) -> None:
+        """Takes what comes for a time [s]."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(self, timeout_sec=left)

@@ -105,7 +105,7 @@ class Controller(LifecycleNode):
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
         self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
-        self._states.subscribe(self.health.inbox.subscribe, self._take_state, qos)
+        self._states.subscribe(self.create_subscription, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
         self._watchdog = steady_timer(self, time_step, self._watch)

@@ -12,19 +12,14 @@ from rclpy.node import Node
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.names import OWNS
-from vgps_ros.ros_runtime import middleware
-from vgps_ros.ros_runtime.given_parameters import check_given_parameters
-from vgps_ros.ros_runtime.inbox import Inbox
-from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.peers import HARDWARE_ID, INSTANCE, Peers
+from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
 from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
+HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 _PERIOD = 1.0  # between two diagnostics [s]
-# Between the first ones, so that a second node of a kind is found out before it does anything.
-_FIRST_PERIOD = 0.1
-_FIRST_COUNT = 12
+_DISCOVERY = 1.2  # in which a new node discovers the others [s]
 _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
 _LINE_PERIOD = 0.1  # at least, between two lines about the same thing [s]
 
@@ -40,7 +35,6 @@ WAIT_TIMEOUT = Setting(
 @dataclass
 class _Wait:
     since: float  # [s], by the steady clock
-    meanwhile: str
     is_late: bool = False
 
 
@@ -52,13 +46,9 @@ class Health:
 
     Args:
         node: the node, which has declared all its other parameters.
-        owns: topics that only one node of the graph may publish. Of two nodes that say so of the
-            same topic the one that was started later ends with a sentence.
-        when_alone: called once it is clear that no other node owns one of these topics.
-
-    Attributes:
-        inbox: the subscriptions of the node, which bound the memory that messages take.
-        peers: the other nodes.
+        owns: topics that only one node of the graph may publish. A node that finds another one at
+            its start ends with a sentence.
+        when_alone: called once it is clear that no other node publishes one of these topics.
     """
 
     def __init__(
@@ -69,30 +59,23 @@ class Health:
         when_alone: Callable[[], object] = lambda: None,
     ):
         self._node = node
-        self.inbox = Inbox(node)
-        self.peers = Peers(node, self.inbox, owns)
         declare(node, WAIT_TIMEOUT, may_change=True)
         check_given_parameters(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self._waiting: dict[str, _Wait] = {}
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
-        self._over: set[str] = set()
-        self._said: dict[str, tuple[str, float]] = {}
-        self._values = {INSTANCE: self.peers.instance, OWNS: " ".join(self.peers.owns)}
-        self._ticks = 0
+        self._over: set[str] = set()  # faults that are shown once more
+        self._said: dict[str, tuple[str, float]] = {}  # last line in the log, and when
+        self._waiting: dict[str, _Wait] = {}
+        self._values: dict[str, str] = {}
+        self._owns = owns
         self._when_alone = when_alone
-        self._timer = steady_timer(node, _FIRST_PERIOD, self._tick)
+        steady_timer(node, _PERIOD, self._tick)
+        self._discovery = steady_timer(node, _DISCOVERY, self._look_for_rivals)
 
-    def wait_for(self, what: str, *, meanwhile: str = "") -> None:
-        """Notes that the node waits, and says so once.
-
-        Args:
-            what: completes the sentence 'Waiting for …'.
-            meanwhile: key of a value that another node shows on /diagnostics while it works on
-                what is waited for; as long as one does, the wait does not become an error.
-        """
+    def wait_for(self, what: str) -> None:
+        """Notes that the node waits for something, and says so once: 'Waiting for …'."""
         if what not in self._waiting:
-            self._waiting[what] = _Wait(time.monotonic(), meanwhile)
+            self._waiting[what] = _Wait(time.monotonic())
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
@@ -133,21 +116,6 @@ class Health:
         if before != level:
             self._publish()
 
-    def _log(self, about: str, *, is_new: bool = False) -> None:
-        """Logs a fault, unless it was said already, or another line about it a moment ago."""
-        level, sentence = self._faults[about]
-        said, when = self._said.get(about, ("", 0.0))
-        now = time.monotonic()
-        again = is_new and now - when > _LOG_PERIOD
-        if now - when <= _LINE_PERIOD or (sentence == said and not again):
-            return
-        # On lines of their own: rclpy refuses two severities from one.
-        if level == DiagnosticStatus.ERROR:
-            self._node.get_logger().error(sentence)
-        else:
-            self._node.get_logger().warning(sentence)
-        self._said[about] = (sentence, now)
-
     def clear(self, *abouts: str) -> None:
         """Reports that faults are over; /diagnostics shows each once, however short it was."""
         self._over.update(about for about in abouts if about in self._faults)
@@ -156,21 +124,44 @@ class Health:
         """Shows a figure beside the status."""
         self._values[key] = str(value)
 
+    def _log(self, about: str, *, is_new: bool = False) -> None:
+        """Logs a fault, unless it was said already, or another line about it a moment ago."""
+        level, sentence = self._faults[about]
+        said, when = self._said.get(about, ("", 0.0))
+        age = time.monotonic() - when
+        if age <= _LINE_PERIOD or (sentence == said and not (is_new and age > _LOG_PERIOD)):
+            return
+        # On lines of their own: rclpy refuses two severities from one.
+        if level == DiagnosticStatus.ERROR:
+            self._node.get_logger().error(sentence)
+        else:
+            self._node.get_logger().warning(sentence)
+        self._said[about] = (sentence, time.monotonic())
+
+    def _look_for_rivals(self) -> None:
+        """Ends the node if another one publishes a topic that this one owns."""
+        self._discovery.cancel()
+        for topic in map(self._node.resolve_topic_name, self._owns):
+            own = sum(publisher.topic_name == topic for publisher in self._node.publishers)
+            found = self._node.get_publishers_info_by_topic(topic)
+            names = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in found]
+            if len(names) > own:
+                rivals = [name for name in names if name != self._node.get_fully_qualified_name()]
+                end_with(
+                    VgpsError(
+                        f"{[*rivals, names[0]][0]} publishes {topic} already, which only one node "
+                        "of a graph may do: end that one first, use another ROS_DOMAIN_ID, or give "
+                        "this one topics of its own (--ros-args -r __ns:=/NAME"
+                        f"{f' -r {topic}:={topic[1:]}' * (topic in self._owns)})."
+                    )
+                )
+                return
+        self._when_alone()
+
     def _tick(self) -> None:
-        self._ticks += 1
-        if self._ticks == _FIRST_COUNT:
-            self._timer.timer_period_ns = round(_PERIOD * 1e9)
-            self._when_alone()
-        if self._ticks == 1:
-            domain = self._node.context.get_domain_id()
-            self.report("middleware", warning=middleware.trouble(domain))
-        self.report("inbox", warning=self.inbox.warning())
-        self.set_value("messages_dropped", self.inbox.dropped.total())
         timeout = value(self._node, WAIT_TIMEOUT)
         for what, wait in list(self._waiting.items()):
-            if self.peers.show(wait.meanwhile):
-                wait.since, wait.is_late = time.monotonic(), False
-            elif time.monotonic() - wait.since > timeout and not wait.is_late:
+            if time.monotonic() - wait.since > timeout and not wait.is_late:
                 wait.is_late = True
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {timeout:g} s; is it running?"
@@ -178,9 +169,9 @@ class Health:
         for about in list(self._faults):
             self._log(about)  # what came too soon after another line
         self._publish()
-        over, self._over = self._over, set()
-        for about in over:
+        for about in self._over:
             self._faults.pop(about, None)
+        self._over = set()
 
     def _publish(self) -> None:
         level, message = self._summary()
@@ -196,9 +187,8 @@ class Health:
         self._publisher.publish(array)
 
     def _summary(self) -> tuple[bytes, str]:
-        """The worst level, and all sentences on what is wrong, the worst first."""
+        """Returns the worst level, and all sentences on what is wrong, the worst first."""
         said = list(self._faults.values())
-        said += [(DiagnosticStatus.WARN, sentence) for sentence in self.peers.look()]
         for what, wait in list(self._waiting.items()):
             if wait.is_late:
                 sentence = f"Still waiting for {what}; is it running?"

@@ -3,7 +3,6 @@
 
 from array import array
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
@@ -25,9 +24,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.names import POLICY_OF_ITERATION
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import value
-from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.storage.run_folder import load_distributions
@@ -88,11 +85,10 @@ class TrainingResults:
         self._take_marginals = take_marginals or (lambda *_: None)
         self._needs_policy = needs_policy
         self._waits_for_distribution = take_marginals is not None
-        subscribe = partial(health.inbox.subscribe, qos=LATCHED, largest=LARGEST_RECORD)
-        subscribe(GaussianPolicyMsg, "policy", self._take_policy)
+        node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if take_marginals:
             topic, take = "trajectory_distribution", self._take_distribution
-            subscribe(TrajectoryDistributionMsg, topic, take)
+            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
         if policy_file := value(node, POLICY_FILE):
             self._publish_policy(Path(policy_file))
         if distribution_file := value(node, DISTRIBUTION_FILE):
@@ -101,9 +97,9 @@ class TrainingResults:
     def wait(self) -> None:
         """Says what is still missing."""
         if self._needs_policy and self.policy is None:
-            self._health.wait_for(POLICY, meanwhile=TRAINING)
+            self._health.wait_for(POLICY)
         if self._waits_for_distribution:
-            self._health.wait_for(DISTRIBUTION, meanwhile=TRAINING)
+            self._health.wait_for(DISTRIBUTION)
 
     def stop_waiting(self) -> None:
         """Says that nothing is needed for now."""

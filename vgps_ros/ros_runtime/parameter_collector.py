@@ -13,8 +13,6 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 
-from vgps_ros.ros_runtime.inbox import Inbox
-
 _MOST_NODES = 200  # whose parameters are kept
 _LONGEST = 100_000  # value that is kept, as Python writes it
 
@@ -26,12 +24,12 @@ class ParameterCollector:
         is_changed: whether something is new since the last `text`.
     """
 
-    def __init__(self, node: Node, inbox: Inbox):
+    def __init__(self, node: Node):
         self.is_changed = False
         self._node = node
         self._values: dict[str, dict[str, Any]] = {}
         self._asked: set[str] = set()
-        inbox.subscribe(
+        node.create_subscription(
             ParameterEvent, "/parameter_events", self._follow, qos_profile_parameter_events
         )
 

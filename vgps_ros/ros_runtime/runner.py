@@ -1,14 +1,21 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The function that runs every node and ends it, or prints its `--help`."""
+"""Runs a node until INT or TERM, or prints its `--help`; and the node of a program.
+
+Signals are not left to rclpy, whose handlers end the context at once: a node could say nothing
+more, and its last command must be able to be zero torque.
+"""
 
 import gc
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable
-from contextlib import chdir, suppress
+from collections.abc import Callable, Iterator
+from contextlib import chdir, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import FrameType
 from typing import TypeVar
 
 import rclpy
@@ -20,24 +27,21 @@ from rich import box
 from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.ros_runtime.ending import PATIENCE, Ending
-from vgps_ros.ros_runtime.exit_timer import exit_after
-from vgps_ros.ros_runtime.middleware import choose_middleware
 from vgps_ros.ros_runtime.parameters import DECLARED
-from vgps_ros.ros_runtime.services import guard_services, keep_responses
+from vgps_ros.ros_runtime.services import guard_services
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.views.table_console import table_console
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
-# rclpy raises these where the context ends between two of its calls.
-_LACKS_CONTEXT = (ExternalShutdownException, RuntimeError, ValueError)
+_TURN = 0.2  # longest wait of the executor, after which Python takes note of a signal [s]
+_failures: list[VgpsError] = []  # of callbacks, which end this process's node
 
 
 def run(
     make_node: Callable[[], AnyNode],
     make_executor: Callable[[], Executor] = SingleThreadedExecutor,
-    close: Callable[[AnyNode, Callable[[], bool]], None] = lambda *_: None,
+    close: Callable[[AnyNode], object] = lambda _: None,
 ) -> int:
     """Runs a node until INT or TERM, then destroys it.
 
@@ -45,49 +49,97 @@ def run(
         make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
             sentence. For `--help` it is built too, with its defaults, to see its parameters.
         make_executor: builds what runs the callbacks.
-        close: completes what the node has begun, and may still publish; of one thread's callbacks
-            none runs any more. It is given a function that tells whether the user is in a hurry.
+        close: completes what the node has begun, and may still publish.
 
     Returns:
         The process's exit code.
     """
-    choose_middleware()
     if (code := _answer_arguments(make_node)) is not None:
         return code
     silence_mujoco()
-    ending = Ending()
+    _on_signals(_interrupt_once)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = make_executor()
-    ending.executor = executor
-    node, code = None, 0
+    executor, node, code = make_executor(), None, 0
     try:
-        with ending.interrupting():
-            node = make_node()
+        node = make_node()
+        guard_services(node)
         try:
-            guard_services(node)
-            keep_responses(node)
-            ending.spin(node, executor)
+            _spin(node, executor)
         finally:
-            close(node, ending.is_hurried)
-    except KeyboardInterrupt:
-        pass  # INT or TERM, before the node was made
+            close(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
     except VgpsError as error:
         print(error, file=sys.stderr)
         code = 1
-    except Exception as error:
-        is_ending = ending.is_wanted or not rclpy.ok()
-        if not (is_ending and isinstance(error, _LACKS_CONTEXT)):
-            traceback.print_exc()
-            code = 1
-    exit_after(PATIENCE, code)
-    ending.executor = None
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    _on_signals(lambda *_: None)  # a second one changes nothing
     rclpy.try_shutdown()  # ends what still waits
     executor.shutdown()
     if node:
         node.destroy_node()
     del node, executor
-    gc.collect()  # what a node that did not come about, or one with a lifecycle, still holds
+    gc.collect()  # a node whose constructor failed leaves the graph, too
     return code
+
+
+def _spin(node: Node, executor: Executor) -> None:
+    """Runs a node's callbacks until INT or TERM, which no longer interrupt anything from here on.
+
+    Raises:
+        VgpsError: `end_with` was called with it.
+    """
+    is_ending = threading.Event()
+    _on_signals(lambda *_: is_ending.set())
+    executor.add_node(node)
+    while not (is_ending.is_set() or _failures):
+        executor.spin_once(timeout_sec=_TURN)
+    if _failures:
+        raise _failures.pop()
+
+
+def _on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def _interrupt_once(*_: object) -> None:
+    _on_signals(lambda *_: None)
+    raise KeyboardInterrupt
+
+
+def end_with(failure: VgpsError) -> None:
+    """Ends this process's node with an error, from within a callback of any executor."""
+    _failures.append(failure)
+
+
+def streaming_executor() -> Executor:
+    """Returns the executor that takes least time for each message; it has one thread.
+
+    For each message the public executors ask for all services, timers and topics of a node, which
+    takes three times as long.
+    """
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:  # in the first releases of Jazzy
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+@contextmanager
+def client_node(make_node: Callable[[], AnyNode]) -> Iterator[AnyNode]:
+    """Makes the node of a program that asks other nodes for something; destroys it at the end."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = None
+    try:
+        node = make_node()
+        yield node
+    finally:
+        if node:
+            node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
@@ -131,7 +183,6 @@ def _show_help(make_node: Callable[[], Node], name: str) -> None:
         with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
             make_node().destroy_node()
         rclpy.try_shutdown()
-        gc.collect()  # what such a node, or one with a lifecycle, still holds
     table = Table(box=box.SIMPLE)
     for heading in ("parameter", "default", "what it does (valid values)"):
         table.add_column(heading, overflow="fold")

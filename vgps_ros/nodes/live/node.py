@@ -21,7 +21,6 @@ from vgps_ros.messages.names import MJCF, driver
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.live.clients import CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.inbox import LARGEST_RECORD
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, SIGNS_OF_LIFE, STREAM
 from vgps_ros.ros_runtime.runner import run
@@ -65,8 +64,8 @@ class Live(Node):
         self._cost = CostClient(self, planner, self._page.show_cost, self._tell)
         self.set_cost = self._cost.set
         self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
-        subscribe = self._health.inbox.subscribe
-        subscribe(String, MJCF, self._take_robot, LATCHED, largest=LARGEST_RECORD)
+        subscribe = self.create_subscription
+        subscribe(String, MJCF, self._take_robot, LATCHED)
         subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, SIGNS_OF_LIFE)
         subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
         steady_timer(self, _FRAME, self._show)
@@ -127,7 +126,7 @@ class Live(Node):
         self._health.clear("robot")
         self._health.arrived(f"{MJCF} from simulation")
         self._page.show_robot(model)
-        states.subscribe(self._health.inbox.subscribe, self._take_state, NEWEST)
+        states.subscribe(self.create_subscription, self._take_state, NEWEST)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self._newest = messages
@@ -159,4 +158,4 @@ def _open_page(port: int, node: Live) -> Any:
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(Live, close=lambda node, _: node.close())
+    return run(Live, close=lambda node: node.close())

@@ -11,6 +11,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -26,10 +27,9 @@ from vgps_ros.nodes.policy_learner.optimizer_pool import (
     OptimizerPool,
 )
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.liveness import lively
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.peers import TRAINING
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM
-from vgps_ros.ros_runtime.rclpy_internals import ThreadedExecutor
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
@@ -40,6 +40,8 @@ from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK
 
 _PATIENCE = 0.2  # for readers that have not taken the policy before [s]
+
+_TRAINING = "training"  # key of a value on /diagnostics: how far it is
 
 CHECKPOINT_FOLDER = Setting(
     "checkpoint_folder",
@@ -86,7 +88,9 @@ class PolicyLearner(Node):
         self._busy = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "search")  # each thread that computes keeps memory
         self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATEST)
-        self._progress = self.create_publisher(LearningProgress, "learning_progress", STREAM)
+        self._progress = self.create_publisher(
+            LearningProgress, "learning_progress", lively(STREAM)
+        )
         self._action = ActionServer(
             self,
             TrainPolicy,
@@ -125,7 +129,7 @@ class PolicyLearner(Node):
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
         result = TrainPolicy.Result()
         self._health.clear("training")
-        self._health.set_value(TRAINING, "initial DDP")
+        self._health.set_value(_TRAINING, "initial DDP")
         try:
             self._run(goal, result)
         except CancelledError as error:
@@ -142,7 +146,7 @@ class PolicyLearner(Node):
             result.success = True
             goal.succeed()
         finally:
-            self._health.set_value(TRAINING, "")
+            self._health.set_value(_TRAINING, "")
             self._busy.release()
         return result
 
@@ -214,10 +218,10 @@ class PolicyLearner(Node):
         self._policies.publish(policy)
         self._progress.publish(news[-1])
         goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
-        self._health.set_value(TRAINING, f"iteration {iteration.k} of {iterations}")
+        self._health.set_value(_TRAINING, f"iteration {iteration.k} of {iterations}")
         self._health.report("iteration", warning=" ".join(iteration.warnings))
 
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run(PolicyLearner, partial(ThreadedExecutor, 4))
+    return run(PolicyLearner, partial(MultiThreadedExecutor, 4))

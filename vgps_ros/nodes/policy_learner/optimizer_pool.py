@@ -7,16 +7,19 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from rcl_interfaces.srv import GetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
+from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.liveness import Liveness
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.optimization_request import OptimizationRequest
@@ -37,6 +40,7 @@ OPTIMIZER_TIMEOUT = Setting(
 )
 
 _POLL = 0.1  # between two looks at what is there and what was cancelled [s]
+_GREETING_TIMEOUT = 1.0  # in which a node answers to a greeting, or is greeted again [s]
 _ASLEEP = 3.0  # between two looks means that this process was stopped, and may lack an answer [s]
 
 
@@ -51,9 +55,13 @@ class _Optimizer:
     name: str
     client: Client
     canceller: Client
+    greeter: Client  # of a service that answers at once
+    life: Liveness
     index: int = -1  # the request's place
-    instance: str = ""  # the run of the node that has it
+    losses: int = 0  # of the node, when the request was sent
     future: Future | None = None  # its answer; None where the node has nothing to do
+    greeting: Future | None = None
+    greeted: float = 0.0  # when, by the steady clock [s]
 
 
 class OptimizerPool:
@@ -77,6 +85,8 @@ class OptimizerPool:
                 node.resolve_service_name(f"{name}/optimize").rpartition("/")[0],
                 node.create_client(OptimizeTrajectory, f"{name}/optimize", callback_group=group),
                 node.create_client(CancelOptimization, f"{name}/cancel", callback_group=group),
+                node.create_client(GetParameters, f"{name}/get_parameters", callback_group=group),
+                Liveness(node, OptimizerIteration, f"{name}/iterations", group=group),
             )
             for name in names
         ]
@@ -133,7 +143,7 @@ class OptimizerPool:
         if answer and answer.status != ENDING:
             optimizer.future = None
             return answer
-        if answer or asleep or self._is_lost(optimizer):
+        if answer or asleep or optimizer.losses != optimizer.life.losses:
             optimizer.future = None
             optimizer.client.remove_pending_request(future)
             waiting.appendleft(optimizer.index)
@@ -141,23 +151,30 @@ class OptimizerPool:
             self._node.get_logger().warning(sentence)
         return None
 
-    def _is_lost(self, optimizer: _Optimizer) -> bool:
-        instance = self._health.peers.instance_of(optimizer.name)
-        optimizer.instance = optimizer.instance or instance
-        return optimizer.instance != instance or not self._is_well(optimizer)
-
     def _send(
         self, optimizer: _Optimizer, index: int, request: OptimizationRequest, wake: threading.Event
     ) -> None:
         optimizer.index = index
-        optimizer.instance = self._health.peers.instance_of(optimizer.name)
+        optimizer.losses = optimizer.life.losses
         stamp = self._node.get_clock().now().to_msg()
         optimizer.future = optimizer.client.call_async(request_to_msg(request, self._task, stamp))
         optimizer.future.add_done_callback(lambda _: wake.set())
 
     def _is_well(self, optimizer: _Optimizer) -> bool:
-        silent = self._health.peers.is_silent(optimizer.name)
-        return optimizer.client.service_is_ready() and not silent
+        """Returns whether an optimizer is alive, and its answers reach this node.
+
+        A node may answer before it has discovered who asks; the answer is lost. So it is asked for
+        something small first, again each second.
+        """
+        if not (optimizer.life.is_alive and optimizer.client.service_is_ready()):
+            optimizer.greeting = None
+            return False
+        now = time.monotonic()
+        late = now - optimizer.greeted > _GREETING_TIMEOUT
+        if optimizer.greeting is None or (late and not optimizer.greeting.done()):
+            optimizer.greeted = now
+            optimizer.greeting = optimizer.greeter.call_async(GetParameters.Request())
+        return optimizer.greeting.done()
 
     def _ready(self) -> list[_Optimizer]:
         """Returns the optimizers that are there and well; says so if there is none."""

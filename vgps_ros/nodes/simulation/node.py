@@ -33,9 +33,8 @@ from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.rclpy_internals import streaming_executor
 from vgps_ros.ros_runtime.robot_description import publish_mjcf, publish_urdf
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
@@ -119,8 +118,8 @@ class SimulationNode(Node):
             for topic, kind in self._messages.topics.items()
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
-        self._health.inbox.subscribe(JointState, "joint_command", self._take_command, STREAM)
-        self._health.inbox.subscribe(WrenchStamped, "push", self._take_push, STREAM)
+        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self.create_subscription(WrenchStamped, "push", self._take_push, STREAM)
         SimulationServices(self, self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)

@@ -33,6 +33,7 @@ from vgps_ros.core.checks import quoted
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.nodes.simulation.robot_entity import RefusedError, RobotEntity
 from vgps_ros.ros_runtime.qos import CALLS
+from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.tasks import Task
 
@@ -197,7 +198,8 @@ class SimulationServices:
             StepSimulation: self._step,
         }.items():
             name = f"~/{_name(kind)}"
-            node.create_service(kind, name, partial(_answered, answer), qos_profile=CALLS)
+            call = partial(_answered, answer)
+            answer_later(node.create_service(kind, name, call, qos_profile=CALLS))
         ActionServer(
             node,
             SimulateSteps,
