@@ -73,9 +73,11 @@ def whole_graph(shared_graph) -> Iterator[Any]:
     graph.start("player", bag=SAMPLE, start_paused=True)
     graph.start("visualizer", output=folder / "run.rrd")
     graph.start("live", port=18080)
+    patience = ("--timeout", str(START_UP))
+    training = ("--iterations", "100000", "--output", f"{folder}/out")
     programs = [
-        graph.start("train_through_graph", "--iterations", "100000", "--output", f"{folder}/out"),
-        graph.start("execute_policy", "--task", "rotor", "--steps", "100000000"),
+        graph.start("train_through_graph", *training, *patience),
+        graph.start("execute_policy", "--task", "rotor", "--steps", "100000000", *patience),
     ]
     missing = {process.name for process in graph.processes}
     found = lambda: missing.difference_update(graph.node.get_node_names()) or not missing  # noqa: E731

@@ -44,15 +44,17 @@ class PolicyRun(Node):
         self._states: dict[int, Array] = {}  # by stamp [ns]
         self._controls: dict[int, Array] = {}
         self._policies: list[Any] = []
+        # First, since nodes discover endpoints in their order: once a state comes, the simulation's
+        # answers will come too.
+        name = f"{simulation}/set_simulation_state"
+        self._set_state = self.create_client(SetSimulationState, name)
+        self._reset = self.create_client(ResetSimulation, f"{simulation}/reset_simulation")
+        self._step = self.create_client(StepSimulation, f"{simulation}/step_simulation")
         self._messages = StateMessages(task.dynamics.model)
         self._messages.subscribe(self.create_subscription, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         for kind, topic in ((GaussianPolicyMsg, "policy"), (UInt8MultiArray, "onnx_policy")):
             self.create_subscription(kind, topic, self._policies.append, LATCHED)
-        name = f"{simulation}/set_simulation_state"
-        self._set_state = self.create_client(SetSimulationState, name)
-        self._reset = self.create_client(ResetSimulation, f"{simulation}/reset_simulation")
-        self._step = self.create_client(StepSimulation, f"{simulation}/step_simulation")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 
@@ -63,7 +65,7 @@ class PolicyRun(Node):
             VgpsError: the simulation or a policy does not come in time, or a step fails.
         """
         self._wait(
-            self._step.service_is_ready,
+            lambda: self._step.service_is_ready() and self._states,
             "No simulation is there; start one with 'ros2 run vgps_ros simulation'.",
         )
         self._wait(

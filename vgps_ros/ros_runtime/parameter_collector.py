@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Gathers the parameters of every node of the graph, as a parameter file has them."""
 
+import time
 from functools import partial
 from typing import Any
 
@@ -13,6 +14,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 
+_ANSWER_TIMEOUT = 5.0  # after which a node is asked again [s]
 _MOST_NODES = 200  # whose parameters are kept
 _LONGEST = 100_000  # value that is kept, as Python writes it
 
@@ -28,7 +30,7 @@ class ParameterCollector:
         self.is_changed = False
         self._node = node
         self._values: dict[str, dict[str, Any]] = {}
-        self._asked: set[str] = set()
+        self._asked: dict[str, float] = {}  # nodes, and when, by the steady clock [s]
         node.create_subscription(
             ParameterEvent, "/parameter_events", self._follow, qos_profile_parameter_events
         )
@@ -39,13 +41,19 @@ class ParameterCollector:
             f"{namespace.rstrip('/')}/{name}"
             for name, namespace in self._node.get_node_names_and_namespaces()
         }
-        self._asked &= names  # one that comes back is asked again
-        new = sorted(names - self._asked)
+        # One that comes back is asked again, and one whose answer is late: it may have been lost.
+        late = time.monotonic() - _ANSWER_TIMEOUT
+        self._asked = {
+            name: when
+            for name, when in self._asked.items()
+            if name in names and (name in self._values or when > late)
+        }
+        new = sorted(names - self._asked.keys())
         services = {name for name, _ in self._node.get_service_names_and_types()} if new else set()
         for name in new:
-            has_place = len(self._asked | self._values.keys()) < _MOST_NODES
+            has_place = len(self._asked.keys() | self._values.keys()) < _MOST_NODES
             if has_place and f"{name}/get_parameters" in services:
-                self._asked.add(name)
+                self._asked[name] = time.monotonic()
                 client = self._node.create_client(ListParameters, f"{name}/list_parameters")
                 future = client.call_async(ListParameters.Request())
                 future.add_done_callback(partial(self._take_names, name, client))

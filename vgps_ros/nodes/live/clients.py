@@ -43,7 +43,6 @@ class SimulationClient:
     def __init__(self, node: Node, simulation: str, tell: Callable[[str], object]):
         self.state = ""
         self._tell, self._name = tell, simulation
-        self._asked: Future | None = None
 
         def client(kind: Any, name: str) -> Any:
             return node.create_client(kind, f"{simulation}/{name}", qos_profile=CALLS)
@@ -72,10 +71,10 @@ class SimulationClient:
     def look(self) -> None:
         """Asks how the simulation runs; `state` tells it once the answer has come."""
         if not self._get.service_is_ready():
-            self.state, self._asked = "", None
-        elif self._asked is None or self._asked.done():
-            self._asked = self._get.call_async(GetSimulationState.Request())
-            self._asked.add_done_callback(self._take_state)
+            self.state = ""
+        else:  # also where the last question has no answer: it may have been lost
+            question = self._get.call_async(GetSimulationState.Request())
+            question.add_done_callback(self._take_state)
 
     def _take_state(self, done: Future) -> None:
         self.state = _STATES.get(done.result().state.state, "")
@@ -118,17 +117,15 @@ class CostClient:
     ):
         self._client = AsyncParameterClient(node, planner)
         self._show, self._tell = show, tell
-        self._asked: Future | None = None
         self._changing = 0  # changes whose answer is awaited
 
     def look(self) -> None:
         """Asks for the values; nothing is shown while there is no planner or no such cost."""
         if not self._client.services_are_ready():
-            self._asked = None
             self._show((), (), ())
-        elif self._asked is None or self._asked.done():
-            self._asked = self._client.get_parameters([_READINGS, _TARGETS, _WEIGHTS])
-            self._asked.add_done_callback(self._take)
+        else:
+            question = self._client.get_parameters([_READINGS, _TARGETS, _WEIGHTS])
+            question.add_done_callback(self._take)
 
     def set(self, targets: Sequence[float], weights: Sequence[float]) -> None:
         """Sets all values at once."""

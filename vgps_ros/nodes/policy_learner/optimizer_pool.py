@@ -41,7 +41,6 @@ OPTIMIZER_TIMEOUT = Setting(
 
 _POLL = 0.1  # between two looks at what is there and what was cancelled [s]
 _GREETING_TIMEOUT = 1.0  # in which a node answers to a greeting, or is greeted again [s]
-_ASLEEP = 3.0  # between two looks means that this process was stopped, and may lack an answer [s]
 
 
 class CancelledError(VgpsError):
@@ -104,22 +103,21 @@ class OptimizerPool:
         waiting = deque(range(len(requests)))
         results: dict[int, OptimizationResult] = {}
         wake = threading.Event()
-        looked = there = time.monotonic()
+        there = time.monotonic()
         try:
             while len(results) < len(requests):
                 if is_cancelled():
                     raise CancelledError("The training was cancelled.")
                 wake.clear()
-                asleep = time.monotonic() - looked > _ASLEEP
-                looked = time.monotonic()
                 for optimizer in self._optimizers:
-                    if answer := self._answer(optimizer, waiting, asleep=asleep):
+                    if answer := self._answer(optimizer, waiting):
                         request = requests[optimizer.index]
                         results[optimizer.index] = result_from_msg(answer, request, self._task)
                 ready = self._ready()
-                there = looked if ready or asleep else there
+                now = time.monotonic()
+                there = now if ready else there
                 timeout = value(self._node, OPTIMIZER_TIMEOUT)
-                if timeout and looked - there > timeout:
+                if timeout and now - there > timeout:
                     raise VgpsError(
                         f"No optimizer was there for {timeout:g} s; start {self._awaited}, "
                         "and train again."
@@ -134,7 +132,7 @@ class OptimizerPool:
         return [results[i] for i in range(len(requests))]
 
     def _answer(
-        self, optimizer: _Optimizer, waiting: deque[int], *, asleep: bool
+        self, optimizer: _Optimizer, waiting: deque[int]
     ) -> OptimizeTrajectory.Response | None:
         """Returns an optimizer's answer if it is there; a request that was lost waits again."""
         if not (future := optimizer.future):
@@ -143,7 +141,7 @@ class OptimizerPool:
         if answer and answer.status != ENDING:
             optimizer.future = None
             return answer
-        if answer or asleep or optimizer.losses != optimizer.life.losses:
+        if answer or optimizer.losses != optimizer.life.losses:
             optimizer.future = None
             optimizer.client.remove_pending_request(future)
             waiting.appendleft(optimizer.index)
@@ -169,12 +167,12 @@ class OptimizerPool:
         if not (optimizer.life.is_alive and optimizer.client.service_is_ready()):
             optimizer.greeting = None
             return False
-        now = time.monotonic()
+        now, greeting = time.monotonic(), optimizer.greeting
         late = now - optimizer.greeted > _GREETING_TIMEOUT
-        if optimizer.greeting is None or (late and not optimizer.greeting.done()):
+        if greeting is None or (late and not greeting.done()):
             optimizer.greeted = now
-            optimizer.greeting = optimizer.greeter.call_async(GetParameters.Request())
-        return optimizer.greeting.done()
+            greeting = optimizer.greeting = optimizer.greeter.call_async(GetParameters.Request())
+        return greeting.done()
 
     def _ready(self) -> list[_Optimizer]:
         """Returns the optimizers that are there and well; says so if there is none."""
