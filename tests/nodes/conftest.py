@@ -30,11 +30,13 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
 
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.messages.names import MJCF
+from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.tasks import Task
 
 T = TypeVar("T")
@@ -203,6 +205,11 @@ class Graph:
         publisher = self.node.create_publisher(kind, topic, qos)
         self.spin_until(publisher.get_subscription_count, what=f"a subscriber of {topic}")
         return publisher
+
+    def describe(self, task: Task) -> None:
+        """Publishes the robot of a task, as the simulation does."""
+        message = String(data=task.mjcf)
+        self.node.create_publisher(String, MJCF, LATEST).publish(message)
 
     def call_async(self, kind: type, name: str, request: Any = None) -> Any:
         """Calls a service once it is there and returns the response's future."""

@@ -24,7 +24,6 @@ from tests.nodes.conftest import EXECUTABLES
 from vgps_ros.bags.reindex import missing_parts, reindex
 from vgps_ros.messages.conversions import pack, stamp_of, state_to_msg
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.robot_description import publish_mjcf
 from vgps_ros.tasks import make_task
 
 # 2 s are promised, and 0.3 s measured where the machine is quiet; here others may work, too [s].
@@ -213,7 +212,7 @@ def test_the_visualizer_goes_on_after_a_full_disk_and_ends_on_one(graph, swimmer
     path = tmp_path / "run.rrd"
     visualizer = graph.start("visualizer", output=path)
     graph.spin_until_output(visualizer, "Recording what is seen")
-    publish_mjcf(graph.node, make_task("swimmer"))
+    graph.describe(make_task("swimmer"))
     states = graph.publisher(JointState, "joint_states", STREAM)
     sent = 0
 

@@ -78,7 +78,7 @@ def test_our_own_file_drives_to_the_same_bits_as_the_policy(
 
 @pytest.fixture
 def foreign(swimmer, tmp_path):
-    """Writes a network of others with torques beyond the limits, in another order of the joints."""
+    """Writes a third-party policy: torques beyond the limits, joints in another order."""
 
     def write(name, seed=0):
         layers = elu_layers(len(swimmer.observation.names), 2, seed=seed)
@@ -119,7 +119,7 @@ def test_a_wrong_file_ends_the_start_with_a_sentence(graph, foreign, tmp_path):
     assert "Traceback" not in executor.output
     planner = graph.start("mpc", policy_file=tmp_path / "whole.onnx")
     assert planner.wait() == 1
-    assert "a network of others, which only policy_executor can execute" in planner.output
+    assert "a third-party ONNX policy, which only policy_executor can execute" in planner.output
 
 
 def test_a_policy_of_the_topic_takes_over_from_the_file(graph, swimmer, foreign, random_policy):

@@ -34,7 +34,6 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.ros_runtime.robot_description import publish_mjcf
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
@@ -47,7 +46,7 @@ def rows(path, entity: str) -> int:
 def start(graph, path):
     visualizer = graph.start("visualizer", output=path)
     graph.spin_until_output(visualizer, "Recording what is seen")
-    publish_mjcf(graph.node, make_task("swimmer"))
+    graph.describe(make_task("swimmer"))
     return visualizer
 
 

@@ -28,7 +28,7 @@ from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance
 
-ENDING = "ending"  # status of an answer by a node that ends before the solve does
+SHUTTING_DOWN = "shutting_down"  # status of an answer by a node that ends before the solve
 
 # How a solve may end with a q(ζ) and still not well, and what helps.
 TROUBLE = {

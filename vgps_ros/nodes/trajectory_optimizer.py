@@ -7,14 +7,16 @@ from dataclasses import replace
 
 from rclpy.node import Node
 from rclpy.task import Future
+from std_msgs.msg import String
 from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, VgpsError
+from vgps_ros.messages.names import MJCF
 from vgps_ros.messages.optimization import (
-    ENDING,
+    SHUTTING_DOWN,
     TROUBLE,
     iteration_to_msg,
     request_from_msg,
@@ -23,8 +25,7 @@ from vgps_ros.messages.optimization import (
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.liveness import lively
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import CALLS, LATCHED, STREAM
-from vgps_ros.ros_runtime.robot_description import publish_mjcf
+from vgps_ros.ros_runtime.qos import CALLS, LATCHED, LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.search.preparation import prepare
@@ -46,7 +47,7 @@ class TrajectoryOptimizerNode(Node):
         self._health = Health(self)
         self._cancelled = threading.Event()
         self._solving = threading.Event()
-        self._ending = threading.Event()
+        self._shutting_down = threading.Event()
         # A solve must not keep the node from being cancelled or diagnosed.
         self._worker = ThreadPoolExecutor(1, "solve")
         self._places = threading.Semaphore(CALLS.depth)  # for requests that wait or are solved
@@ -58,12 +59,13 @@ class TrajectoryOptimizerNode(Node):
             self.create_service(OptimizeTrajectory, "~/optimize", self._enqueue, qos_profile=CALLS)
         )
         self.create_service(CancelOptimization, "~/cancel", self._cancel, qos_profile=CALLS)
-        publish_mjcf(self, task)
+        # Nodes that start later get it too.
+        self.create_publisher(String, MJCF, LATEST).publish(String(data=task.mjcf))
         self.get_logger().info(f"Ready to optimise trajectories of the {task.name}.")
 
     def stop(self) -> None:
         """Hands back what is being solved, and what waits for it."""
-        self._ending.set()
+        self._shutting_down.set()
         self._worker.shutdown()
 
     def _enqueue(
@@ -83,14 +85,14 @@ class TrajectoryOptimizerNode(Node):
         try:
             response = self._solve(request)
         except Exception as error:
-            if not self._ending.is_set():
+            if not self._shutting_down.is_set():
                 return self._refused(error)
         finally:
             self._solving.clear()
             self._places.release()
-        if self._ending.is_set():
+        if self._shutting_down.is_set():
             return OptimizeTrajectory.Response(
-                status=ENDING,
+                status=SHUTTING_DOWN,
                 message="The node ends, so that the solve is to be done elsewhere.",
             )
         return response
@@ -106,7 +108,7 @@ class TrajectoryOptimizerNode(Node):
             self._task,
             request,
             on_iteration=publish,
-            is_cancelled=lambda: self._cancelled.is_set() or self._ending.is_set(),
+            is_cancelled=lambda: self._cancelled.is_set() or self._shutting_down.is_set(),
         )
         stamp = self.get_clock().now().to_msg()
         response = result_to_msg(result, request, self._task, stamp)

@@ -1,38 +1,76 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A lifecycle node that answers each state that comes with torques, as all controllers share it.
+"""A lifecycle node that answers each state with torques, which all controllers share.
 
-Where its law must not drive, the safe action does; `safety.supervisor` decides.
+Where its law must not drive, the safe action does; `safety.supervisor` decides. `Controller` is the
+node, `TrainingResults` takes its policy and the trajectory distributions, `AnswerTimes` shows
+whether its torques come in time.
 """
 
 import time
 from abc import abstractmethod
+from array import array
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, UInt8MultiArray
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
+from vgps_ros.core.checks import one_of
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.records import Array
+from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import command_to_msg, nanoseconds, pack, stamp_of
-from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
+from vgps_ros.messages.conversions import (
+    command_to_msg,
+    distribution_from_msg,
+    distribution_to_msg,
+    nanoseconds,
+    pack,
+    policy_from_msg,
+    policy_to_msg,
+    stamp_of,
+)
+from vgps_ros.messages.names import (
+    COMMANDS_SENT,
+    IS_ACTIVE,
+    POLICY_OF_ITERATION,
+    SAFE_ACTION,
+)
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.learned_policy import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
-from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import NEWEST, NEWEST_OF_SENSORS, STREAM
+from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
+from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
+from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities
-from vgps_ros.tasks import make_task
+from vgps_ros.storage.run_folder import load_distributions
+from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.driving import Driver, driver_of
 from vgps_ros.tasks.settings import TASK
 
+POLICY_FILE = Setting(
+    "policy_file",
+    "",
+    "policy.json of a training, or an ONNX file, to start with; empty: wait for the topic policy",
+)
+DISTRIBUTION_FILE = Setting(
+    "distribution_file",
+    "",
+    "distribution.npz of a training, for distance_limit, distance_warning and feedback; empty: "
+    "wait for the topic trajectory_distribution where they need it",
+)
 AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")
 COMMAND_TYPE = Setting(
     "command_type",
@@ -49,6 +87,8 @@ STATE_QOS = Setting(
     "driver of a real robot, whose states must have a stamp other than zero",
     choices=("reliable", "sensor_data"),
 )
+_POLICY = "policy from policy_learner"
+_DISTRIBUTION = "trajectory_distribution from trajectory_optimizer"
 _PERIOD = 1.0  # over which figures are taken [s]
 
 
@@ -231,6 +271,130 @@ class Controller(LifecycleNode):
         self.health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
+
+
+class TrainingResults:
+    """Takes policies and trajectory distributions; a wrong one is refused and the old one stays.
+
+    What a file holds is published too, for the other nodes that follow the topic.
+
+    Args:
+        node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
+        task: the task that the results must be for.
+        health: the node's diagnostics.
+        take_marginals: called with the trajectory's index and its marginals; None if they are not
+            needed.
+        needs_policy: whether the node waits for a policy, which may be a third-party ONNX policy.
+
+    Attributes:
+        policy: the latest one, ready to drive, or None.
+        observation: what it reads of a state.
+
+    Raises:
+        InvalidInputError: a file that the node was started with is wrong.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        task: Task,
+        health: Health,
+        take_marginals: Callable[[int, TrainingMarginals], None] | None,
+        *,
+        needs_policy: bool,
+    ):
+        self.policy: ExecutedPolicy | None = None
+        self.observation = task.observation
+        self._node = node
+        self._task = task
+        self._health = health
+        self._take_marginals = take_marginals or (lambda *_: None)
+        self._needs_policy = needs_policy
+        self._waits_for_distribution = take_marginals is not None
+        node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
+        if take_marginals:
+            topic, take = "trajectory_distribution", self._take_distribution
+            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
+        if policy_file := value(node, POLICY_FILE):
+            self._publish_policy(Path(policy_file))
+        if distribution_file := value(node, DISTRIBUTION_FILE):
+            self._publish_distributions(Path(distribution_file))
+
+    def wait(self) -> None:
+        """Says what is still missing."""
+        if self._needs_policy and self.policy is None:
+            self._health.wait_for(_POLICY)
+        if self._waits_for_distribution:
+            self._health.wait_for(_DISTRIBUTION)
+
+    def stop_waiting(self) -> None:
+        """Says that nothing is needed for now."""
+        self._health.stop_waiting(_POLICY, _DISTRIBUTION)
+
+    def _take_policy(self, message: GaussianPolicyMsg) -> None:
+        try:
+            one_of("the policy's task", message.task, [self._task.name])
+            file = PolicyFile("The policy", message.task, policy_from_msg(message))
+            driver = driver_of(self._task, file)
+        except InvalidInputError as error:
+            kept = "the one before stays" if self.policy else "there is none before it"
+            self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
+            return
+        self._drive_by(driver, message.iteration)
+
+    def _drive_by(self, driver: Driver, iteration: int) -> None:
+        self.policy, self.observation = ExecutedPolicy(driver.policy), driver.observation
+        self._health.arrived(_POLICY)
+        self._health.clear("policy")
+        self._health.set_value(POLICY_OF_ITERATION, iteration)
+
+    def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
+        try:
+            self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
+        except InvalidInputError as error:
+            sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
+            self._health.report("distribution", error=sentence)
+            return
+        self._health.clear("distribution")
+
+    def _publish_policy(self, path: Path) -> None:
+        file = open_policy(path)
+        if file.gaussian or file.task:
+            one_of("the policy's task", file.task, [self._task.name])
+        driver = driver_of(self._task, file)
+        if file.gaussian:
+            stamp = self._node.get_clock().now().to_msg()
+            publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
+            publisher.publish(policy_to_msg(file.gaussian, file.task, 0, stamp))
+        elif self._needs_policy:
+            self._drive_by(driver, 0)
+            # For a check of the bag. No node takes it: ONNX policies come from files alone.
+            publisher = self._node.create_publisher(UInt8MultiArray, "onnx_policy", LATEST)
+            publisher.publish(UInt8MultiArray(data=array("B", file.content)))
+        else:
+            raise InvalidInputError(
+                f"{file.name} is a third-party ONNX policy, which only policy_executor can "
+                "execute; name the policy.json of a run."
+            )
+
+    def _publish_distributions(self, path: Path) -> None:
+        distributions, task = load_distributions(path)
+        publisher = self._node.create_publisher(
+            TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
+        )
+        for index, q in enumerate(distributions):
+            # Taken here too: the topic keeps the last few only.
+            self._prepare(index, q, task)
+            stamp = self._node.get_clock().now().to_msg()
+            publisher.publish(distribution_to_msg(q, self._task, index, 0, stamp))
+
+    def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
+        """Hands on the marginals of the steps that a policy is trained on."""
+        one_of("the distribution's task", task, [self._task.name])
+        trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
+        self._take_marginals(index, TrainingMarginals(trained, self._task.observation, n_u))
+        self._waits_for_distribution = False
+        self._health.arrived(_DISTRIBUTION)
 
 
 class AnswerTimes:

@@ -17,7 +17,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.optimization import ENDING, request_to_msg, result_from_msg
+from vgps_ros.messages.optimization import SHUTTING_DOWN, request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.liveness import Liveness
 from vgps_ros.ros_runtime.parameters import value
@@ -138,7 +138,7 @@ class OptimizerPool:
         if not (future := optimizer.future):
             return None
         answer = future.result() if future.done() else None
-        if answer and answer.status != ENDING:
+        if answer and answer.status != SHUTTING_DOWN:
             optimizer.future = None
             return answer
         if answer or optimizer.losses != optimizer.life.losses:

@@ -14,6 +14,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
@@ -26,16 +27,17 @@ from vgps_ros.messages.conversions import (
     stamp_of,
     wrench_from_msg,
 )
+from vgps_ros.messages.names import MJCF, URDF
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.nodes.simulation.frames import FrameBroadcaster
 from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.robot_description import publish_mjcf, publish_urdf
+from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
@@ -126,10 +128,13 @@ class SimulationNode(Node):
         time_step = self._task.dynamics.time_step
         if not self._lock_step:
             steady_timer(self, time_step / factor, self._step_in_real_time)
-        pace = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
-        self.get_logger().info(f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {pace}.")
-        publish_mjcf(self, self._task)
-        publish_urdf(self, self._task)
+        timing = "lock-step" if self._lock_step else f"real time, factor {factor:g}"
+        self.get_logger().info(
+            f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {timing}."
+        )
+        model = self._task.dynamics.model
+        for topic, text in ((MJCF, self._task.mjcf), (URDF, urdf(model))):
+            self.create_publisher(String, topic, LATEST).publish(String(data=text))
         self._publish()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:
