@@ -12,7 +12,7 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import pack, policy_to_msg
-from vgps_ros.messages.optimization import ENDING
+from vgps_ros.messages.optimization import SHUTTING_DOWN
 from vgps_ros.tasks import make_task
 
 NODE = "trajectory_optimizer"
@@ -127,6 +127,6 @@ def test_a_termination_ends_a_running_solve(graph, request_message):
     node.send(15)
     node.send(15)
     graph.spin_until(lambda: all(a.done() for a in answers), what="answers of a node that ends")
-    assert [answer.result().status for answer in answers] == [ENDING, ENDING]
+    assert [answer.result().status for answer in answers] == [SHUTTING_DOWN, SHUTTING_DOWN]
     assert node.wait() == 0, node.output
     assert "Traceback" not in node.output
