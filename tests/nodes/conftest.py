@@ -43,6 +43,8 @@ T = TypeVar("T")
 
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 232)
+ENDING = (signal.SIGINT, signal.SIGTERM)
+START_UP = 10.0  # longest time until a process heeds signals [s]
 PATIENCE = 90.0  # generous: the machine may be busy [s]
 
 
@@ -56,6 +58,7 @@ class Process:
 
     def __init__(self, name: str, command: list[str], environment: dict[str, str], log: Path):
         self.name = name
+        self._began = time.monotonic()
         self._log = log
         with log.open("w") as file:
             self._process = subprocess.Popen(
@@ -89,7 +92,17 @@ class Process:
         return self._process.wait(timeout)
 
     def send(self, number: int) -> None:
+        """Sends a signal; to a new process INT and TERM only once it heeds them."""
+        while number in ENDING and self.running and not self._heeds_signals():
+            if time.monotonic() > self._began + START_UP:
+                break
+            time.sleep(0.02)
         self._process.send_signal(number)
+
+    def _heeds_signals(self) -> bool:
+        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        caught = next(int(line.split()[1], 16) for line in lines if line.startswith("SigCgt"))
+        return bool(caught >> (signal.SIGTERM - 1) & 1)
 
     def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
         """Sends a signal, waits for the end and returns the exit code."""

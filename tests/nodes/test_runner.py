@@ -106,7 +106,10 @@ class Talking(Node):
     def __init__(self):
         super().__init__("talking")
         self.words = self.create_publisher(String, "words", 10)
-        self.create_timer(0.1, lambda: print("spins", flush=True))
+        self.create_timer(0.1, self.look)
+
+    def look(self):
+        print("heard" if self.words.get_subscription_count() else "alone", flush=True)
 
 def close(node):
     node.words.publish(String(data="last"))
@@ -127,8 +130,7 @@ def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
         executor=f", {executor}" * bool(executor), executor_name=f"{executor}, " * bool(executor)
     )
     node = graph.start_command("talking", [sys.executable, "-c", code])
-    graph.spin_until_output(node, "spins")
-    graph.spin_until(lambda: graph.node.count_publishers("words"))
+    graph.spin_until_output(node, "heard")
     node.send(number)
     graph.spin_until(lambda: [word.data for word in words] == ["last"])
     node.send(number)

@@ -21,7 +21,6 @@ HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 _PERIOD = 1.0  # between two diagnostics [s]
 _DISCOVERY = 1.2  # in which a new node discovers the others [s]
 _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
-_LINE_PERIOD = 0.1  # at least, between two lines about the same thing [s]
 
 WAIT_TIMEOUT = Setting(
     "wait_timeout",
@@ -112,8 +111,8 @@ class Health:
         before = self._faults.get(about, (DiagnosticStatus.OK, ""))[0]
         self._faults[about] = (level, error or warning)
         self._over.discard(about)
-        self._log(about, is_new=before != level)
         if before != level:
+            self._log(about)
             self._publish()
 
     def clear(self, *abouts: str) -> None:
@@ -124,12 +123,11 @@ class Health:
         """Shows a figure beside the status."""
         self._values[key] = str(value)
 
-    def _log(self, about: str, *, is_new: bool = False) -> None:
-        """Logs a fault, unless it was said already, or another line about it a moment ago."""
+    def _log(self, about: str) -> None:
+        """Logs a fault, unless the same line was logged a moment ago."""
         level, sentence = self._faults[about]
         said, when = self._said.get(about, ("", 0.0))
-        age = time.monotonic() - when
-        if age <= _LINE_PERIOD or (sentence == said and not (is_new and age > _LOG_PERIOD)):
+        if sentence == said and time.monotonic() - when < _LOG_PERIOD:
             return
         # On lines of their own: rclpy refuses two severities from one.
         if level == DiagnosticStatus.ERROR:
@@ -166,8 +164,9 @@ class Health:
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {timeout:g} s; is it running?"
                 )
-        for about in list(self._faults):
-            self._log(about)  # what came too soon after another line
+        for about, (_, sentence) in list(self._faults.items()):
+            if sentence != self._said[about][0]:
+                self._log(about)
         self._publish()
         for about in self._over:
             self._faults.pop(about, None)
