@@ -7,12 +7,12 @@ import sys
 import pytest
 from std_msgs.msg import String
 
-from vgps_ros.ros_runtime.liveness import Liveness
+from vgps_ros.ros_runtime.qos import Liveness
 
 _TALKER = """
 import rclpy
 from std_msgs.msg import String
-from vgps_ros.ros_runtime.liveness import lively
+from vgps_ros.ros_runtime.qos import lively
 from vgps_ros.ros_runtime.qos import STREAM
 
 rclpy.init()

@@ -26,7 +26,7 @@ from vgps_msgs.msg import GaussianPolicy
 from vgps_ros.bags import BagReader
 from vgps_ros.messages.conversions import pack
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.ros_runtime.qos import LATCHED, SIGNS_OF_LIFE, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, NEWEST_OF_SENSORS, STREAM
 
 
 def joint_state(i: int) -> JointState:
@@ -121,7 +121,7 @@ def test_a_later_publisher_that_offers_less_is_told_of(graph, tmp_path):
     recorder = graph.start("recorder", output=tmp_path / "bag")
     graph.spin_until_output(recorder, "Recording to")
     graph.publisher(JointState, "joint_states", STREAM)
-    graph.node.create_publisher(JointState, "joint_states", SIGNS_OF_LIFE)  # best effort
+    graph.node.create_publisher(JointState, "joint_states", NEWEST_OF_SENSORS)  # best effort
     graph.diagnosis("recorder", DiagnosticStatus.WARN, "Does not record all of /joint_states")
 
 

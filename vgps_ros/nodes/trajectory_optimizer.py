@@ -23,9 +23,8 @@ from vgps_ros.messages.optimization import (
     result_to_msg,
 )
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.liveness import lively
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import CALLS, LATCHED, LATEST, STREAM
+from vgps_ros.ros_runtime.qos import CALLS, LATCHED, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.search.preparation import prepare

@@ -17,8 +17,7 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import progress_from_msg
-from vgps_ros.ros_runtime.liveness import Liveness
-from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.qos import STREAM, Liveness
 from vgps_ros.views.training_progress import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # longest wait for a message [s]

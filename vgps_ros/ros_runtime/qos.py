@@ -1,7 +1,20 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The quality-of-service profiles of the graph, by name: reliable, if not said otherwise."""
+"""The quality-of-service profiles of the graph, by name, and who is alive by them.
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+Profiles are reliable, if not said otherwise. The middleware takes up to 20 s to notice that a
+process was killed, and a node that hangs stays in the graph for ever. Liveliness, a quality of
+service of the topics that a node publishes, tells both within a lease.
+"""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.duration import Duration
+from rclpy.event_handler import QoSLivelinessChangedInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 # Data that flows: states, commands, progress. Deep, so that a listener on a loaded machine may fall
 # behind for a moment and still gets every message.
@@ -17,12 +30,57 @@ NEWEST_OF_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFOR
 # middleware drops the oldest, without a word to who waits for their answer.
 CALLS = QoSProfile(depth=100)
 
-# Diagnostics, by which nodes notice each other. A reliable reader would hold back the messages that
-# follow a lost one for seconds: a working node would seem silent, and a hanging one alive.
-SIGNS_OF_LIFE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-
 # The last values matter, also to nodes that start later: the distributions of several trajectories.
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # The publisher's end of a latched topic of which only the newest value matters: policy, robot.
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+LEASE = 3.0  # silence after which a node counts as killed or hung [s]
+
+
+def lively(qos: QoSProfile) -> QoSProfile:
+    """Returns a publisher's profile whose liveliness the middleware asserts within the lease."""
+    profile = copy.copy(qos)
+    profile.liveliness = LivelinessPolicy.AUTOMATIC
+    profile.liveliness_lease_duration = Duration(seconds=LEASE)
+    return profile
+
+
+class Liveness:
+    """Subscribes to a topic and follows whether its publisher is alive.
+
+    Args:
+        node: the node that looks.
+        kind: the topic's type.
+        topic: one whose publisher offers `lively`.
+        take: called with each message.
+        group: of the callbacks; None: the node's own.
+
+    Attributes:
+        is_alive: whether a publisher is there, and its process runs.
+        losses: how often a publisher was lost: it was killed, hung, or ended.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: Any,
+        topic: str,
+        take: Callable[[Any], None] = lambda _: None,
+        group: CallbackGroup | None = None,
+    ):
+        self.is_alive = False
+        self.losses = 0
+        node.create_subscription(
+            kind,
+            topic,
+            take,
+            lively(STREAM),
+            callback_group=group,
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._note),
+        )
+
+    def _note(self, change: QoSLivelinessChangedInfo) -> None:
+        self.is_alive = change.alive_count > 0
+        self.losses += change.alive_count_change < 0 or change.not_alive_count_change > 0

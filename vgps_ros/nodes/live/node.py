@@ -22,7 +22,7 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.live.clients import CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, SIGNS_OF_LIFE, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
@@ -66,7 +66,7 @@ class Live(Node):
         self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
         subscribe = self.create_subscription
         subscribe(String, MJCF, self._take_robot, LATCHED)
-        subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, SIGNS_OF_LIFE)
+        subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, STREAM)
         subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
         steady_timer(self, _FRAME, self._show)
         steady_timer(self, _LOOK, self._look)

@@ -27,9 +27,8 @@ from vgps_ros.nodes.policy_learner.optimizer_pool import (
     OptimizerPool,
 )
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.liveness import lively
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM
+from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
