@@ -88,7 +88,7 @@ def test_only_what_learns_waits_for_torch_and_nothing_for_onnx():
 import importlib, pkgutil, sys
 from vgps_ros import nodes
 names = [f"vgps_ros.nodes.{module.name}" for module in pkgutil.iter_modules(nodes.__path__)]
-names += ["vgps_ros.bags.torque_check", "vgps_ros.views.plots"]
+names += ["vgps_ros.bags.bag_check", "vgps_ros.views.plots"]
 names += ["vgps_ros.programs.training_client", "vgps_ros.programs.policy_run"]
 for name in names:
     if name != "vgps_ros.nodes.policy_learner":

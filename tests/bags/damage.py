@@ -7,17 +7,18 @@ python -m tests.bags.damage --count 2000 --seed 7
 import argparse
 import contextlib
 import io
-import json
 import os
 import shutil
 import sys
 import tempfile
 import time
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 
 from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.programs.__main__ import main as vgps
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
@@ -25,7 +26,7 @@ TOOLS = ("info", "check", "rerun", "table", "plot", "reindex")
 MOST_SECONDS = 20.0  # of the processor, for one tool on a small bag
 KINDS = (
     *("bit", "bits", "cut", "zeros", "garbage", "length", "without", "doubled", "swapped"),
-    *("metadata", "manifest", "foreign", "pipe", "missing", "device"),
+    *("metadata", "digests", "foreign", "pipe", "missing", "device"),
 )
 
 
@@ -51,9 +52,9 @@ def small_bag(path: Path, source: Path) -> Path:
 def damage(bag: Path, kind: str, rng: Random) -> None:
     """Damages a bag."""
     [file] = bag.glob("*.mcap")
-    chunks = json.loads((bag / "manifest.json").read_text())["files"][file.name]["chunks"]
-    if kind in ("metadata", "manifest"):
-        file, kind = bag / f"{kind}.{'yaml' if kind == 'metadata' else 'json'}", "bits"
+    chunks = stretches(file)
+    if kind in ("metadata", "digests"):
+        file, kind = bag / ("metadata.yaml" if kind == "metadata" else "SHA256SUMS"), "bits"
     if kind in ("pipe", "device", "missing"):
         file.unlink()
         if kind != "missing":
@@ -61,7 +62,7 @@ def damage(bag: Path, kind: str, rng: Random) -> None:
             make(file)
         return
     data = bytearray(file.read_bytes())
-    (begin, end, _), (other, other_end, _) = sorted(rng.sample(chunks, 2))
+    (begin, end), (other, other_end) = sorted(rng.sample(chunks, 2))
     at = rng.randrange(len(data))
     if kind in ("bit", "bits"):
         for _ in range(1 if kind == "bit" else rng.randrange(2, 20)):
@@ -88,29 +89,33 @@ def damage(bag: Path, kind: str, rng: Random) -> None:
     file.write_bytes(data)
 
 
-def whole_messages(bag: Path, original: Path) -> set[tuple[str, int, bytes]]:
-    """The messages of the chunks that stand in the damaged file as they did.
+def stretches(file: Path) -> list[tuple[int, int]]:
+    """Where chunks begin, and where the next ones do; without the last chunk."""
+    return list(pairwise(piece.begin for piece in McapFile(file).pieces))
 
-    None is expected where the first chunk and the index are both damaged, as topics are described
-    there alone.
+
+def whole_messages(bag: Path, original: Path, kind: str) -> set[tuple[str, int, bytes]]:
+    """The messages that must still be read.
+
+    They are those of the chunks before the first damage. Where no length is damaged, or the index
+    names the chunks after it, they are those of all chunks that stand there as they did, unless the
+    first chunk and the index are both damaged, as topics are described there alone.
     """
     [before] = original.glob("*.mcap")
     files = [file for file in bag.glob("*.mcap") if file.is_file()]
     if not files:
         return set()
     data, whole = files[0].read_bytes(), before.read_bytes()
-    chunks = json.loads((original / "manifest.json").read_text())["files"][before.name]["chunks"]
-    kept = [(begin, end) for begin, end, _ in chunks if whole[begin:end] in data]
-    if not data.endswith(whole[chunks[-1][1] :]) and whole[chunks[2][0] : chunks[2][1]] not in data:
-        return set()
-    with BagReader(original) as reader:
-        return {
-            (topic.name, message.stamp, message.data)
-            for scan in reader.files
-            for place in scan.content.places
-            if any(begin <= place.begin < end for begin, end in kept)
-            for topic, message in scan.messages(place)
-        }
+    pairs = zip(data, whole, strict=False)
+    first = next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(data), len(whole)))
+    is_described = first > stretches(before)[3][0]
+    if kind == "bit" or (kind in ("without", "doubled", "swapped") and is_described):
+        kept = {begin for begin, end in stretches(before) if whole[begin:end] in data}
+    else:
+        kept = {begin for begin, end in stretches(before) if end <= first}
+    content = McapFile(before)
+    pieces = [piece for piece in content.pieces if piece.begin in kept]
+    return {(topic.name, one.log_time, one.data) for topic, one in content.messages(pieces)}
 
 
 def run(tool: str, bag: Path) -> str:
@@ -142,7 +147,7 @@ def try_one(original: Path, folder: Path, kind: str, tools: tuple[str, ...], rng
     bag = folder / "bag"
     shutil.copytree(original, bag)
     damage(bag, kind, rng)
-    expected = whole_messages(bag, original)
+    expected = whole_messages(bag, original, kind)
     for tool in tools:
         if wrong := run(tool, bag):
             return f"{tool}: {wrong}"

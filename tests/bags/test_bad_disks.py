@@ -3,16 +3,14 @@
 
 import os
 import re
-import threading
 import time
-from contextlib import suppress
 
 import pytest
 
 from tests.bags.numbered import Bag, limited, numbers
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.reindex import missing_parts, reindex
-from vgps_ros.bags.writer import UnfinishedBagError
+from vgps_ros.bags.reader import missing_parts
+from vgps_ros.bags.writer import UnfinishedBagError, repair
 
 
 # The space is used up by a chunk, within one, within the index, and in the second file of several.
@@ -35,7 +33,7 @@ def test_closed_on_a_full_disk_it_keeps_what_the_disk_took(tmp_path, size, setti
     assert bool(missing_parts(bag.path)) == bool(sentence)
     if sentence:
         assert re.search("ulimit -f.*bag reindex", sentence)
-        reindex(bag.path)
+        repair(bag.path)
     assert numbers(bag.path) == list(range(1, bag.message_count + 1))
     assert bag.message_count + bag.lost == 3000
     with BagReader(bag.path) as reader:
@@ -47,7 +45,6 @@ def test_a_slow_disk_holds_nothing_up_and_what_is_too_much_is_counted(tmp_path, 
     bag.flush()
     gate.clear()
     bag.fill(10_000)  # would not return if it waited
-    bag.flush(wait=False)
     assert 5_000_000 < bag.disk.backlog < 6_000_000
     assert 4_000 < bag.lost < 5_500
     assert bag.disk.fault is None
@@ -60,27 +57,19 @@ def test_a_slow_disk_holds_nothing_up_and_what_is_too_much_is_counted(tmp_path, 
     assert kept + bag.lost == 10_000
 
 
-def test_the_end_waits_for_a_slow_disk_unless_it_is_hurried(tmp_path, monkeypatch):
-    write, filled = os.pwrite, threading.Event()
+def test_the_end_waits_for_a_slow_disk(tmp_path, monkeypatch):
+    write = os.pwrite
 
     def slow(*arguments) -> int:
-        filled.wait()  # however long a busy machine takes to fill the bags
-        time.sleep(0.2)
+        time.sleep(0.1)
         return write(*arguments)
 
     monkeypatch.setattr(os, "pwrite", slow)
-    patient, hurried = Bag(tmp_path / "patient"), Bag(tmp_path / "hurried")
-    for bag in (patient, hurried):
-        bag.fill(4000)
-    filled.set()
-    start = time.monotonic()
-    with suppress(UnfinishedBagError):  # where the end of the file comes too late as well
-        hurried.close(lambda: True)
-    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert hurried.lost > 0
-    patient.close()
-    assert patient.lost == 0
-    assert numbers(patient.path) == list(range(1, 4001))
+    bag = Bag(tmp_path / "bag")
+    bag.fill(2000)
+    bag.close()
+    assert bag.lost == 0
+    assert numbers(bag.path) == list(range(1, 2001))
 
 
 def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):
@@ -99,7 +88,7 @@ def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):
     while "still being recorded" in missing_parts(bag.path) and time.monotonic() < deadline:
         time.sleep(0.02)  # until the write that hung has ended
     assert re.search(r"bag_0\.mcap. [0-9]+ messages", missing_parts(bag.path))
-    reindex(bag.path)
+    repair(bag.path)
     kept = numbers(bag.path)
     assert kept == list(range(1, len(kept) + 1))
     assert len(kept) >= 500  # the write that hung may have come through
@@ -113,7 +102,7 @@ def test_a_bag_whose_metadata_cannot_be_written_says_so(tmp_path):
         bag.close()
     (bag.path / "metadata.yaml").rmdir()
     assert [file.name for file in bag.path.iterdir()] == ["bag_0.mcap"]
-    reindex(bag.path)
+    repair(bag.path)
     assert numbers(bag.path) == list(range(1, 11))
 
 
@@ -131,7 +120,7 @@ def test_a_full_disk_stops_reindexing_and_changes_nothing(tmp_path, full):
         limited(300_000 if full == "rebuilt" else len(before) + 100),
         pytest.raises(OSError, match="too large"),
     ):
-        reindex(killed)
+        repair(killed)
     assert {f.name: f.read_bytes() for f in killed.iterdir()} == {"bag_0.mcap": before}
-    reindex(killed)
+    repair(killed)
     assert numbers(killed) == list(range(1, 501))

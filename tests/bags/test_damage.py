@@ -2,19 +2,17 @@
 """Damaged bags cost what was damaged; `make damages` runs the long campaign."""
 
 import os
+import re
 import shutil
-import zlib
 from pathlib import Path
 
 import pytest
-from mcap import records
 
 from tests.bags.damage import KINDS, SAMPLE, campaign
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.blocks import bytes_of
-from vgps_ros.bags.mcap_bytes import MAGIC
-from vgps_ros.bags.reindex import reindex, storage_files
-from vgps_ros.bags.scan import scan
+from vgps_ros.bags.mcap_file import McapFile
+from vgps_ros.bags.reader import storage_files
+from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.plain_yaml import read_yaml
 
@@ -32,61 +30,47 @@ def bag(tmp_path) -> Path:
 
 def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
     [file] = storage_files(bag)
-    places = scan(file).places
-    place = places[20]
+    content = McapFile(file)
+    piece = content.pieces[20]
+    lost = [message for _, message in content.messages([piece])]
     with BagReader(bag) as reader:
         before = list(reader.messages())
     data = bytearray(file.read_bytes())
-    data[(place.begin + place.end) // 2] ^= 1
+    data[piece.begin + 200] ^= 1
     file.write_bytes(data)
     with BagReader(bag) as reader:
-        assert len(before) - len(list(reader.messages())) == place.counts.total()
+        assert len(before) - len(list(reader.messages())) == len(lost)
         [sentence] = reader.damages
-    which = f"chunk 21 of {len(places)}"
-    assert sentence.startswith(f"bag_0.mcap: {which} is damaged, with messages of /")
-    assert f"from {place.start * 1e-9:.3f} to {place.last * 1e-9:.3f} s" in sentence
-    reindex(bag)
+    assert sentence.startswith(f"bag_0.mcap: the chunk at byte {piece.begin} is damaged, with ")
+    assert f"{len(lost)} messages of /" in sentence
+    stamps = [message.log_time * 1e-9 for message in lost]
+    assert f"from {min(stamps):.3f} to {max(stamps):.3f} s" in sentence
+    repair(bag)
     with BagReader(bag) as reader:
-        assert len(before) - len(list(reader.messages())) == place.counts.total()
+        assert len(before) - len(list(reader.messages())) == len(lost)
         assert reader.damages == []
 
 
-@pytest.mark.parametrize("before", range(1, 9))
-def test_bytes_that_look_like_a_chunk_hide_none_that_begins_within_them(bag, before):
+def test_a_damaged_length_costs_one_chunk_where_the_index_names_the_next(bag):
     [file] = storage_files(bag)
-    places = scan(file).places
-    data, begin = bytearray(file.read_bytes()), places[20].begin
-    middle = (places[19].begin + places[19].end) // 2
-    data[middle] ^= 1  # so that the next chunk has to be searched for
-    data[begin - before : begin] = b"\x06" + bytes(before - 1)
-    file.write_bytes(data)
-    assert places[20].begin in [place.begin for place in scan(file).places]
-
-
-@pytest.mark.parametrize("behind", range(10))
-def test_a_chunk_is_found_wherever_a_searched_block_ends(bag, monkeypatch, behind):
-    [file] = storage_files(bag)
-    places = scan(file).places
+    content = McapFile(file)
+    piece = content.pieces[20]
     data = bytearray(file.read_bytes())
-    data[(places[19].begin + places[19].end) // 2] ^= 1
+    data[piece.begin + 6] ^= 1  # in the length of its record
     file.write_bytes(data)
-    distance = places[20].begin + behind - places[18].end  # from where the search begins
-    monkeypatch.setattr("vgps_ros.bags.whole_records._BLOCK", distance)
-    assert scan(file).places == places[:19] + places[20:]
+    damaged = McapFile(file)
+    assert [p.begin for p in damaged.pieces] == [
+        p.begin for p in content.pieces if p.begin != piece.begin
+    ]
+    assert f"bytes {piece.begin} to " in damaged.damages[0]
 
 
-def test_a_chunk_without_messages_is_whole(tmp_path):
-    content = bytes_of(records.Schema(1, b"string data", "ros2msg", "std_msgs/msg/String"))
-    head = MAGIC + bytes_of(records.Header("ros2", "test"))
-    chunk = bytes_of(records.Chunk("", content, 0, 0, zlib.crc32(content), len(content)))
-    data = head + chunk + bytes_of(records.DataEnd(0))
-    index = records.ChunkIndex(len(chunk), len(head), "", len(content), 0, 0, {}, 0, len(content))
-    file = tmp_path / "bag_0.mcap"
-    file.write_bytes(data + bytes_of(index, records.Footer(len(data), 0, 0)) + MAGIC)
-    found = scan(file)
-    assert found.is_complete
-    assert found.indexes == [index]
-    assert found.missing() == []
+def test_a_damaged_attachment_is_named(bag):
+    [file] = storage_files(bag)
+    data = file.read_bytes()
+    file.write_bytes(data.replace(b"mujoco: ", b"mujoco; ", 1))
+    [sentence] = McapFile(file).damages
+    assert re.search("the attachment at byte [0-9]+ is damaged", sentence)
 
 
 def test_a_bag_whose_file_is_missing_is_not_whole(bag):
@@ -118,7 +102,7 @@ def test_a_pipe_and_a_device_are_no_files_of_a_bag(tmp_path):
         "\x02",
     ],
 )
-def test_yaml_of_strangers_is_read_within_limits_or_refused(text):
+def test_untrusted_yaml_is_read_within_limits_or_refused(text):
     with pytest.raises(InvalidInputError, match=r"^It is no YAML that can be read: .*\.$"):
         read_yaml(text, "It")
 

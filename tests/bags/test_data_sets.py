@@ -23,7 +23,7 @@ FILE = "chunk-000/file-000.parquet"
 @pytest.fixture(scope="module")
 def motion():
     with BagReader(SAMPLE) as bag:
-        return episode.last_episode(bag, compile_model(bag.mjcf()))
+        return episode.episodes(bag, compile_model(bag.mjcf()))[-1]
 
 
 @pytest.fixture

@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from vgps_ros.bags import BagMessage
-from vgps_ros.bags.clock_ticks import with_clock
-from vgps_ros.bags.playback import Playback, PlaybackSettings
-from vgps_ros.bags.read_ahead import read_ahead
+from vgps_ros.bags.playback import Playback, PlaybackSettings, read_ahead, with_clock
 from vgps_ros.core.errors import InvalidInputError
 
 START = 10**18

@@ -13,7 +13,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from vgps_ros.bags import BagReader, BagWriter
-from vgps_ros.bags.reindex import missing_parts, reindex
+from vgps_ros.bags.reader import missing_parts
+from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
 
 KIND = "sensor_msgs/msg/JointState"
@@ -58,7 +59,7 @@ def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed,
     if cut:  # as a killed process or a full disk leaves it: half a chunk at the end
         last.write_bytes(last.read_bytes() + b"\x06" + (400).to_bytes(8, "little") + bytes(cut))
     before = last.read_bytes()
-    assert reindex(killed) == [last]
+    assert repair(killed) == [last]
     assert missing_parts(killed) == ""
     assert (killed / "bag_2.mcap.unfinished").read_bytes() == before
     expected = [(i, bytes([i] * 60)) for i in range(1, 26)]
@@ -68,7 +69,7 @@ def test_reindexing_keeps_every_whole_chunk_and_other_tools_open_the_bag(killed,
         assert reader.attachments() == {"parameters.yaml": "seed: 3"}
         assert reader.type_hashes == {"/a": HASH}
     files = {file: file.read_bytes() for file in killed.iterdir()}
-    assert reindex(killed) == []  # nothing left to do
+    assert repair(killed) == []  # nothing left to do
     assert {file: file.read_bytes() for file in killed.iterdir()} == files
 
 
@@ -94,21 +95,22 @@ def test_what_is_rebuilt_stands_there_as_it_did(tmp_path):
             found.append((messages, list(reader.iter_attachments())))
         if len(found) == 1:
             file.write_bytes(file.read_bytes()[:-20])
-            assert reindex(tmp_path) == [file]
+            assert repair(tmp_path) == [file]
     assert found[0] == found[1]
     assert len(messages) == 3
 
 
 def test_a_folder_in_the_place_of_metadata_is_named(killed):
     (killed / "metadata.yaml").mkdir()
-    for read in (BagReader, reindex):
-        with pytest.raises(InvalidInputError, match=r"metadata\.yaml' is a folder or a device"):
-            read(killed)
+    with pytest.raises(InvalidInputError, match=r"lacks a whole metadata\.yaml"):
+        BagReader(killed)
+    with pytest.raises(IsADirectoryError, match=r"metadata\.yaml"):
+        repair(killed)
 
 
 def test_a_last_file_without_a_message_is_set_aside(killed):
     (killed / "bag_3.mcap").write_bytes((killed / "bag_2.mcap").read_bytes()[:40])
-    reindex(killed)
+    repair(killed)
     assert (killed / "bag_3.mcap.unfinished").is_file()
     assert missing_parts(killed) == ""
     with AnyReader([killed]) as reader:
@@ -118,14 +120,14 @@ def test_a_last_file_without_a_message_is_set_aside(killed):
 def test_a_bag_without_one_readable_message_is_refused_and_left_alone(tmp_path):
     (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\nbroken")
     with pytest.raises(InvalidInputError, match="not one of its messages can be read"):
-        reindex(tmp_path)
+        repair(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["bag.mcap"]
 
 
 def test_a_bag_that_is_still_recorded_is_refused(tmp_path):
     writer = BagWriter(tmp_path / "bag")
     with pytest.raises(InvalidInputError, match="is still being recorded"):
-        reindex(writer.path)
+        repair(writer.path)
     with pytest.raises(InvalidInputError, match="is still being recorded"):
         BagReader(writer.path)
     writer.close()

@@ -21,7 +21,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt8MultiArray
 
 from tests.nodes.conftest import EXECUTABLES
-from vgps_ros.bags.reindex import missing_parts, reindex
+from vgps_ros.bags.reader import missing_parts
+from vgps_ros.bags.writer import repair
 from vgps_ros.messages.conversions import pack, stamp_of, state_to_msg
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.tasks import make_task
@@ -144,7 +145,7 @@ def test_on_a_full_disk_it_ends_at_once_with_a_sentence_and_a_readable_bag(graph
     assert "messages are lost" in recorder.output
     if missing_parts(path):
         assert "could not be completed" in recorder.output
-        reindex(path)
+        repair(path)
     recorded = stamps(path)
     assert recorded == list(range(len(recorded)))
     assert len(recorded) >= 50

@@ -13,7 +13,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
-from vgps_ros.bags.episode import last_episode
+from vgps_ros.bags.episode import episodes
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
@@ -44,7 +44,7 @@ def drive(graph, folder, policy, limit):
 
 def motion_of(bag_path, task):
     with BagReader(bag_path) as bag:
-        episode = last_episode(bag, task.dynamics.model)
+        episode = episodes(bag, task.dynamics.model)[-1]
     return episode.states[: STEPS + 1], episode.controls[1 : STEPS + 1]
 
 
@@ -71,9 +71,9 @@ def test_our_own_file_drives_to_the_same_bits_as_the_policy(
     np.testing.assert_allclose(states, expected.states, rtol=1e-9, atol=1e-12)
     for file in (path, tmp_path / "policy.json"):
         found = check_bag(bag, open_policy(file))
-        assert found.wrong == found.unproven == []
-        assert found.torques.deterministic >= STEPS
-    assert check_bag(bag).unproven == ["1 policies, of which no learner says a digest"]
+        assert found.wrong == found.missing == found.unproved == []
+        assert found.counts["mean"] >= STEPS
+    assert check_bag(bag).unproved == ["1 policies, of which no learner says a digest"]
 
 
 @pytest.fixture
@@ -103,11 +103,10 @@ def test_a_network_of_others_drives_within_the_limits_and_its_bag_is_checked(
     np.testing.assert_allclose(controls, expected.controls, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(states, expected.states, rtol=1e-6, atol=1e-6)
     found = check_bag(bag, open_policy(path))
-    assert found.wrong == found.unproven == []
-    assert found.torques.deterministic + found.torques.close >= STEPS
-    assert found.torques.clipped > 0
+    assert found.wrong == found.missing == found.unproved == []
+    assert found.counts["mean"] + found.counts["close"] >= STEPS
     other = check_bag(bag, open_policy(foreign("other.onnx", seed=1)))
-    assert other.unproven == ["1 policies, of which no learner says a digest"]
+    assert other.unproved == ["1 policies, of which no learner says a digest"]
 
 
 def test_a_wrong_file_ends_the_start_with_a_sentence(graph, foreign, tmp_path):

@@ -21,7 +21,7 @@ from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
 from vgps_ros.messages.conversions import pack
-from vgps_ros.ros_runtime.bag_qos import to_bag
+from vgps_ros.nodes.recorder import profile_in_bag
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
 START = 10**18
@@ -63,7 +63,7 @@ def make_bag(tmp_path: Path) -> Make:
         writer = BagWriter(tmp_path / "bag")
         for topic in {topic for _, topic, _ in rows}:
             kind, _, qos = KINDS[topic]
-            writer.add_topic(topic, kind, "", [to_bag(qos)])
+            writer.add_topic(topic, kind, "", [profile_in_bag(qos)])
         for t, topic, data in rows:
             writer.write(topic, START + round(t * 1e9), data)
         writer.close()

@@ -1,135 +1,474 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Says of a bag what is proven, what is wrong, and what cannot be proven."""
+"""Checks a bag by computing again what can be computed from its own content.
 
+- Torques: from each recorded state and policy, within the executor's recorded limits. Ours have the
+  same bits on every machine; those of an ONNX policy depend on the machine and agree within
+  `onnx_policy.TOLERANCE`. Torques of the safe action count where the diagnostics say that it drove.
+- States: in lock-step, x' = f(x, u) from each recorded state and torque, by MuJoCo and the recorded
+  MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
+- Policies: by the digests that their learner published, each of which holds the one before.
+- Files: by the digests in `SHA256SUMS`.
+
+What is missing is named, but is not called wrong: a recorder may have been paused, and may have
+lost messages. A torque answers the state that has the same stamp. The topics reach a recorder
+independently, so the bag may hold a state or a policy somewhat later than the torque that was
+computed from it.
+"""
+
+from collections import Counter, defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
-from vgps_ros.bags import BagReader
-from vgps_ros.bags.manifest import check_manifest, signer
-from vgps_ros.bags.metadata import contradictions
-from vgps_ros.bags.policy_check import check_policies
-from vgps_ros.bags.torque_check import TOLERANCE, check_torques
-from vgps_ros.bags.torque_counts import TorqueCheck
-from vgps_ros.bags.type_check import altered_types
-from vgps_ros.policies.policy_file import PolicyFile
+import mujoco
+import numpy as np
+
+from vgps_ros.bags.episode import GAP, recorded_states
+from vgps_ros.bags.metadata import check_digests
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.bags.recorded_nodes import (
+    SLACK,
+    RecordedExecutor,
+    Timeline,
+    learned_policy,
+    onnx_content,
+    onnx_policy,
+    policy_messages,
+)
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import ExecutedPolicy, Policy
+from vgps_ros.core.records import Array
+from vgps_ros.messages.conversions import command_from_msg, distribution_from_msg, nanoseconds
+from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
+from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
+from vgps_ros.policies.policy_file import PolicyFile, policy_digest
+from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import actuated_joint_names, compile_model, state_names
+
+STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
+# What no recomputation proves, in the last sentence of a check.
+UNPROVED = (
+    "when, where and by whom it was recorded, the commit, and the costs of the training; a "
+    "simulation that was computed elsewhere would pass too"
+)
+# Versions whose executors did not count their commands computed torques by BLAS.
+_OLD_TOLERANCE = 1e-9
 
 
 @dataclass
 class BagCheck:
-    """The outcome of a check, in words that follow "Proven: ", "Wrong: " and "Not proven: ".
+    """The outcome of a check.
 
     Attributes:
-        proven: what is proven, and of how much.
-        wrong: what contradicts a genuine record.
-        unproven: what nothing in the bag proves.
-        torques: the torques by what they are.
+        proved: what was computed again and agrees, and how much of it.
+        wrong: a sentence on each kind of thing that differs, or is damaged.
+        missing: a sentence on each kind of thing without which something could not be computed.
+        unproved: what nothing in the bag proves.
+        counts: the torques by what they agree with, for the user.
     """
 
-    proven: list[str] = field(default_factory=list)
+    proved: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
-    unproven: list[str] = field(default_factory=list)
-    torques: TorqueCheck = field(default_factory=TorqueCheck)
+    missing: list[str] = field(default_factory=list)
+    unproved: list[str] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+
+
+class _State(NamedTuple):
+    received: int  # [ns]
+    stamp: int  # [ns]
+    x: Array
+
+
+class _Command(NamedTuple):
+    received: int  # [ns]
+    stamp: int  # [ns]
+    torques: Array
 
 
 def check_bag(
-    path: Path,
-    trusted: PolicyFile | None = None,
-    signers: Path | None = None,
-    namespace: str | None = None,
+    path: Path, trusted: PolicyFile | None = None, namespace: str | None = None
 ) -> BagCheck:
-    """Checks a whole bag: its torques, its policies, and its files.
+    """Checks a whole bag.
 
     Args:
         path: folder of the bag.
         trusted: a policy that the executor was started with; None if all came from a learner.
-        signers: file of the signers that are trusted; None if the bag need not be signed.
         namespace: of the robot that is meant, for a bag of several.
 
     Raises:
-        InvalidInputError: the bag cannot be read, lacks a topic, or is not signed as it should be.
+        InvalidInputError: the bag cannot be read, or lacks a topic.
     """
     found = BagCheck()
     with BagReader(path, namespace) as bag:
-        found.torques = check_torques(bag)
-        _judge_torques(found)
-        policies = check_policies(bag, trusted)
-        altered = altered_types(bag)
-        found.wrong += [f"the definition of {kind} is not that type's" for kind in altered]
         found.wrong += bag.damages
-    total = policies.proven + policies.unproven + len(policies.altered) + len(policies.refused)
-    if policies.proven:
-        found.proven.append(f"{policies.proven} of {total} policies")
-    found.wrong += [f"the policy of iteration {k} is not its learner's" for k in policies.altered]
-    found.wrong += _refused("policies", policies.refused)
-    if policies.unproven:
-        found.unproven.append(f"{policies.unproven} policies, of which no learner says a digest")
-    _judge_files(found, bag)
-    if policies.missing:
-        found.unproven.append(f"{policies.missing} policies that the learner named are missing")
-    if signers:
-        found.proven.append(f"the signature of {signer(path, signers)}")
+        model = compile_model(bag.mjcf())
+        executor = RecordedExecutor(bag, model)
+        states = _states(bag, model, found)
+        commands = _commands(bag, model, found)
+        _check_torques(bag, executor, states, commands, found)
+        period = _check_gaps(states, found)
+        if executor.is_in_lock_step and period:
+            _check_states(bag, executor, model, states, commands, period, found)
+        else:
+            found.unproved.append("the states, which no simulation in lock-step computed")
+        _check_policies(bag, trusted, found)
+    digests = check_digests(path)
+    found.wrong += digests or []
+    if digests is None:
+        found.unproved.append("the files, which have no SHA256SUMS")
+    elif not digests:
+        found.proved.append("the digest of each file")
     return found
 
 
-def _refused(kind: str, sentences: list[str]) -> list[str]:
-    if not sentences:
-        return []
-    return [f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"]
+def _states(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_State]:
+    """Reads the states in the order in which they were received."""
+    messages_of, states, unusable = StateMessages(model), [], 0
+    for received, messages in recorded_states(bag, messages_of):
+        try:
+            stamp = nanoseconds(messages[JOINTS].header.stamp)
+            states.append(_State(received, stamp, messages_of.join(messages)))
+        except InvalidInputError:  # noqa: PERF203
+            unusable += 1
+    if unusable:
+        found.missing.append(f"{unusable} states cannot be used")
+    return states
 
 
-def _judge_torques(found: BagCheck) -> None:
-    torques = found.torques
-    agreeing = torques.deterministic + torques.stochastic + torques.close
-    explained = agreeing + torques.safe + torques.last
-    total = explained + torques.rounded + torques.unchecked + torques.stateless
-    total += torques.unexplained + torques.different + torques.early
-    if explained:
-        found.proven.append(f"{explained} of {total} torques")
-    for count, words in (
-        (torques.different, "torques differ from what the policy gives"),
-        (torques.unexplained, "torques are zero or safe, and nothing says that they had to be"),
-        (torques.stateless, "torques answer states that are not in the bag, or are unusable"),
-        (torques.unanswered, "states lack the torque that answers them"),
-        (torques.surplus, "torques are more than the states that they answer"),
-        (torques.disordered, "torques came after that of a later state"),
+def _commands(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_Command]:
+    """Reads the torques in the order in which they were received."""
+    commands, refused, actuated = [], list[str](), actuated_joint_names(model)
+    for received, message in bag.decoded(bag.needed_topic("joint_command"), refused=refused):
+        stamp = nanoseconds(message.header.stamp)
+        try:
+            commands.append(_Command(received, stamp, command_from_msg(message, actuated)))
+        except InvalidInputError as error:
+            refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
+    if refused:
+        found.wrong.append(_unreadable("commands", refused))
+    return commands
+
+
+def _unreadable(kind: str, sentences: list[str]) -> str:
+    return f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"
+
+
+# Torques
+
+
+def _check_torques(
+    bag: BagReader,
+    executor: RecordedExecutor,
+    states: list[_State],
+    commands: list[_Command],
+    found: BagCheck,
+) -> None:
+    by_stamp: dict[int, Timeline] = defaultdict(Timeline)
+    for state in states:
+        by_stamp[state.stamp].add(state.received, state.x)
+    check = _TorqueCheck(bag, executor)
+    first = ""
+    counts = found.counts
+    for command in commands:
+        answered = by_stamp[command.stamp].around(command.received)
+        kind, sentence = check.kind_of(command, answered)
+        counts[kind] += 1
+        first = first or sentence
+    agreeing = sum(counts[kind] for kind in AGREEING)
+    if agreeing:
+        found.proved.append(f"{agreeing} of {len(commands)} torques")
+    if counts["different"]:
+        words = f"{counts['different']} torques are not what the policy gives for their states"
+        found.wrong.append(f"{words}: {first}")
+    for kind, words in (
+        ("stateless", "torques answer states that are not in the bag"),
+        ("first", "torques are the first under a torque_rate_limit, so that none before is known"),
+        ("unsaid", "torques may be of the safe action, of which this version says nothing"),
     ):
-        if count:
-            found.wrong.append(f"{count} {words}")
-    found.wrong += torques.parameters + _refused("commands", torques.refused)
-    for count, words in (
-        (torques.early, "torques came before the first state"),
-        (torques.unknown, "states lack a torque, and the executor said nothing when they came"),
-        (torques.absent, "states are missing between those that are there"),
-    ):
-        if count:
-            found.unproven.append(f"{count} {words}")
-    if torques.rounded:
-        found.unproven.append(
-            f"{torques.rounded} torques of an old version, which computed them by BLAS; they agree "
-            f"within {TOLERANCE:g} of the largest"
+        if counts[kind]:
+            found.missing.append(f"{counts[kind]} {words}")
+
+
+# Kinds of torques that were computed again, with what they are.
+AGREEING = {
+    "mean": "torques are bit for bit what the policy gives for their states, without noise.",
+    "noisy": "torques are bit for bit what the policy gives, with the noise of the seed.",
+    "close": "torques are those of an ONNX policy within its rounding.",
+    "rounded": "torques of an old version agree within its rounding.",
+    "safe": "torques are those of the safe action, or zero, while the policy did not drive.",
+}
+
+
+class _TorqueCheck:
+    """Computes torques again."""
+
+    def __init__(self, bag: BagReader, executor: RecordedExecutor):
+        self._executor = executor
+        self._names = actuated_joint_names(executor.model)
+        self._log = _executor_log(bag)
+        self._policies = _policies(bag, executor, self._names)
+        self._marginals = _marginals(bag, executor)
+        self._is_first = True
+
+    def kind_of(self, command: _Command, states: list[Array]) -> tuple[str, str]:
+        """Returns what recorded torques are, and a sentence if they are wrong.
+
+        Args:
+            command: the torques.
+            states: the states that they may answer, the likeliest first.
+        """
+        limiter = self._executor.limiter
+        kind, sentence = self._compared(command, states) if states else ("stateless", "")
+        self._is_first = False
+        if kind == "safe":
+            limiter.note_safe(command.torques)
+        else:
+            limiter.note(command.torques, command.stamp)
+        return kind, sentence
+
+    def _compared(self, command: _Command, states: list[Array]) -> tuple[str, str]:
+        executor, torques = self._executor, command.torques
+        # Even the first policy may be recorded late, since it was published long before.
+        policies = self._policies.around(command.received) or self._policies.values[:1]
+        tries = [
+            (state, iteration, policy, seed)
+            for state in states
+            for iteration, policy in policies
+            for seed in executor.seeds(command.received)
+        ]
+        iteration = 0
+        for state, iteration, policy, seed in reversed(tries):  # noqa: B007
+            wanted = policy.control(executor.inputs(policy.policy, state), command.stamp, seed)
+            expected = executor.limiter.limited(wanted, command.stamp)
+            if kind := self._agreement(torques, expected, policy, seed):
+                return kind, ""
+        marginals = self._marginals.around(command.received) or [()]
+        may_be_safe = any(executor.is_safe(torques, state, marginals) for state in states)
+        if may_be_safe and (is_said := self._did_not_drive(command.received)) is not False:
+            return ("safe" if is_said else "unsaid"), ""
+        if self._is_first and executor.settings.torque_rate_limit:
+            return "first", ""
+        joint = int(np.argmax(torques != expected))
+        said = " The diagnostics do not say that the safe action drove." if may_be_safe else ""
+        return "different", (
+            f"at {command.stamp * 1e-9:.3f} s the torque of {self._names[joint]} is "
+            f"{float(torques[joint])!r}, but the policy of iteration {iteration} gives "
+            f"{float(expected[joint])!r}.{said}"
+        ).rstrip(".")
+
+    def _agreement(
+        self, torques: Array, expected: Array, policy: ExecutedPolicy, seed: int | None
+    ) -> str:
+        """Returns how recorded torques agree with the policy's; "" if they do not."""
+        if np.array_equal(torques, expected):
+            return "mean" if seed is None else "noisy"
+        is_onnx = isinstance(policy.policy, OnnxPolicy)
+        allowed = TOLERANCE if is_onnx else 0.0 if self._log else _OLD_TOLERANCE
+        allowed *= max(1.0, float(np.abs(expected).max()))
+        if not (np.abs(torques - expected) <= allowed).all():
+            return ""
+        return "close" if is_onnx else "rounded"
+
+    def _did_not_drive(self, time: int) -> bool | None:
+        """Returns whether the executor says that the policy may not have driven at a time [ns].
+
+        None is returned of a version that does not say so.
+        """
+        said = self._log.around(time) if self._log else [None]
+        return None if None in said else any(said)
+
+
+def _executor_log(bag: BagReader) -> Timeline | None:
+    """Reads whether the policy did not drive, as the executor said; None of an old version."""
+    log = Timeline()
+    topic = bag.filled_topics.get("diagnostics")
+    for received, message in bag.decoded(topic) if topic else ():
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            # All robots of a domain share the topic.
+            if COMMANDS_SENT in values and bag.of_robot([status.name]):
+                is_said = SAFE_ACTION in values
+                drove = values.get(IS_ACTIVE) == "True" and values.get(SAFE_ACTION) == "False"
+                log.add(received, not drove if is_said else None)
+    return log if log.values else None
+
+
+def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> Timeline:
+    """Reads the policies that the executor could use, each with its iteration."""
+    timeline = Timeline()
+    for received, message in policy_messages(bag, refused=[]):
+        policy: Policy
+        with suppress(InvalidInputError):  # of which it kept the one before
+            if (content := onnx_content(message)) is None:
+                iteration, policy = message.iteration, executor.named(learned_policy(message))
+            else:
+                iteration, policy = 0, onnx_policy(content, joints)
+            executor.check_fits(policy)
+            timeline.add(received, (iteration, ExecutedPolicy(policy)))
+    if not timeline.values:
+        raise InvalidInputError(
+            f"'{bag.path}' has no policy that its robot could use; record a run with a policy."
         )
-    if torques.unchecked:
-        found.unproven.append(f"{torques.unchecked} torques that torque_rate_limit bounds")
-    if not torques.counted:
-        found.unproven.append("the number of torques, which the executor did not count")
-    elif torques.counted.missing or torques.counted.surplus:
-        less, more = torques.counted.missing, torques.counted.surplus
-        found.wrong.append(f"the executor counted {less} torques more and {more} less")
+    return timeline
 
 
-def _judge_files(found: BagCheck, bag: BagReader) -> None:
-    for file in bag.files:
-        if count := file.content.misplaced():
-            found.wrong.append(f"{count} chunks are not where the index of {file.path.name} says")
-    manifest = check_manifest(bag.path)
-    if manifest is None:
-        found.unproven.append("the files, since the bag has no manifest.json")
-        return
-    found.proven.append(f"{manifest.chunks} chunks in {manifest.files} files")
-    found.wrong += manifest.wrong
-    if manifest.messages != {topic: count for topic, count in bag.counts.items() if count}:
-        found.wrong.append("the numbers of messages are not those of the recorder")
-    told = contradictions(bag.path, (file.summary for file in bag.files), bag.type_hashes)
-    found.wrong += [f"{key} in metadata.yaml is not that of the files" for key in told]
-    if manifest.lost:
-        found.unproven.append(f"{manifest.lost} messages, which the recorder lost")
+def _marginals(bag: BagReader, executor: RecordedExecutor) -> Timeline:
+    """Reads the training marginals that the executor had, if its safe action needs them."""
+    timeline, latest = Timeline(), dict[int, TrainingMarginals]()
+    topic = bag.filled_topics.get("trajectory_distribution")
+    if executor.settings.safe_action == "feedback" and topic:
+        for received, message in bag.decoded(topic):
+            q = distribution_from_msg(message)
+            latest[message.trajectory_index] = executor.marginals(q)
+            timeline.add(received, tuple(latest.values()))
+    return timeline
+
+
+# States
+
+
+def _check_gaps(states: list[_State], found: BagCheck) -> int:
+    """Names the stretches in which states are missing; returns the period of the states [ns]."""
+    steps = [(a, b) for a, b in pairwise(states) if b.stamp > a.stamp]
+    period = round(np.median([b.stamp - a.stamp for a, b in steps])) if steps else 0
+    for a, b in steps:
+        if b.stamp - a.stamp > GAP * period:
+            count = round((b.stamp - a.stamp) / period) - 1
+            found.missing.append(
+                f"{count} states from {a.stamp * 1e-9:.3f} to {b.stamp * 1e-9:.3f} s are not in "
+                "the bag: they were not recorded, or were cut out"
+            )
+    return period
+
+
+def _check_states(
+    bag: BagReader,
+    executor: RecordedExecutor,
+    model: mujoco.MjModel,
+    states: list[_State],
+    commands: list[_Command],
+    period: int,
+    found: BagCheck,
+) -> None:
+    dynamics = Dynamics(model, max(1, round(period * 1e-9 / model.opt.timestep)), threads=1)
+    torques: dict[int, list[_Command]] = defaultdict(list)
+    for command in commands:
+        torques[command.stamp].append(command)
+    pushed = _pushed(bag, executor, states)
+    agreeing = different = unanswered = excused = 0
+    first = ""
+    before: list[_State] = []  # states of one stamp: a paused simulation repeats its state
+    for state in states:
+        if not before or state.stamp == before[-1].stamp:
+            before = [*before[-9:], state]
+            continue
+        previous, before = before, [state]
+        if abs(state.stamp - previous[-1].stamp - period) > 2:
+            continue  # a reset, or a gap
+        begin, end = previous[0].received - SLACK, state.received + SLACK
+        answers = [c for c in torques[previous[-1].stamp] if begin <= c.received <= end]
+        differences = [
+            (dynamics.step(one.x, answer.torques) - state.x) / np.maximum(1.0, np.abs(state.x))
+            for one in reversed(previous)
+            for answer in answers
+        ]
+        if any((np.abs(difference) <= STATE_TOLERANCE).all() for difference in differences):
+            agreeing += 1
+        elif any(a <= previous[-1].stamp <= b for a, b in pushed):
+            excused += 1
+        elif not differences:
+            unanswered += 1
+        else:
+            different += 1
+            worst = int(np.argmax(np.abs(differences[0])))
+            first = first or (
+                f"at {state.stamp * 1e-9:.3f} s {state_names(model)[worst]} is "
+                f"{float(state.x[worst])!r}, which is off by "
+                f"{float(np.abs(differences[0][worst])):.2g}"
+            )
+    total = agreeing + excused + unanswered + different
+    if agreeing:
+        found.proved.append(f"{agreeing} of {total} steps from state to state")
+    if different:
+        found.wrong.append(
+            f"{different} states do not follow from the state and the torque before them: {first}"
+        )
+    if unanswered:
+        found.missing.append(f"{unanswered} states lack the torque that answers them")
+    if excused:
+        found.unproved.append(f"{excused} steps under a push")
+
+
+def _pushed(
+    bag: BagReader, executor: RecordedExecutor, states: list[_State]
+) -> list[tuple[int, int]]:
+    """Returns the first and last stamps [ns] of the states from which a push may have acted."""
+    topic = bag.filled_topics.get("push")
+    _, simulated = executor.parameters.having("push_duration")
+    duration = round(float(simulated.get("push_duration", 0.0)) * 1e9)
+    stretches = []
+    for message in bag.messages([topic] if topic else []):
+        around = [s.stamp for s in states if abs(s.received - message.stamp) <= SLACK]
+        if around:
+            stretches.append((min(around), max(around) + duration))
+    return stretches
+
+
+# Policies
+
+
+def _check_policies(bag: BagReader, trusted: PolicyFile | None, found: BagCheck) -> None:
+    """Compares each policy with the chain of digests in `learning_progress`."""
+    said = _digests(bag)
+    named = policy_digest(trusted.gaussian) if trusted and trusted.gaussian else ""
+    refused, agreeing, unknown, total = list[str](), 0, 0, 0
+    for received, message in policy_messages(bag, refused):
+        total += 1
+        if (content := onnx_content(message)) is not None:
+            agreeing += trusted is not None and content == trusted.content
+            unknown += trusted is None or content != trusted.content
+            continue
+        try:
+            k, policy = int(message.iteration), learned_policy(message)
+        except InvalidInputError as error:
+            refused.append(str(error))
+            continue
+        own = said[message.task, k]
+        digests = {policy_digest(policy, before) for _, _, before in own if before is not None}
+        if digests & {digest for _, digest, _ in own} or policy_digest(policy) == named:
+            agreeing += 1
+        # One that a learner keeps for late subscribers may be of a training before the bag.
+        elif any(b is not None and abs(time - received) <= SLACK for time, _, b in own):
+            found.wrong.append(f"the policy of iteration {k} is not its learner's")
+        else:
+            unknown += 1
+    if agreeing:
+        found.proved.append(f"{agreeing} of {total + len(refused)} policies by their digests")
+    if refused:
+        found.wrong.append(_unreadable("policies", refused))
+    if unknown:
+        found.unproved.append(f"{unknown} policies, of which no learner says a digest")
+
+
+def _digests(bag: BagReader) -> dict[tuple[str, int], list[tuple[int, str, str | None]]]:
+    """Reads when the learner published a digest, that digest, and the one before, if it is there.
+
+    Returns:
+        The same by task and iteration; a bag may hold several trainings.
+    """
+    links: dict[tuple[str, int], list[tuple[int, str, str | None]]] = defaultdict(list)
+    latest: dict[str, tuple[int, str]] = {}  # the newest iteration of a task, and its digest
+    topic = bag.filled_topics.get("learning_progress")
+    for received, message in bag.decoded(topic) if topic else ():
+        digest, task, k = getattr(message, "policy_digest", ""), message.task, message.iteration
+        iteration, newest = latest.get(task, (0, ""))
+        before = "" if k == 1 else newest if iteration == k - 1 else None
+        if digest:
+            links[task, k].append((received, digest, before))
+        latest[task] = (k, digest)
+    return links

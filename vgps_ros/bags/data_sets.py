@@ -1,21 +1,22 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Data sets of the motions in bags, as one table of Parquet that any data library reads.
 
-Each row is a step: the state, and the control that was chosen in it. A motion's last state has no
-control, and so no row. `lerobot_format` writes the same motions as LeRobot reads them.
+Each row is a step: the state, and the control that was chosen in it. A motion ends where time goes
+back and where states are missing; its last state has no control, and so no row. `lerobot_format`
+writes the same motions as LeRobot reads them.
 """
 
 import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from vgps_ros.bags.episode import episodes, motion_of
+from vgps_ros.bags.episode import episodes, holes, motion_of
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
@@ -35,14 +36,18 @@ class DataSet:
         model: the same, compiled.
         time_step: time between two states [s].
         motions: the motions.
+        times: stamp of each state of each motion but its last, shape (T,) [s].
         bags: name of the bag of each motion.
+        faults: a sentence on each part of a bag that is damaged, or in which states are missing.
     """
 
     mjcf: str
     model: mujoco.MjModel
     time_step: float
     motions: tuple[Trajectory, ...]
+    times: tuple[Array, ...]
     bags: tuple[str, ...]
+    faults: tuple[str, ...]
 
     @property
     def state_names(self) -> list[str]:
@@ -87,7 +92,9 @@ def read_data_set(bags: Sequence[Path], namespace: str | None = None) -> DataSet
             raise InvalidInputError(f"'{path}' has no motion: it needs two states at least.")
         step = float(np.median([episode.time_step for episode in read]))
         motions = tuple(motion_of(episode) for episode in read)
-        one = DataSet(mjcf, model, step, motions, (path.name,) * len(motions))
+        times = tuple(episode.start + episode.time[:-1] for episode in read)
+        faults = tuple(f"'{path}': {sentence}" for sentence in (*bag.damages, *holes(read)))
+        one = DataSet(mjcf, model, step, motions, times, (path.name,) * len(motions), faults)
         found = _joined(found, one, path) if found else one
     assert found is not None
     return found
@@ -106,8 +113,13 @@ def _joined(first: DataSet, other: DataSet, path: Path) -> DataSet:
             f"'{path}' has a state each {other.time_step:g} s, but the bag before it each "
             f"{first.time_step:g} s; put them into data sets of their own."
         )
-    motions, bags = first.motions + other.motions, first.bags + other.bags
-    return DataSet(first.mjcf, first.model, first.time_step, motions, bags)
+    return replace(
+        first,
+        motions=first.motions + other.motions,
+        times=first.times + other.times,
+        bags=first.bags + other.bags,
+        faults=first.faults + other.faults,
+    )
 
 
 @contextmanager
@@ -133,7 +145,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 
 def write_parquet(data: DataSet, folder: Path) -> None:
-    """Writes motions.parquet: bag, episode, time [s], the state, and the controls, in float64."""
+    """Writes motions.parquet: bag, episode, time of the state's stamp [s], state and controls."""
     import pyarrow as pa
     import pyarrow.parquet
 
@@ -141,7 +153,7 @@ def write_parquet(data: DataSet, folder: Path) -> None:
     columns = {
         "bag": np.repeat(data.bags, data.lengths),
         "episode": np.repeat(np.arange(len(data.motions)), data.lengths),
-        "time": np.concatenate([data.time_step * np.arange(n) for n in data.lengths]),
+        "time": np.concatenate(data.times),
         **dict(zip(data.state_names, states.T, strict=True)),
         **dict(zip(data.control_names, controls.T, strict=True)),
     }

@@ -1,25 +1,44 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Reads the motions in a bag: states, until time goes back, and the controls that led to them."""
+"""Reads the motions in a bag: their states, and the controls that led to them.
+
+A motion ends where time goes back, as at a reset, and where states are missing.
+"""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from vgps_ros.bags import BagReader
-from vgps_ros.bags.states import recorded_states
-from vgps_ros.bags.timeline import SLACK
+from vgps_ros.bags.reader import BagReader
+from vgps_ros.bags.recorded_nodes import SLACK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
-from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
 from vgps_ros.simulation.joint_forces import controls_are_forces
 from vgps_ros.simulation.model import actuated_joint_names
 from vgps_ros.tasks.motion_file import write_motion
+
+GAP = 1.5  # a longer step from state to state than so many usual ones is a gap
+
+
+def recorded_states(bag: BagReader, states: StateMessages) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yields when each state was complete [ns], and its messages by topic.
+
+    Raises:
+        InvalidInputError: the bag lacks one of the topics, or a message fits no definition.
+    """
+    names = {bag.needed_topic(name): name for name in states.topics}
+    names |= {bag.filled_topics[name]: name for name in states.sources if name in bag.filled_topics}
+    collector = StateCollector(states.is_complete)
+    for message in bag.messages(list(names)):
+        if found := collector.add(names[message.topic], bag.decode(message)):
+            yield message.stamp, found
 
 
 @dataclass(frozen=True)
@@ -28,6 +47,7 @@ class Episode:
 
     Attributes:
         model: the robot.
+        start: stamp of the first state [s].
         time: time of each state, from 0 on, shape (N,) [s].
         states: states x, shape (N, n_x).
         controls: controls that led to each state, shape (N, n_u); NaN where they are not known.
@@ -35,6 +55,7 @@ class Episode:
     """
 
     model: mujoco.MjModel
+    start: float
     time: Array
     states: Array
     controls: Array
@@ -45,23 +66,22 @@ class Episode:
         return float(np.median(np.diff(self.time)))
 
 
-def last_episode(bag: BagReader, model: mujoco.MjModel) -> Episode | None:
-    """Returns the last motion of a robot, or None if there are fewer than two states."""
-    found = episodes(bag, model)
-    return found[-1] if found else None
-
-
 def episodes(bag: BagReader, model: mujoco.MjModel) -> list[Episode]:
-    """Reads the motions of a robot, each of which ends where time goes back.
+    """Reads the motions of a robot. Repeated states count once.
 
-    Repeated states count once. Motions of fewer than two states are left out.
+    Motions of fewer than two states are left out.
     """
     robot_states = StateMessages(model)
+    states = [
+        (received, nanoseconds(messages[JOINTS].header.stamp), messages)
+        for received, messages in recorded_states(bag, robot_states)
+    ]
+    steps = [b - a for (_, a, _), (_, b, _) in pairwise(states) if b > a]
+    longest = GAP * float(np.median(steps)) if steps else 0.0
     motions: list[_Motion] = []
     newest = sys.maxsize
-    for received, messages in recorded_states(bag, robot_states):
-        stamp = nanoseconds(messages[JOINTS].header.stamp)
-        if stamp < newest:
+    for received, stamp, messages in states:
+        if not newest <= stamp <= newest + longest:
             motions.append(_Motion(received, {}, {}))
         newest = stamp
         motions[-1].states[stamp] = robot_states.join(messages)
@@ -71,12 +91,22 @@ def episodes(bag: BagReader, model: mujoco.MjModel) -> list[Episode]:
     return [
         Episode(
             model,
+            min(motion.states) * 1e-9,
             (np.array([*motion.states]) - min(motion.states)) * 1e-9,
             np.array([*motion.states.values()]),
             controls(motion, end, model),
         )
         for motion, end in zip(motions, [*ends, sys.maxsize], strict=False)
         if len(motion.states) > 1
+    ]
+
+
+def holes(motions: Sequence[Episode]) -> list[str]:
+    """Returns a sentence on each stretch between two motions in which states are missing."""
+    return [
+        f"no states from {end:.3f} to {after.start:.3f} s, so that a motion ends there"
+        for before, after in pairwise(motions)
+        if after.start > (end := before.start + float(before.time[-1]))
     ]
 
 

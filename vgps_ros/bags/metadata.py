@@ -1,34 +1,31 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Writes the `metadata.yaml` of a rosbag2 bag, in version 9 of its format."""
+"""The files beside the messages of a rosbag2 bag: `metadata.yaml`, and `SHA256SUMS`.
 
+`metadata.yaml` is written in version 9 of its format. `SHA256SUMS` has the digest of each file, so
+that `sha256sum -c SHA256SUMS` finds what was damaged or altered later. Whoever alters a bag can
+write it anew, unless it is signed:
+
+    ssh-keygen -Y sign -n vgps-bag -f KEY SHA256SUMS
+    ssh-keygen -Y verify -n vgps-bag -f ALLOWED_SIGNERS -I NAME -s SHA256SUMS.sig < SHA256SUMS
+"""
+
+import hashlib
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from vgps_ros.bags.storage import FileSummary, Topic
+from vgps_ros.bags.mcap_file import FileSummary, Topic
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.plain_yaml import read_yaml
 
-FILE_NAME = "metadata.yaml"
+FILE_NAME, DIGESTS = "metadata.yaml", "SHA256SUMS"
 _FOREIGN_STORAGE, _FOREIGN_MODES = ("sqlite3",), ("file", "message", "FILE", "MESSAGE")
 _LARGEST = 2**24  # of a description that is read [bytes]
-# What `metadata.yaml` tells of the files and topics, by its keys.
-_TOLD: dict[str, Callable[[Any], Any]] = {
-    "starting_time": lambda told: told["starting_time"]["nanoseconds_since_epoch"],
-    "duration": lambda told: told["duration"]["nanoseconds"],
-    "message_count": lambda told: told["message_count"],
-    "topics_with_message_count": lambda told: {
-        (t["topic_metadata"]["name"], t["topic_metadata"]["type_description_hash"]): t[
-            "message_count"
-        ]
-        for t in told["topics_with_message_count"]
-    },
-    "files": lambda told: {file["path"]: file["message_count"] for file in told["files"]},
-}
 
 
 def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
@@ -87,32 +84,12 @@ def type_hashes(folder: Path) -> dict[str, str]:
         return {}
 
 
-def contradictions(
-    folder: Path, files: Iterable[FileSummary], type_hashes: Mapping[str, str]
-) -> list[str]:
-    """Returns what `metadata.yaml` tells of a bag's files and topics that is not so, by its keys.
-
-    Args:
-        folder: folder of the bag.
-        files: what is in its files.
-        type_hashes: the type hash of each topic in them.
-    """
-    topics = [Topic(name, "", given, (), "") for name, given in type_hashes.items()]
-    truth = yaml.safe_load(bag_information(topics, list(files)))
-    try:
-        told = _information(folder)
-        return [key for key, read in _TOLD.items() if read(told) != read(truth)]
-    except (AttributeError, InvalidInputError, KeyError, TypeError):
-        return list(_TOLD)
-
-
 def read_metadata(folder: Path) -> list[str] | None:
     """Returns the names of the files of a bag, without folders; None if nothing can be read.
 
     Raises:
-        InvalidInputError: `metadata.yaml` is no file, or of a bag that ours do not read.
+        InvalidInputError: `metadata.yaml` is of a bag that is not read here.
     """
-    require_replaceable(folder)
     try:
         information = _information(folder)
         storage, mode = information["storage_identifier"], information["compression_mode"]
@@ -141,20 +118,6 @@ def _information(folder: Path) -> Any:
     return content["rosbag2_bagfile_information"]
 
 
-def require_replaceable(folder: Path) -> None:
-    """Checks that `metadata.yaml`, if there is one, is a file, so that another can take its place.
-
-    Raises:
-        InvalidInputError: it is something else.
-    """
-    path = folder / FILE_NAME
-    if path.exists() and not path.is_file():
-        raise InvalidInputError(
-            f"'{path}' is a folder or a device, but it must be a file: move it away, and "
-            f"`vgps bag reindex {folder}` writes it anew."
-        )
-
-
 def write_metadata(folder: Path, information: str) -> None:
     """Writes `metadata.yaml` as a whole or not at all.
 
@@ -164,3 +127,52 @@ def write_metadata(folder: Path, information: str) -> None:
     indented = "".join(f"  {line}\n" for line in information.splitlines())
     with replacing(folder / FILE_NAME) as file:
         file.write(f"rosbag2_bagfile_information:\n{indented}".encode())
+
+
+def write_digests(folder: Path, digests: Mapping[str, str]) -> None:
+    """Writes `SHA256SUMS`, as `sha256sum` does.
+
+    Args:
+        folder: folder of the bag.
+        digests: SHA-256 of each `.mcap` file, by its name.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    known = {**digests, FILE_NAME: file_digest(folder / FILE_NAME)}
+    with replacing(folder / DIGESTS) as file:
+        file.write("".join(f"{digest}  {name}\n" for name, digest in known.items()).encode())
+
+
+def file_digest(path: Path) -> str:
+    """Returns the SHA-256 of a file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_digests(folder: Path) -> list[str] | None:
+    """Returns a sentence on each file that is not as `SHA256SUMS` says; None if there is no such.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    path = folder / DIGESTS
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        return None
+    lines = path.read_text(errors="replace").splitlines()
+    digests = {
+        found[2]: found[1]
+        for line in lines
+        if (found := re.match(r"([0-9a-f]{64})  ([^/]+)$", line))
+    }
+    wrong = [
+        f"{name} is not as its recorder wrote it, by {DIGESTS}"
+        for name, digest in digests.items()
+        if not (folder / name).is_file() or file_digest(folder / name) != digest
+    ]
+    present = {file.name for file in folder.glob("*.mcap")}
+    return wrong + [f"{name} is not in {DIGESTS}" for name in sorted(present - set(digests))]

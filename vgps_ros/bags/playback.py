@@ -6,17 +6,24 @@ moves only when playing resumes after a pause or starts again, so a message that
 delay the next one.
 """
 
+import struct
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 
-from vgps_ros.bags.read_ahead import read_ahead
 from vgps_ros.bags.reader import BagMessage
 from vgps_ros.core.settings import check_settings, setting
 
+CLOCK_TOPIC, CLOCK_KIND = "/clock", "rosgraph_msgs/msg/Clock"
+
+_CDR_HEADER = bytes((0, 1, 0, 0))  # little endian
 _SECOND = 10**9  # [ns]
+_BATCHES = 16  # number of batches that are read ahead
+_MESSAGES, _BYTES = 250, 2**20  # a batch ends at either size; handing over single ones costs time
 
 
 @dataclass(frozen=True)
@@ -184,3 +191,53 @@ class Playback:
             return self._position
         elapsed = time.monotonic_ns() - self._origin
         return max(self._position, round(elapsed * self._settings.rate))
+
+
+def read_ahead(messages: Iterable[BagMessage]) -> Generator[BagMessage, None, None]:
+    """Yields the messages while a thread reads those that follow, so that a slow disk delays none.
+
+    An error while reading is raised here, after the messages before it. Closing the generator ends
+    the thread.
+    """
+    batches, reader = _batches(messages), ThreadPoolExecutor(1, "read_ahead")
+    coming = deque(reader.submit(next, batches, None) for _ in range(_BATCHES))
+    try:
+        while batch := coming.popleft().result():
+            coming.append(reader.submit(next, batches, None))
+            yield from batch
+    finally:
+        reader.shutdown(cancel_futures=True)
+
+
+def _batches(messages: Iterable[BagMessage]) -> Iterator[list[BagMessage]]:
+    batch: list[BagMessage] = []
+    size = 0
+    try:
+        for message in messages:
+            batch.append(message)
+            size += len(message.data)
+            if len(batch) == _MESSAGES or size > _BYTES:
+                yield batch
+                batch, size = [], 0
+    except Exception:
+        if batch:
+            yield batch
+        raise
+    yield batch
+
+
+def with_clock(messages: Iterable[BagMessage], period: int) -> Iterator[BagMessage]:
+    """Yields the messages, and before each message the ticks of /clock that are due by then.
+
+    Args:
+        messages: messages in the order in which they were received; the first starts the clock.
+        period: time between two ticks [ns].
+    """
+    tick: int | None = None
+    for message in messages:
+        tick = message.stamp if tick is None else tick
+        while tick <= message.stamp:
+            time = _CDR_HEADER + struct.pack("<iI", *divmod(tick, 10**9))
+            yield BagMessage(CLOCK_TOPIC, CLOCK_KIND, tick, time)
+            tick += period
+        yield message

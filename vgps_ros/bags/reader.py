@@ -2,23 +2,29 @@
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from vgps_ros.bags.decoder import Decoder
-from vgps_ros.bags.metadata import FILE_NAME, type_hashes
-from vgps_ros.bags.reindex import missing_of, storage_files
-from vgps_ros.bags.storage import StorageScan
-from vgps_ros.core.checks import one_of
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from vgps_ros.bags.mcap_file import McapFile
+from vgps_ros.bags.metadata import FILE_NAME, read_metadata, type_hashes
+from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.names import MJCF, URDF, is_mjcf
+from vgps_ros.storage.disk import is_being_written
 
 # What a graph has once for each robot.
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
+
+_LONGEST = 2**18  # definition that is read [characters]
+_MOST_PARTS = 1024  # of arrays of a fixed size, for each of which rosbags writes lines of code
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,8 @@ class BagReader:
         self.path, self.namespace = path, namespace
         if not path.is_dir():
             raise InvalidInputError(f"'{path}' is not a bag: name the folder with {FILE_NAME}.")
-        self.files = [StorageScan(file) for file in storage_files(path)]
-        if missing := missing_of(path, self.files):
+        self.files = [McapFile(file) for file in storage_files(path)]
+        if missing := missing_parts(path, self.files):
             raise InvalidInputError(missing)
         topics = [topic for file in self.files for topic in file.topics.values()]
         self.topics = {topic.name: topic.kind for topic in topics}
@@ -164,7 +170,7 @@ class BagReader:
 
     def attached(self) -> dict[str, bytes]:
         """Returns all that is attached to the bag, which need not be text, by its names."""
-        return {a.name: a.data for file in self.files for a in file.content.attachments}
+        return {a.name: a.data for file in self.files for a in file.attachments}
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order in which they were received.
@@ -178,19 +184,17 @@ class BagReader:
         for topic in topics or ():
             one_of("topic", topic, self.topics)
         wanted = self.topics if topics is None else topics
-        places = [
-            (place.start, i, place) for i, f in enumerate(self.files) for place in f.content.places
-        ]
+        pieces = [(piece.start, i, piece) for i, f in enumerate(self.files) for piece in f.pieces]
         # Chunks overlap in time where topics do, so messages wait for those of the chunks to come.
         waiting: list[tuple[int, int, BagMessage]] = []
         order = count()
-        for start, file, place in sorted(places, key=lambda one: one[:2]):
+        for start, file, piece in sorted(pieces, key=lambda one: one[:2]):
             while waiting and waiting[0][0] < start:
                 yield heappop(waiting)[2]
-            for of, raw in self.files[file].messages(place):
+            for of, raw in self.files[file].messages([piece]):
                 if of.name in wanted:
-                    message = BagMessage(of.name, of.kind, raw.stamp, raw.data)
-                    heappush(waiting, (raw.stamp, next(order), message))
+                    message = BagMessage(of.name, of.kind, raw.log_time, raw.data)
+                    heappush(waiting, (raw.log_time, next(order), message))
         while waiting:
             yield heappop(waiting)[2]
 
@@ -231,20 +235,113 @@ class BagReader:
                 f"valid {message.kind}: {error}."
             ) from error
 
-    @property
-    def types_read(self) -> set[str]:
-        """The types of the messages that were decoded so far, and of their fields."""
-        return self._decoder.types
 
-    def definition_hash(self, kind: str) -> str:
-        """Returns the RIHS01 hash of the definition that the bag holds of a type.
+def storage_files(path: Path) -> list[Path]:
+    """Returns the `.mcap` files in a bag's folder, in the order in which they were written.
+
+    Raises:
+        InvalidInputError: the folder has no such file.
+    """
+    found = [file for file in path.glob("*.mcap") if file.is_file()]  # no pipe, no device
+    files = sorted(found, key=lambda file: (len(file.name), file.name))
+    if not files:
+        raise InvalidInputError(
+            f"'{path}' is not a bag: it must be a folder with .mcap files, and there is none."
+        )
+    return files
+
+
+def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
+    """Returns a sentence on what a bag lacks and what can be read of it; "" if it is complete.
+
+    Args:
+        path: folder of the bag.
+        files: its files, if they were read already.
+
+    Raises:
+        InvalidInputError: the folder has no `.mcap` file, or its description cannot be read.
+    """
+    files = files or [McapFile(file) for file in storage_files(path)]
+    lacks = [f"the index of {file.path.name}" for file in files if not file.is_complete]
+    named = read_metadata(path)
+    if named is None:
+        lacks.insert(0, f"a whole {FILE_NAME}" if (path / FILE_NAME).exists() else FILE_NAME)
+    elif absent := set(named) - {file.path.name for file in files}:
+        lacks.insert(0, f"the file {', '.join(sorted(absent))}")
+    if not lacks:
+        return ""
+    if any(is_being_written(file.path) for file in files):
+        return f"The bag '{path}' is still being recorded; end its recorder first."
+    written = [file.summary for file in files if file.summary.message_count]
+    if not written:
+        return (
+            f"'{path}' lacks {' and '.join(lacks)}, and no message in it can be read: it is no "
+            "bag, or all of it is lost; name another one."
+        )
+    count = sum(summary.message_count for summary in written)
+    duration = max(s.end for s in written) - min(s.start for s in written)
+    return (
+        f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
+        f"{duration * 1e-9:.3f} s can be read, and all others are lost; "
+        f"`vgps bag reindex {path}` repairs it."
+    )
+
+
+class Decoder:
+    """Decodes messages with the definitions that an untrusted bag holds.
+
+    Args:
+        definitions: of the types, by their names.
+    """
+
+    def __init__(self, definitions: Mapping[str, str]):
+        self._definitions = definitions
+        self._store = get_typestore(Stores.EMPTY)
+        self._parts = 0
+
+    def decode(self, data: bytes, kind: str) -> Any:
+        """Returns an object that has the message's fields as attributes.
+
+        Args:
+            data: the message, as CDR.
+            kind: its type.
 
         Raises:
-            InvalidInputError: it is not a definition.
+            InvalidInputError: the message does not fit the definition; the error ends with the
+                cause.
         """
         try:
-            return self._decoder.hash(kind)
-        except InvalidInputError as error:
-            raise InvalidInputError(
-                f"The definition of {kind} in '{self.path}' cannot be read: {error}."
-            ) from error
+            if kind not in self._store.fielddefs:
+                self._store.register(self._types(kind))
+            return self._store.deserialize_cdr(data, kind)
+        except Exception as error:  # of many kinds, raised deep inside rosbags
+            raise InvalidInputError(told(error)) from error
+
+    def _types(self, kind: str) -> Typesdict:
+        """Reads a definition.
+
+        Raises:
+            ValueError: its code, or reading it, would take too much memory.
+            Exception: it is no definition.
+        """
+        definition = self._definitions[kind]
+        if len(definition) > _LONGEST:
+            raise ValueError(
+                f"its definition has {len(definition)} characters, and at most {_LONGEST} are read"
+            )
+        types = get_types_from_msg(definition, kind)
+        self._parts += sum(_parts(field) for _, fields in types.values() for _, field in fields)
+        if self._parts > _MOST_PARTS:
+            raise ValueError(
+                f"with its definition there are {self._parts} texts and messages in arrays of a "
+                f"fixed size, and at most {_MOST_PARTS} are read"
+            )
+        return types
+
+
+def _parts(field: FieldDesc) -> int:
+    """Returns how many parts a field has that are decoded one by one, as numbers are not."""
+    if field[0] != Nodetype.ARRAY:
+        return 0
+    (kind, name), size = field[1]
+    return 0 if kind == Nodetype.BASE and name[0] not in ("string", "wstring") else int(size)

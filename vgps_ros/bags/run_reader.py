@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.episode import last_episode
-from vgps_ros.bags.recorded_policies import learned_policy
+from vgps_ros.bags.episode import episodes
+from vgps_ros.bags.recorded_nodes import learned_policy
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import distribution_from_msg, result_from_msgs
 from vgps_ros.search.run_record import RunRecord, read_results
@@ -46,7 +46,8 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             return [message for _, message in bag.decoded(topics[name])] if name in topics else []
 
         distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
-        episode = last_episode(bag, compile_model(mjcf)) if "joint_states" in topics else None
+        motions = episodes(bag, compile_model(mjcf)) if "joint_states" in topics else []
+        episode = motions[-1] if motions else None
         time_step = episode.time_step if episode else 0.0
         if distributions:
             time_step = float(distributions[-1].time_step)

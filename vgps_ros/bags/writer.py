@@ -1,23 +1,46 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Writes a genuine rosbag2 bag with MCAP storage: `.mcap` files and `metadata.yaml`."""
+"""Writes and repairs rosbag2 bags with MCAP storage.
+
+A bag is a folder with `.mcap` files, `metadata.yaml` and `SHA256SUMS`. A thread writes it, so that
+a slow disk holds up nobody. A bag whose recorder was killed lacks `metadata.yaml` and the index of
+its last file, which `repair` makes anew.
+"""
 
 import math
-from collections.abc import Callable, Sequence
+import os
+import time
+from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vgps_ros.bags.definitions import MessageDefinitions
-from vgps_ros.bags.manifest import FILE_NAME as MANIFEST
-from vgps_ros.bags.manifest import PackedDigest, write_manifest
-from vgps_ros.bags.metadata import FILE_NAME as METADATA
-from vgps_ros.bags.metadata import bag_information, write_metadata
-from vgps_ros.bags.storage import FileSummary, Topic
-from vgps_ros.bags.storage_writer import StorageWriter
-from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage.disk import Disk, DiskFile
+import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from mcap.records import Attachment, Channel, Schema
+from mcap.well_known import Profile, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-_PATIENCE = 0.8  # with a disk that does not move, at the end [s]
+from vgps_ros.bags.mcap_file import FileSummary, McapFile, Topic
+from vgps_ros.bags.metadata import (
+    FILE_NAME,
+    bag_information,
+    file_digest,
+    type_hashes,
+    write_digests,
+    write_metadata,
+)
+from vgps_ros.bags.reader import storage_files
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.storage.disk import Disk, is_being_written
+
+COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
+
+_CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
+_FLUSH_PERIOD = 0.4  # a killed recorder loses the messages of this time at most, and a moment [s]
 
 
 class UnfinishedBagError(VgpsError):
@@ -28,7 +51,7 @@ class BagWriter:
     """A bag that is being written.
 
     Messages wait in memory for a disk that is slow or full, up to a limit; those beyond it are
-    counted as lost.
+    counted as lost. Twice a second at least, those that came are handed over to the system.
 
     Args:
         path: folder of the bag; it must not exist.
@@ -41,8 +64,8 @@ class BagWriter:
     Attributes:
         path: the folder.
         topics: topics that messages can be written to, by their names.
-        lost: number of messages that could not be written; the manifest states it, so who knows of
-            others that never came here may add to it.
+        message_count: messages written so far, those included that wait for the disk.
+        lost: number of messages that could not be written.
         disk: the disk, which says what waits for it and why nothing can be written now.
 
     Raises:
@@ -61,16 +84,18 @@ class BagWriter:
     ):
         self.path = path
         self.topics: dict[str, Topic] = {}
-        self.lost = 0
-        self._compression = compression
+        self.message_count = self.lost = 0
+        self._compression = one_of("compression", compression, COMPRESSIONS)
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
         self._max_backlog = max_backlog
         self._definitions = MessageDefinitions()
-        self._attachments: dict[str, tuple[bytes, int]] = {}
-        self._digests: dict[str, PackedDigest] = {}  # of the files that have all of their content
-        self._finished: list[FileSummary] = []  # files that are on the disk as a whole
-        self._files: list[_BagFile] = []  # those that are not; the last one takes the messages
+        self._is_finished = False
+        # All below belongs to the disk's thread.
+        self._attachments: dict[str, Attachment] = {}
+        self._known: dict[str, Topic] = {}
+        self._files: list[_BagFile] = []
+        self._flushed = time.monotonic()
         try:
             path.mkdir(parents=True)
         except FileExistsError as error:
@@ -79,23 +104,18 @@ class BagWriter:
             ) from error
         except OSError as error:
             raise InvalidInputError(f"The bag folder '{path}' cannot be made: {error}.") from error
-        self.disk = Disk(min_space)
-        self._begin_file()
-        self.disk.drain(_PATIENCE)
-        if fault := self.disk.fault:
+        self.disk = Disk(min_space, self._flush_now_and_then)
+        self.disk.put(self._begin_file)
+        if not self.disk.drain() and (fault := self.disk.fault):
             self.disk.stop()
             with suppress(OSError):
-                self._file.on_disk.path.unlink(missing_ok=True)
+                for file in path.iterdir():
+                    file.unlink()
                 path.rmdir()
             raise InvalidInputError(
                 f"The bag folder '{path}' cannot be written to: {fault.reason}; {fault.next_step}, "
                 "or name another folder."
             )
-
-    @property
-    def message_count(self) -> int:
-        """Messages written so far, those included that wait for the disk."""
-        return sum(summary.message_count for summary in self._summaries())
 
     def add_topic(
         self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
@@ -107,7 +127,7 @@ class BagWriter:
         """
         topic = Topic(name, kind, type_hash, qos, self._definitions.find(kind))
         self.topics[name] = topic
-        self._file.add_topic(topic)
+        self.disk.put(self._add_topic, topic)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes one message, or counts it as lost.
@@ -120,126 +140,304 @@ class BagWriter:
         if self.disk.backlog > self._max_backlog:
             self.lost += 1
             return
-        size, duration, file = self._max_file_size, self._max_file_duration, self._file
-        is_long = duration and file.start and stamp - file.start >= duration
-        if is_long or (size and file.on_disk.tell() >= size):
-            self._complete(file)
-            self._begin_file()
-        self._file.write(topic, stamp, data)
+        self.message_count += 1
+        self.disk.put(self._write, topic, stamp, data, size=len(data))
 
     def attach(self, name: str, text: str, stamp: int) -> None:
         """Adds a named text to this file and to those that follow; a later one replaces it."""
-        self._attachments[name] = (text.encode(), stamp)
-        self._file.attach(name, *self._attachments[name])
+        self.disk.put(self._attach, Attachment(stamp, stamp, name, "text/plain", text.encode()))
 
-    def flush(self, *, wait: bool = True) -> None:
-        """Hands all messages so far to the disk; once it has them, a killed process loses none.
+    def flush(self) -> None:
+        """Waits until the disk has all messages so far, or takes none."""
+        self.disk.put(self._flush)
+        self.disk.drain()
 
-        The file lacks its index until it is closed, but can be read from its start.
-
-        Args:
-            wait: whether to wait until the disk has them, or a first attempt has failed.
-        """
-        self._file.flush()
-        if wait:
-            self.disk.drain()
-        for file in self._files:
-            file.pack(file.on_disk.written)
-        while self._files[0].on_disk.is_closed:
-            self._finished.append(self._files.pop(0).summary)
-
-    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
-        """Completes the bag: the last file's index, `metadata.yaml` and `manifest.json`.
+    def close(self) -> None:
+        """Completes the bag: the last file's index, `metadata.yaml` and `SHA256SUMS`.
 
         What a full disk, or one that hangs, does not take is lost; a slow one is waited for.
-
-        Args:
-            hurried: whether to wait no more than a moment, even for a disk that is only slow.
 
         Raises:
             UnfinishedBagError: what is on the disk can be read, but has no index.
         """
-        self._file.flush()
-        writing = "a file"
+        if not self.disk.drain():
+            for work, arguments, _ in self.disk.abandon():
+                if work == self._write:
+                    self._lose(1)
+                else:
+                    self.disk.put(work, *arguments)
+        self.disk.min_space = 0  # it was kept for what comes now
+        self.disk.put(self._complete)
+        self.disk.drain()
+        responds = self.disk.stop()
+        if not self._is_finished:
+            self._lose(sum(file.unsaved for file in self._files))
+            fault = self.disk.fault if responds else None
+            raise self._unfinished(f"{fault.reason}; {fault.next_step}" if fault else "")
+        writing = FILE_NAME
         try:
-            if not self.disk.drain(_PATIENCE, hurried):
-                self._give_up_waiting()
-            self.disk.min_space = 0
-            for file in self._files:
-                if not file.on_disk.is_closed:
-                    self._complete(file)
-            if not self.disk.drain(_PATIENCE, hurried):
-                raise self._unfinished()
-            writing = METADATA
             write_metadata(self.path, self._information())
-            writing = MANIFEST
-            write_manifest(self.path, self._digests, self.lost)
+            writing = "SHA256SUMS"
+            digests = {file.on_disk.path.name: file.on_disk.sha256 for file in self._files}
+            write_digests(self.path, {name: sha.hexdigest() for name, sha in digests.items()})
         except OSError as error:
             raise self._unfinished(f"{writing} cannot be written, {error.strerror}") from error
-        finally:
-            self.disk.stop()
 
-    def _complete(self, file: "_BagFile") -> None:
-        """Hands the end of a file to the disk, and notes what the whole file is."""
-        file.close(self._information())
-        self._digests[file.on_disk.path.name] = file.digest
+    def _lose(self, count: int) -> None:
+        self.message_count -= count
+        self.lost += count
 
-    def _give_up_waiting(self) -> None:
-        """Counts what the disk did not take as lost, and goes back to what it took.
-
-        Raises:
-            UnfinishedBagError: the disk hangs, so that nothing more can be done.
-        """
-        is_idle = self.disk.abandon()
-        for file in [file for file in self._files if not file.on_disk.is_closed]:
-            before = file.summary.message_count
-            end = file.go_back(file.on_disk.written)
-            self.lost += before - file.summary.message_count
-            has_header = file.on_disk.written >= file.begin
-            if not has_header:
-                self._files.remove(file)
-            if is_idle and has_header:
-                file.on_disk.cut(end)
-            elif is_idle:
-                with suppress(OSError):
-                    file.on_disk.path.unlink(missing_ok=True)
-        if not is_idle:
-            raise self._unfinished()
-
-    def _unfinished(self, reason: str = "") -> UnfinishedBagError:
-        fault = self.disk.fault
-        reason = reason or (f"{fault.reason}; {fault.next_step}" if fault else "the disk hangs")
+    def _unfinished(self, reason: str) -> UnfinishedBagError:
         return UnfinishedBagError(
-            f"The bag '{self.path}' could not be completed: {reason}. What is there can be read; "
-            f"`ros2 run vgps_ros bag reindex {self.path}` completes it, where there is space."
+            f"The bag '{self.path}' could not be completed: {reason or 'the disk hangs'}. What is "
+            f"there can be read; `ros2 run vgps_ros bag reindex {self.path}` completes it, where "
+            "there is space."
         )
 
     def _information(self) -> str:
-        return bag_information(self.topics.values(), self._summaries())
+        return bag_information(self._known.values(), [file.summary for file in self._files])
 
-    def _summaries(self) -> list[FileSummary]:
-        return [*self._finished, *(file.summary for file in self._files)]
+    # The disk's thread
 
     def _begin_file(self) -> None:
         """Begins a file, which has all topics and attachments of those before it."""
-        number = len(self._finished) + len(self._files)
-        name = f"{self.path.name}_{number}.mcap"  # as rosbag2 counts them
-        self._file = _BagFile(DiskFile(self.disk, self.path / name), self._compression)
-        self._files.append(self._file)
-        for topic in self.topics.values():
-            self._file.add_topic(topic)
-        for attachment, (data, stamp) in self._attachments.items():
-            self._file.attach(attachment, data, stamp)
+        name = f"{self.path.name}_{len(self._files)}.mcap"  # as rosbag2 counts them
+        file = _BagFile(self.disk.open(self.path / name), self._compression)
+        self._files.append(file)
+        for topic in self._known.values():
+            file.add_topic(topic)
+        for attachment in self._attachments.values():
+            file.attach(attachment)
+
+    def _add_topic(self, topic: Topic) -> None:
+        self._known[topic.name] = topic
+        self._files[-1].add_topic(topic)
+
+    def _attach(self, attachment: Attachment) -> None:
+        self._attachments[attachment.name] = attachment
+        self._files[-1].attach(attachment)
+
+    def _write(self, topic: str, stamp: int, data: bytes) -> None:
+        size, duration, file = self._max_file_size, self._max_file_duration, self._files[-1]
+        is_long = duration and file.start and stamp - file.start >= duration
+        if is_long or (size and file.on_disk.size >= size):
+            self._finish()
+            self._begin_file()
+        self._files[-1].write(topic, stamp, data)
+
+    def _flush_now_and_then(self) -> None:
+        if self._files and time.monotonic() - self._flushed > _FLUSH_PERIOD:
+            self._flush()
+
+    def _flush(self) -> None:
+        self._files[-1].flush()
+        self._flushed = time.monotonic()
+
+    def _finish(self) -> None:
+        self._files[-1].finish(self._information())
+        self._files[-1].on_disk.close()
+
+    def _complete(self) -> None:
+        self._finish()
+        self._is_finished = True
 
 
-class _BagFile(StorageWriter):
-    """One file of the bag, on its way to the disk."""
+class _BagFile:
+    """One file of a bag, written by mcap as rosbag2 writes it.
 
-    def __init__(self, on_disk: DiskFile, compression: str):
+    Attributes:
+        on_disk: where it is written.
+        start: when the first message was received [ns]; 0 if there is none.
+        end: when the last message was received [ns]; 0 if there is none.
+        unsaved: number of messages of the chunk that is not on the disk yet.
+    """
+
+    def __init__(self, on_disk: Any, compression: str):
         self.on_disk = on_disk
-        super().__init__(on_disk, compression)
+        self.start = self.end = self.unsaved = self._size = 0
+        self._counts: Counter[str] = Counter()
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[str | int, tuple[int, str]] = {}
+        kind = CompressionType[compression.upper()]
+        self._writer = Writer(on_disk, chunk_size=2**62, compression=kind)  # chunks end by `flush`
+        self._writer.start(Profile.ROS2, "vgps_ros")
 
     @property
     def summary(self) -> FileSummary:
-        """Summary of all that was written to the file, whether it is on the disk or not."""
-        return FileSummary(self.on_disk.path.name, self.start, self.end, self.counts)
+        """Summary of all that was written to the file."""
+        return FileSummary(self.on_disk.path.name, self.start, self.end, dict(self._counts))
+
+    def add_topic(self, topic: Topic) -> None:
+        """Adds a topic; messages name it."""
+        metadata = {
+            "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
+            "topic_type_hash": topic.type_hash,
+        }
+        channel = Channel(0, topic.name, topic.serialization, metadata, 0)
+        schema = Schema(0, topic.definition.encode(), SchemaEncoding.ROS2, topic.kind)
+        self.add_channel(topic.name, channel, schema)
+
+    def add_channel(self, key: str | int, channel: Channel, schema: Schema | None) -> None:
+        """Adds a channel; messages name it by its key."""
+        number = 0
+        if schema:
+            content = schema.name, schema.encoding, schema.data
+            if content not in self._schemas:
+                self._schemas[content] = self._writer.register_schema(*content)
+            number = self._schemas[content]
+        of = channel
+        number = self._writer.register_channel(of.topic, of.message_encoding, number, of.metadata)
+        self._channels[key] = number, channel.topic
+        self._counts[channel.topic] += 0
+
+    def write(
+        self, key: str | int, stamp: int, data: bytes, sequence: int = 0, sent: int | None = None
+    ) -> None:
+        """Writes a message, with its times of receipt and of sending [ns]."""
+        channel, topic = self._channels[key]
+        self._counts[topic] += 1
+        self.end = max(self.end, stamp)
+        self.start = min(self.start or stamp, stamp)
+        self.unsaved += 1
+        self._size += len(data)
+        self._writer.add_message(channel, stamp, data, stamp if sent is None else sent, sequence)
+        if self._size > _CHUNK_SIZE:
+            self.flush()
+
+    def attach(self, attachment: Attachment) -> None:
+        """Adds a named text; of several with one name the last one counts."""
+        self.flush()
+        of = attachment
+        self._writer.add_attachment(of.create_time, of.log_time, of.name, of.media_type, of.data)
+
+    def flush(self) -> None:
+        """Hands all messages so far to the file, as a chunk."""
+        before = self.on_disk.tell()
+        try:
+            self._writer.flush()
+        finally:
+            if self.on_disk.tell() > before:
+                self.unsaved = self._size = 0
+
+    def finish(self, information: str) -> None:
+        """Adds `metadata.yaml`, as rosbag2 does, and the index."""
+        self.flush()
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
+        self._writer.finish()
+
+
+def repair(path: Path) -> list[Path]:
+    """Rebuilds `metadata.yaml`, and each file that has no index or is damaged.
+
+    The original of a rebuilt file is kept, with `.unfinished` at the end of its name.
+
+    Args:
+        path: folder of the bag.
+
+    Returns:
+        The files that were rebuilt.
+
+    Raises:
+        InvalidInputError: the folder has no `.mcap` file, nothing can be read of any, or one is
+            still being written.
+        OSError: the disk is full; nothing is lost, and the call can be repeated.
+    """
+    for file in storage_files(path):
+        if is_being_written(file):
+            raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
+    contents = [McapFile(file) for file in storage_files(path)]
+    known = [content for content in contents if content.topics]
+    if not known:
+        raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
+    topics: dict[str, Topic] = {}
+    hashes = type_hashes(path)
+    for topic in (topic for content in known for topic in content.topics.values()):
+        type_hash = topic.type_hash or hashes.get(topic.name, "")
+        topics.setdefault(topic.name, replace(topic, type_hash=type_hash))
+    information = bag_information(topics.values(), [content.summary for content in known])
+    rebuilt = [c for c in known if c.damages or not c.is_complete]
+    for content in rebuilt:
+        _rebuild(content, information)
+    for content in contents:
+        if not content.topics:  # the recorder was killed before the first message was on the disk
+            os.replace(content.path, _unfinished(content.path))
+    write_metadata(path, information)
+    write_digests(path, {content.path.name: file_digest(content.path) for content in known})
+    return [content.path for content in rebuilt]
+
+
+def _rebuild(content: McapFile, information: str) -> None:
+    file = content.path
+    partial = file.with_name(f"{file.name}.partial")
+    try:
+        with partial.open("wb") as output:
+            writer = _BagFile(output, content.compression or "none")
+            for number, (channel, schema) in content.channels.items():
+                writer.add_channel(number, channel, schema)
+            for attachment in content.attachments:
+                writer.attach(attachment)
+            for _, one in content.messages(content.pieces):
+                sent = one.publish_time
+                writer.write(one.channel_id, one.log_time, one.data, one.sequence, sent)
+            writer.finish(information)
+    except OSError:
+        partial.unlink(missing_ok=True)  # half a file would only fill the disk
+        raise
+    os.replace(file, _unfinished(file))
+    os.replace(partial, file)
+
+
+def _unfinished(file: Path) -> Path:
+    return file.with_name(f"{file.name}.unfinished")
+
+
+class MessageDefinitions:
+    """Finds the definitions of message types, which a bag holds so that any reader can decode it.
+
+    The definitions of standard types come with rosbags. Those of other types, such as the project's
+    own, are read from the `.msg` files of installed interface packages, through the ament index.
+    """
+
+    def __init__(self) -> None:
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+
+    def find(self, name: str) -> str:
+        """Returns the definition of a type such as `sensor_msgs/msg/JointState`.
+
+        Raises:
+            InvalidInputError: the type's package is not installed, or has no such message.
+        """
+        self._register(name)
+        return self._store.generate_msgdef(name, ros_version=2)[0]
+
+    def _register(self, name: str) -> None:
+        """Adds a type and the types of its fields to the store."""
+        if name in self._store.fielddefs:
+            return
+        types = get_types_from_msg(self._path(name).read_text(), name)
+        for fields in types.values():
+            for _, (_, description) in fields[1]:
+                for inner in _type_names(description):
+                    self._register(inner)
+        self._store.register(types)
+
+    def _path(self, name: str) -> Path:
+        package, _, message = name.partition("/msg/")
+        try:
+            path = Path(get_package_share_directory(package), "msg", f"{message}.msg")
+        except (PackageNotFoundError, ValueError):
+            path = Path()
+        if not path.is_file():
+            raise InvalidInputError(
+                f"The definition of {name} is not installed: build its package, or source it."
+            )
+        return path
+
+
+def _type_names(description: object) -> list[str]:
+    """Returns the names of all message types in the description of a field, at any depth."""
+    if isinstance(description, str):
+        return [description] if "/msg/" in description else []
+    if isinstance(description, tuple):
+        return [name for part in description for name in _type_names(part)]
+    return []

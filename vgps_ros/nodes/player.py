@@ -1,23 +1,37 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
+import json
 import threading
-from collections.abc import Iterable
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
+from ament_index_python.packages import get_package_share_directory
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from vgps_ros.bags.clock_ticks import CLOCK_KIND, CLOCK_TOPIC, with_clock
-from vgps_ros.bags.playback import Playback, PlaybackSettings
+from vgps_ros.bags.playback import (
+    CLOCK_KIND,
+    CLOCK_TOPIC,
+    Playback,
+    PlaybackSettings,
+    with_clock,
+)
 from vgps_ros.bags.reader import BagMessage, BagReader
 from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.ros_runtime.replay_publishers import ReplayPublishers
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered
 from vgps_ros.ros_runtime.steady_timer import steady_timer
@@ -28,7 +42,7 @@ EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave ou
 CLOCK_RATE = Setting(
     "clock_rate",
     0.0,
-    "/clock from the times of receipt, so often per second of the wall clock [Hz]; 0: as recorded",
+    "publication rate of /clock, from the times of receipt [Hz of the wall clock]; 0: as recorded",
     minimum=0.0,
     maximum=10000.0,
 )
@@ -36,6 +50,12 @@ CLOCK_RATE = Setting(
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
 _ACKNOWLEDGEMENT_TIMEOUT = 5.0  # at the end [s]
+_SENT_DEPTH = 1000  # messages of a topic that may wait to be acknowledged
+_LATCHED_DEPTH = 10  # messages of a latched topic that those who come later get
+_BURST = 500  # messages of a topic ...
+_BURST_TIME = 0.05  # ... that make a burst if they are published within this time [s]
+_BURST_PAUSE = 0.2  # longest wait for acknowledgements after a burst [s]
+_POLL_PERIOD = 0.001  # between two looks for acknowledgements [s]
 
 
 class Player(Node):
@@ -54,7 +74,7 @@ class Player(Node):
         self._duration = self._bag.duration * 1e-9  # [s]
         for sentence in self._bag.damages:
             self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
-        self._replayed = ReplayPublishers(self)
+        self._replayed = _ReplayPublishers(self)
         self._topics = self._add_topics(TopicFilter(include, exclude))
         self._playback = Playback(
             self._read, self._replayed.publish, self._bag.start, self._settings
@@ -155,7 +175,7 @@ class Player(Node):
     def _on_end(self) -> None:
         if self._error:
             raise self._error
-        self.context.try_shutdown()
+        raise ExternalShutdownException
 
     def _look(self) -> None:
         self._show()
@@ -190,6 +210,123 @@ class Player(Node):
             return Trigger.Response(message="No message is left.")
         sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
         return Trigger.Response(success=True, message=sentence)
+
+
+class _ReplayPublishers:
+    """Publishes the messages of several topics, each as it was recorded."""
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._outlets: dict[str, _Outlet] = {}
+        self.counts: Counter[str] = Counter()
+
+    def add(
+        self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
+    ) -> None:
+        """Adds a topic.
+
+        Args:
+            topic: its full name.
+            kind: its type, such as `sensor_msgs/msg/JointState`.
+            type_hash: RIHS01 hash of the recorded type, or nothing.
+            offered: profiles that its publishers offered, as a bag's metadata has them.
+
+        Raises:
+            InvalidInputError: the type is not installed, or has other fields than it had.
+        """
+        publisher = self._node.create_publisher(
+            _checked_type(kind, type_hash), topic, matching_profile(offered)
+        )
+        self._outlets[topic] = _Outlet(publisher)
+
+    def publish(self, message: BagMessage) -> None:
+        """Publishes a message of a topic that was added."""
+        try:
+            self._outlets[message.topic].publish(message.data)
+        except RuntimeError:
+            # INT and TERM close the context, maybe in the middle of a call.
+            if self._node.context.ok():
+                raise
+            return
+        self.counts[message.topic] += 1
+
+    def wait_for_acknowledgements(self, timeout: float) -> bool:
+        """Waits until subscribers have all messages; returns whether they have.
+
+        INT and TERM end the wait, and so does the timeout [s]. A subscriber acknowledges the last
+        messages when the middleware asks it the next time, which may take seconds.
+        """
+        is_open, outlets = self._node.context.ok, self._outlets.values()
+        try:
+            return _poll(
+                lambda: not is_open() or all(outlet.is_acknowledged() for outlet in outlets),
+                timeout,
+                20 * _POLL_PERIOD,
+            )
+        except RuntimeError:
+            if is_open():
+                raise
+            return True
+
+
+class _Outlet:
+    """One topic's publisher, with a brake.
+
+    The middleware keeps so many messages until they are acknowledged, then drops the oldest. A
+    burst, such as a replay that catches up, waits in between so that none is dropped.
+    """
+
+    def __init__(self, publisher: Publisher):
+        self._publisher = publisher
+        self._count = 0  # since the last look at the time
+        self._since = 0.0
+
+    def publish(self, data: bytes) -> None:
+        self._publisher.publish(data)
+        self._count += 1
+        if self._count == _BURST:
+            if time.monotonic() - self._since < _BURST_TIME:
+                _poll(self.is_acknowledged, _BURST_PAUSE, _POLL_PERIOD)
+            self._count, self._since = 0, time.monotonic()
+
+    def is_acknowledged(self) -> bool:
+        # Waiting in rclpy would hold up all other threads.
+        return self._publisher.wait_for_all_acked(Duration(nanoseconds=0))
+
+
+def _poll(condition: Callable[[], bool], timeout: float, period: float) -> bool:
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(period)
+    return True
+
+
+def _checked_type(kind: str, type_hash: str) -> type:
+    """The installed type, if it is the recorded one: raw messages of another would be misread."""
+    found = message_type(kind)
+    package, _, name = kind.partition("/msg/")
+    file = Path(get_package_share_directory(package), "msg", f"{name}.json")
+    hashes = json.loads(file.read_text())["type_hashes"] if file.is_file() else []
+    installed = {entry["type_name"]: entry["hash_string"] for entry in hashes}.get(kind)
+    if type_hash and installed and installed != type_hash:
+        raise InvalidInputError(
+            f"the type {kind} was recorded with other fields than the installed one has; source "
+            "the package's version of the recording."
+        )
+    return found
+
+
+def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+    """Returns a profile that matches whom any of the recorded publishers matched."""
+    reliable = not offered or any(p["reliability"] != "best_effort" for p in offered)
+    latched = any(p["durability"] == "transient_local" for p in offered)
+    return QoSProfile(
+        depth=_LATCHED_DEPTH if latched else _SENT_DEPTH,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
 
 
 def main() -> int:

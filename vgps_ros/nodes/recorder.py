@@ -10,23 +10,33 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_parameter_events,
+)
+from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.storage_writer import COMPRESSIONS
 from vgps_ros.bags.topic_filter import TopicFilter
-from vgps_ros.bags.writer import UnfinishedBagError
+from vgps_ros.bags.writer import COMPRESSIONS, UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import setting
 from vgps_ros.messages.names import message_type
-from vgps_ros.ros_runtime.bag_qos import recording, to_bag
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameter_collector import ParameterCollector
 from vgps_ros.ros_runtime.parameters import declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
@@ -35,8 +45,12 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.storage.software import environment
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
-_FLUSH_PERIOD = 0.5  # a killed recorder loses the messages of this time at most [s]
+_ATTACHMENT_PERIOD = 0.5  # between two looks for changed parameters [s]
 _TYPE_PERIOD = 5.0  # between two attempts to find a topic's type [s]
+_ANSWER_TIMEOUT = 5.0  # after which a node is asked for its parameters again [s]
+_DEPTH = 10_000  # messages of a topic that may wait to be taken
+_MOST_NODES = 200  # whose parameters are kept
+_LONGEST = 100_000  # value of a parameter that is kept, as Python writes it
 _MOST_TOPICS = 500  # of a bag: each takes memory, also where nothing comes
 _WEAKER = (
     "Does not record all of {}: a publisher came later that offers a weaker quality of service; "
@@ -52,7 +66,7 @@ class RecorderSettings:
     include: tuple[str, ...] = setting((".*",), "regular expressions of topics to record")
     exclude: tuple[str, ...] = setting(("^$",), "regular expressions of topics to leave out")
     compression: str = setting(
-        "none", "of the bag's chunks; zstd is smallest", choices=tuple(COMPRESSIONS)
+        "none", "of the bag's chunks; zstd is smallest", choices=COMPRESSIONS
     )
     max_file_size: float = setting(
         0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
@@ -99,23 +113,22 @@ class Recorder(Node):
         )
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
-        self._collector = ParameterCollector(self)
+        self._collector = _ParameterCollector(self)
         self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
         self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
         steady_timer(self, _DISCOVERY_PERIOD, self._discover)
-        steady_timer(self, _FLUSH_PERIOD, self._save)
+        steady_timer(self, _ATTACHMENT_PERIOD, self._save)
         self.get_logger().info(f"Recording to {self._writer.path}.")
 
     def close(self) -> None:
         """Completes the bag, as far as the disk takes it."""
         self._save()
-        self._writer.lost += self._all_missed()
         try:
             self._writer.close()
         except UnfinishedBagError as error:
             self.get_logger().error(str(error))
         count, topics = self._writer.message_count, len(self._writer.topics)
-        lost = self._writer.lost
+        lost = self._writer.lost + self._missed.total()
         words = f" {lost} messages are lost." if lost else ""
         path = self._writer.path
         print(f"Recorded {count} messages of {topics} topics to {path}.{words}", flush=True)
@@ -142,7 +155,7 @@ class Recorder(Node):
     def _report(self) -> None:
         writer, health = self._writer, self._health
         health.set_value("messages", writer.message_count)
-        missed = self._all_missed()
+        missed = self._missed.total()
         health.set_value("messages_lost", writer.lost + missed)
         health.set_value("backlog_mb", round(writer.disk.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
@@ -150,7 +163,7 @@ class Recorder(Node):
         health.report("disk", error=writer.disk.fault.sentence if writer.disk.fault else "")
         cache = f"{self._cache_size:g} MB that may wait for the disk (cache_size)"
         full = f"Messages are being lost: the {cache} are full."
-        slow = f"Of the {cache} over half are full; it takes less than what comes."
+        slow = f"Over half of the {cache} are full: the disk is slower than the input."
         health.report(
             "cache",
             error=full if writer.lost > self._lost else "",
@@ -165,7 +178,7 @@ class Recorder(Node):
         self._lost, self._missed_before = writer.lost, missed
 
     def _record(self, topic: str, kind: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        offered = [to_bag(info.qos_profile) for info in publishers]
+        offered = [profile_in_bag(info.qos_profile) for info in publishers]
         try:
             kind_class = message_type(kind)
             self._writer.add_topic(topic, kind, str(publishers[0].topic_type_hash), offered)
@@ -180,14 +193,10 @@ class Recorder(Node):
             incompatible_qos=lambda _: self._health.report(topic, warning=_WEAKER.format(topic)),
             use_default_callbacks=False,
         )
-        qos = recording(offered)
+        qos = strongest_profile(offered)
         # rclpy's types do not know that a callback may take the message's times too.
         write: Any = partial(self._write, topic)
         self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
-
-    def _all_missed(self) -> int:
-        """Returns the number of messages that never came to be written."""
-        return self._missed.total()
 
     def _count_missed(self, topic: str, lost: QoSMessageLostInfo) -> None:
         if not self._paused:
@@ -201,7 +210,6 @@ class Recorder(Node):
         if self._collector.is_changed:
             stamp = self._wall_clock.now().nanoseconds
             self._writer.attach("parameters.yaml", self._collector.text(), stamp)
-        self._writer.flush(wait=False)
 
     def _pause(self, *_: object) -> Trigger.Response:
         was_paused, self._paused = self._paused, True
@@ -210,6 +218,114 @@ class Recorder(Node):
     def _resume(self, *_: object) -> Trigger.Response:
         was_paused, self._paused = self._paused, False
         return answered(was_paused, "Recording goes on.", "It was not paused.")
+
+
+def profile_in_bag(profile: QoSProfile) -> dict[str, Any]:
+    """Returns a profile as `metadata.yaml` has it, in version 9."""
+    return {
+        "history": profile.history.name.lower(),
+        "depth": profile.depth,
+        "reliability": profile.reliability.name.lower(),
+        "durability": profile.durability.name.lower(),
+        "deadline": _time(profile.deadline),
+        "lifespan": _time(profile.lifespan),
+        "liveliness": profile.liveliness.name.lower(),
+        "liveliness_lease_duration": _time(profile.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+    }
+
+
+def strongest_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+    """Returns the strongest profile that all publishers of a topic offer, for a subscription."""
+    latched = all(profile["durability"] == "transient_local" for profile in offered)
+    reliable = all(profile["reliability"] == "reliable" for profile in offered)
+    return QoSProfile(
+        depth=_DEPTH,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def _time(duration: Duration) -> dict[str, int]:
+    seconds, nanoseconds = divmod(duration.nanoseconds, 10**9)
+    return {"sec": seconds, "nsec": nanoseconds}
+
+
+class _ParameterCollector:
+    """Asks each node once, and follows what changes; a node that has left keeps its entry.
+
+    Attributes:
+        is_changed: whether something is new since the last `text`.
+    """
+
+    def __init__(self, node: Node):
+        self.is_changed = False
+        self._node = node
+        self._values: dict[str, dict[str, Any]] = {}
+        self._asked: dict[str, float] = {}  # nodes, and when, by the steady clock [s]
+        qos = qos_profile_parameter_events
+        node.create_subscription(ParameterEvent, "/parameter_events", self._follow, qos)
+
+    def look(self) -> None:
+        """Asks nodes that are new; call it now and then."""
+        names = {
+            f"{namespace.rstrip('/')}/{name}"
+            for name, namespace in self._node.get_node_names_and_namespaces()
+        }
+        # One that comes back is asked again, and one whose answer is late: it may have been lost.
+        late = time.monotonic() - _ANSWER_TIMEOUT
+        self._asked = {
+            name: when
+            for name, when in self._asked.items()
+            if name in names and (name in self._values or when > late)
+        }
+        new = sorted(names - self._asked.keys())
+        services = {name for name, _ in self._node.get_service_names_and_types()} if new else set()
+        for name in new:
+            has_place = len(self._asked.keys() | self._values.keys()) < _MOST_NODES
+            if has_place and f"{name}/get_parameters" in services:
+                self._asked[name] = time.monotonic()
+                client = self._node.create_client(ListParameters, f"{name}/list_parameters")
+                future = client.call_async(ListParameters.Request())
+                future.add_done_callback(partial(self._take_names, name, client))
+
+    def text(self) -> str:
+        """Returns what is known as YAML that `--params-file` takes."""
+        self.is_changed = False
+        return yaml.safe_dump(
+            {name: {"ros__parameters": values} for name, values in sorted(self._values.items())}
+        )
+
+    def _take_names(self, node: str, client: Client, future: Future) -> None:
+        self._node.destroy_client(client)
+        names = future.result().result.names
+        values = self._node.create_client(GetParameters, f"{node}/get_parameters")
+        answer = values.call_async(GetParameters.Request(names=names))
+        answer.add_done_callback(partial(self._take_values, node, list(names), values))
+
+    def _take_values(self, node: str, names: list[str], client: Client, future: Future) -> None:
+        self._node.destroy_client(client)
+        # A node that has parameters undeclared meanwhile answers with fewer values.
+        for name, value in zip(names, future.result().values, strict=False):
+            self._set(node, name, value)
+
+    def _follow(self, event: ParameterEvent) -> None:
+        if event.node in self._values:
+            for parameter in (*event.new_parameters, *event.changed_parameters):
+                self._set(event.node, parameter.name, parameter.value)
+
+    def _set(self, node: str, name: str, message: Any) -> None:
+        try:
+            value = parameter_value_to_python(message)
+        except RuntimeError:  # of a type that does not exist
+            return
+        value = value.tolist() if hasattr(value, "tolist") else value
+        if len(repr(value)) > _LONGEST:
+            return
+        known = self._values.setdefault(node, {})
+        if name not in known or known[name] != value:
+            known[name] = value
+            self.is_changed = True
 
 
 def main() -> int:

@@ -16,7 +16,7 @@ from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser
 
-_UNPROVEN = 3  # exit code of a check that found nothing wrong, but could not prove everything
+_MISSING = 3  # exit code of a check that found nothing wrong, but lacked something
 
 
 def info(arguments: argparse.Namespace) -> None:
@@ -83,50 +83,27 @@ def _shown(attached: bytes) -> Any:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Checks torques, policies and files; ends with 1 if any is wrong, with 3 if any is unproven.
+    """Computes torques and states again; 1 if any differs, 3 if anything is missing.
 
-    The last line says how much is proven, and of what.
+    The last line says what is proved, and what is not.
     """
-    from vgps_ros.bags.bag_check import check_bag
+    from vgps_ros.bags.bag_check import AGREEING, UNPROVED, check_bag
     from vgps_ros.policies.policy_file import open_policy
 
     trusted = open_policy(arguments.policy) if arguments.policy else None
-    found = check_bag(arguments.bag, trusted, arguments.signers, arguments.namespace)
-    torques = found.torques
-    print(
-        f"{torques.deterministic + torques.stochastic} torques are bit for bit what the policy "
-        f"gives for their states: {torques.deterministic} without noise, {torques.stochastic} with "
-        "the noise of the seed."
-    )
-    for count, sentence in (
-        (torques.close, "other torques are those of an ONNX network within its rounding."),
-        (torques.clipped, "of them are clipped to torque_limits or the robot's own."),
-        (torques.rate_limited, "of them are held back by torque_rate_limit."),
-        (torques.safe, "other torques are those of the safe action, while it drove."),
-        (torques.last, "zero torques end the executor's activity."),
-        (torques.unusable, "states could not be used."),
-        (torques.skipped, "states came too fast for the executor in real time."),
-    ):
-        if count:
+    found = check_bag(arguments.bag, trusted, arguments.namespace)
+    for kind, sentence in AGREEING.items():
+        if count := found.counts[kind]:
             print(f"{count} {sentence}")
-    if torques.first_difference:
-        _say(torques.first_difference)
-    for heading, parts in (("Wrong", found.wrong), ("Not proven", found.unproven)):
+    for heading, parts in (("Wrong", found.wrong), ("Missing", found.missing)):
         for part in parts:
             _say(f"{heading}: {part}.")
-    _say(f"Proven: {', '.join(found.proven) or 'nothing'}.")
+    proved = ", ".join(found.proved) or "nothing"
+    _say(f"Proved: {proved}. Not proved: {'; '.join([*found.unproved, UNPROVED])}.")
     if found.wrong:
-        raise InvalidInputError(torques.first_difference or f"{found.wrong[0]}.")
-    if found.unproven:
-        sys.exit(_UNPROVEN)
-
-
-def sign(arguments: argparse.Namespace) -> None:
-    """Signs the bag's manifest with an ssh key, as git signs commits; check --signers verifies."""
-    from vgps_ros.bags import manifest
-
-    manifest.sign(arguments.bag, arguments.key)
-    print(f"Wrote {arguments.bag / manifest.SIGNATURE}.")
+        raise InvalidInputError(f"{found.wrong[0]}.")
+    if found.missing or not found.proved:
+        sys.exit(_MISSING)
 
 
 def rerun(arguments: argparse.Namespace) -> None:
@@ -164,31 +141,35 @@ def rerun(arguments: argparse.Namespace) -> None:
 def table(arguments: argparse.Namespace) -> None:
     """Writes the last motion as a table that can be a demonstration."""
     from vgps_ros.bags import BagReader
-    from vgps_ros.bags.episode import last_episode, write_table
+    from vgps_ros.bags.episode import episodes, holes, write_table
     from vgps_ros.simulation.model import compile_model
 
     output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
     with BagReader(arguments.bag, arguments.namespace) as bag:
         _warn(bag.damages)
-        episode = last_episode(bag, compile_model(bag.mjcf()))
-    if episode is None:
+        motions = episodes(bag, compile_model(bag.mjcf()))
+    if not motions:
         raise InvalidInputError(f"'{arguments.bag}' has no motion: it needs two states at least.")
-    write_table(episode, output)
-    print(f"Wrote {len(episode.time)} states, {episode.time[-1]:g} s, to {output}.")
+    for sentence in holes(motions):
+        _say(f"The bag has {sentence}.", sys.stderr)
+    write_table(motions[-1], output)
+    print(f"Wrote {len(motions[-1].time)} states, {motions[-1].time[-1]:g} s, to {output}.")
 
 
 def reindex(arguments: argparse.Namespace) -> None:
     """Rebuilds metadata.yaml and the index after a recorder was killed."""
-    from vgps_ros.bags import reindex as bags
-    from vgps_ros.bags.storage import StorageScan
+    from vgps_ros.bags.mcap_file import McapFile
+    from vgps_ros.bags.reader import missing_parts, storage_files
+    from vgps_ros.bags.writer import repair
 
     path = arguments.bag
-    damages = [s for file in bags.storage_files(path) for s in StorageScan(file).damages]
-    if not (damages or bags.missing_parts(path)):
+    files = [McapFile(file) for file in storage_files(path)]
+    damages = [sentence for file in files for sentence in file.damages]
+    if not (damages or missing_parts(path, files)):
         print(f"'{path}' is whole; there is nothing to rebuild.")
         return
     _warn(damages)
-    for file in bags.reindex(path):
+    for file in repair(path):
         print(f"Rebuilt the index of {file}; {file.name}.unfinished is what was there before.")
     print(f"Rebuilt {path / 'metadata.yaml'}.")
 
@@ -207,7 +188,7 @@ def _say(sentence: str, file: TextIO | None = None) -> None:
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     commands = parser.add_subparsers(metavar="COMMAND", dest="action", required=True)
-    for action in (info, check, sign, rerun, table, reindex):
+    for action in (info, check, rerun, table, reindex):
         name, text = action.__name__, action.__doc__
         command = commands.add_parser(name, help=text, description=text, words=parser.words[1:])
         command.add_argument("bag", type=Path, help="folder of the bag")
@@ -220,11 +201,6 @@ def add_arguments(parser: Parser) -> None:
             command.add_argument(
                 "--policy", type=Path, help="file that was policy_file of the executor"
             )
-            command.add_argument(
-                "--signers", type=Path, help="trusted signers, of whom one must have signed the bag"
-            )
-        elif action is sign:
-            command.add_argument("--key", type=Path, required=True, help="private ssh key")
         elif action is rerun:
             command.add_argument(
                 "--output", type=Path, help="file to write, which must not exist; default BAG.rrd"

@@ -1,13 +1,16 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the motions of bags as a data set, for learning from them elsewhere.
 
-Each row is a step: the state, and the control that was chosen in it. Every reset begins an episode.
+Each row is a step: the state, and the control that was chosen in it. An episode ends at a reset and
+where states are missing.
 """
 
 import argparse
 import re
+import sys
 from pathlib import Path
 
+from vgps_ros.core.checks import printable
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser
 
@@ -49,6 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
             write_parquet(data, folder)
         else:
             write_lerobot(data, folder, arguments.pictures)
+    for sentence in data.faults:
+        print(printable(f"Left out: {sentence}."), file=sys.stderr)
     print(
         f"Wrote {len(data.motions)} episodes with {sum(data.lengths)} steps in all to "
         f"{arguments.output}."

@@ -109,23 +109,19 @@ class GraphScene:
         else:
             self._report(name, None)
 
-    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
+    def close(self) -> None:
         """Draws the last tubes and the learning curve, leaves out empty views, completes the file.
-
-        Args:
-            hurried: returns True once the caller cannot wait any longer for a slow disk.
 
         Raises:
             UnfinishedRecordingError: the disk is full or does not respond.
         """
         if self._robot:
             self._robot.log_tubes()
-        if not hurried():
-            if self._history:
-                self._draw_learning_curve()
-            if self._robot:
-                self._robot.lay_out(self.recording.logged)
-        self.recording.close(hurried)
+        if self._history:
+            self._draw_learning_curve()
+        if self._robot:
+            self._robot.lay_out(self.recording.logged)
+        self.recording.close()
 
     @property
     def robot(self) -> RobotScene:

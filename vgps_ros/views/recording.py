@@ -4,7 +4,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.storage.disk import Disk, DiskFile
+from vgps_ros.storage.disk import Disk
 from vgps_ros.views.rows import Rows, Timeline, iterations, robot_time
 
 # The rows of each entity are written in pieces. Each piece takes room in the file, and memory until
@@ -23,7 +23,6 @@ _PERIOD = 5.0  # longest time between two pieces of an entity that has rows [s]
 _LONGEST = 2000  # largest number of rows in a piece
 
 _PIECE = 2**18  # largest number of bytes that is written to the disk at once
-_PATIENCE = 0.8  # how long to wait at the end for a disk that takes nothing [s]
 
 
 class UnfinishedRecordingError(VgpsError):
@@ -58,13 +57,13 @@ class Recording:
             ) from error
         self.disk = Disk()
         self.logged: set[str] = set()
-        self._file = DiskFile(self.disk, path)
+        self._file = self.disk.open(path)
         self._stream = rr.RecordingStream("vgps_ros")
         self._rows: dict[tuple[str, Timeline], Rows] = {}
         self._timeline: Timeline = robot_time
         self._time: int | tuple[int, int] = 0
         # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
-        # pipe, from which our thread writes to the disk.
+        # pipe, from which a thread reads for the disk.
         source, sink = os.pipe()
         self._stream.save(f"/proc/self/fd/{sink}")
         os.close(sink)
@@ -124,11 +123,8 @@ class Recording:
         """Sets the layout in which a viewer shows the file."""
         self._stream.send_blueprint(blueprint)
 
-    def close(self, hurried: Callable[[], bool] = lambda: False) -> None:
+    def close(self) -> None:
         """Completes the file.
-
-        Args:
-            hurried: returns True once the caller cannot wait any longer for a slow disk.
 
         Raises:
             UnfinishedRecordingError: the disk is full or does not respond.
@@ -137,7 +133,7 @@ class Recording:
         self._stream.flush()
         self._stream.disconnect()
         self._pump.join()
-        is_whole, fault = self.disk.drain(_PATIENCE, hurried), self.disk.fault
+        is_whole, fault = self.disk.drain(), self.disk.fault
         self.disk.stop()
         if not is_whole:
             reason = f"{fault.reason}; {fault.next_step}" if fault else "the disk does not respond"
@@ -153,5 +149,5 @@ class Recording:
         """Writes to the disk what Rerun writes to the pipe."""
         with open(source, "rb", buffering=0) as pipe:
             while piece := pipe.read(_PIECE):
-                self._file.write(piece)
-        self._file.close()
+                self.disk.put(self._file.write, piece, size=len(piece))
+        self.disk.put(self._file.close)

@@ -1,15 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Repeats what a recorded policy_executor did, as its recorded parameters describe it."""
+"""What a bag holds of its nodes: their parameters, the policies, and what the executor did."""
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from vgps_ros.bags import BagReader
-from vgps_ros.bags.recorded_parameters import RecordedParameters
+from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
@@ -18,6 +17,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
+from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.torque_limits import TorqueLimiter
@@ -25,7 +26,130 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
+from vgps_ros.storage.plain_yaml import read_yaml
 from vgps_ros.tasks import recorded_task
+
+SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
+ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
+_FILE = "parameters.yaml"
+# The field of a ParameterValue that holds the value, by its type.
+_FIELDS = (
+    *("bool_value", "integer_value", "double_value", "string_value", "byte_array_value"),
+    *("bool_array_value", "integer_array_value", "double_array_value", "string_array_value"),
+)
+
+
+@dataclass
+class Timeline:
+    """Values with the times at which they were received [ns], in this order."""
+
+    received: list[int] = field(default_factory=list)
+    values: list[Any] = field(default_factory=list)
+
+    def add(self, received: int, value: Any) -> None:
+        """Adds a value that came after all others."""
+        self.received.append(received)
+        self.values.append(value)
+
+    def around(self, time: int) -> list[Any]:
+        """Returns the values that may have been the latest at a time, the likeliest first."""
+        first = max(0, int(np.searchsorted(self.received, time - SLACK, side="right")) - 1)
+        last = int(np.searchsorted(self.received, time + SLACK, side="right"))
+        now = int(np.searchsorted(self.received, time, side="right")) - 1
+        return [self.values[i] for i in sorted(range(first, last), key=lambda i: abs(i - now))]
+
+
+def policy_messages(bag: BagReader, refused: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+    """Returns the time of receipt [ns] and the message of each policy, in their order.
+
+    Args:
+        bag: the bag.
+        refused: takes a sentence on each message that cannot be read; without it, one raises.
+
+    Raises:
+        InvalidInputError: the bag has no policy, or a message is none.
+    """
+    topics = [bag.filled_topics[name] for name in ("policy", ONNX) if name in bag.filled_topics]
+    return bag.decoded(*(topics or [bag.needed_topic("policy")]), refused=refused)
+
+
+def learned_policy(message: Any) -> GaussianPolicy:
+    """Returns the policy that a message of a learner holds.
+
+    Raises:
+        InvalidInputError: it holds none.
+    """
+    try:
+        return policy_from_msg(message)
+    except InvalidInputError as error:
+        raise InvalidInputError(
+            f"The policy of iteration {message.iteration} cannot be read: {error}"
+        ) from error
+
+
+def onnx_content(message: Any) -> bytes | None:
+    """Returns the bytes of an ONNX file, or None if the message is a policy of a learner."""
+    return bytes(message.data) if hasattr(message, "data") else None
+
+
+def onnx_policy(content: bytes, joints: Sequence[str]) -> OnnxPolicy:
+    """Returns the network that a bag holds, for a robot whose controls drive these joints.
+
+    Raises:
+        InvalidInputError: the bytes are no policy of this robot.
+    """
+    return OnnxPolicy(content, f"The message on {ONNX}", joints)
+
+
+class RecordedParameters:
+    """Parameters of the nodes of the bag's robot.
+
+    Args:
+        bag: the bag; one without parameters.yaml has none.
+
+    Attributes:
+        nodes: the parameters in parameters.yaml, by the full names of the nodes.
+
+    Raises:
+        InvalidInputError: parameters.yaml does not hold parameters.
+    """
+
+    def __init__(self, bag: BagReader):
+        nodes = read_yaml(bag.attachments().get(_FILE, ""), _FILE) or {}
+        try:
+            self.nodes: dict[str, dict[str, Any]] = {
+                name: dict(nodes[name]["ros__parameters"]) for name in bag.of_robot(nodes)
+            }
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError(f"{_FILE} does not hold nodes' parameters.") from error
+        self._said: dict[tuple[str, str], Timeline] = {}
+        topic = bag.filled_topics.get("parameter_events")
+        for received, message in bag.decoded(topic) if topic else ():
+            for parameter in (*message.new_parameters, *message.changed_parameters):
+                said = self._said.setdefault((message.node, parameter.name), Timeline())
+                said.add(received, _value(parameter.value))
+
+    def having(self, *names: str) -> tuple[str, dict[str, Any]]:
+        """Returns the first node that has these parameters, and all that it has; else nothing."""
+        found = ((node, own) for node, own in self.nodes.items() if set(names) <= set(own))
+        return next(found, ("", {}))
+
+    def around(self, node: str, name: str, time: int) -> list[Any]:
+        """Returns the values that a parameter may have had at a time [ns], the likeliest first.
+
+        Before the node first spoke of it, it may have had any that is known.
+        """
+        said = self._said.get((node, name), Timeline())
+        own = self.nodes.get(node, {})
+        return said.around(time) or [*said.values, *([own[name]] if name in own else [])]
+
+
+def _value(message: Any) -> Any:
+    """Returns the value in a message; None if it has a type that does not exist."""
+    if not 1 <= message.type <= len(_FIELDS):
+        return None
+    value = getattr(message, _FIELDS[message.type - 1])
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 class RecordedExecutor:
@@ -40,6 +164,7 @@ class RecordedExecutor:
     Attributes:
         parameters: those of all nodes.
         is_in_lock_step: whether a simulation waited for the answer to each state.
+        model: the robot.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
 
@@ -52,6 +177,7 @@ class RecordedExecutor:
         self._node, parameters = self.parameters.having("seed", "stochastic")
         _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
+        self.model = model
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
         self._readings: dict[tuple[str, ...], Readings] = {}
@@ -73,11 +199,6 @@ class RecordedExecutor:
             self.settings.torque_rate_limit,
             self._task.dynamics.time_step if self._task else 0.0,
         )
-
-    @property
-    def control_period(self) -> int:
-        """The robot's control period [ns]; 0 in a bag of an old version, which does not tell it."""
-        return round(self._task.dynamics.time_step * 1e9) if self._task else 0
 
     def seeds(self, received: int) -> list[int | None]:
         """Returns the seeds of the noise that torques of a time [ns] may have; None is no noise."""
