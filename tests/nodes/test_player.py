@@ -295,6 +295,6 @@ def test_of_a_bag_damaged_in_the_middle_all_that_is_whole_is_played(graph, make_
     graph.spin_until(lambda: not player.running, what="the player to end")
     assert player.wait() == 0, player.output
     assert "Does not play what is damaged: " in player.output
-    assert "with messages of /joint_states" in player.output
+    assert " messages of /joint_states from " in player.output
     assert "Traceback" not in player.output
     assert 1000 < len(received) < 8000
