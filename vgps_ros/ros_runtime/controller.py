@@ -49,7 +49,7 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
-from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM, lively
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Command, Supervisor
@@ -147,7 +147,7 @@ class Controller(LifecycleNode):
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
         self._states.subscribe(self.create_subscription, self._take_state, qos)
         kind = Float64MultiArray if self._plain else JointState
-        self._commands = self.create_lifecycle_publisher(kind, topic, STREAM)
+        self._commands = self.create_lifecycle_publisher(kind, topic, lively(STREAM))
         self._watchdog = steady_timer(self, time_step, self._watch)
         self._watchdog.cancel()  # until there is an answer whose successor can be missed
         # With use_sim_time; the state of the time 0, which says so too, may be lost.

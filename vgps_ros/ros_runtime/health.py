@@ -13,7 +13,7 @@ from rclpy.node import Node
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
-from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.ros_runtime.qos import STREAM, is_lively
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 
@@ -45,8 +45,8 @@ class Health:
 
     Args:
         node: the node, which has declared all its other parameters.
-        owns: topics that only one node of the graph may publish. A node that finds another one at
-            its start ends with a sentence.
+        owns: topics that only one node of the graph may publish as `lively`. A node that finds
+            another one at its start ends with a sentence.
         when_alone: called once it is clear that no other node publishes one of these topics.
     """
 
@@ -139,18 +139,22 @@ class Health:
     def _look_for_rivals(self) -> None:
         """Ends the node if another one publishes a topic that this one owns."""
         self._discovery.cancel()
+        # Topics that a namespace does not change.
+        remappings = "".join(f" -r {t}:={t[1:]}" for t in self._owns if t.startswith("/"))
         for topic in map(self._node.resolve_topic_name, self._owns):
             own = sum(publisher.topic_name == topic for publisher in self._node.publishers)
-            found = self._node.get_publishers_info_by_topic(topic)
-            names = [f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in found]
+            names = [
+                f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                for publisher in self._node.get_publishers_info_by_topic(topic)
+                if is_lively(publisher.qos_profile)  # not a player, or who else publishes frames
+            ]
             if len(names) > own:
                 rivals = [name for name in names if name != self._node.get_fully_qualified_name()]
                 end_with(
                     VgpsError(
                         f"{[*rivals, names[0]][0]} publishes {topic} already, which only one node "
                         "of a graph may do: end that one first, use another ROS_DOMAIN_ID, or give "
-                        "this one topics of its own (--ros-args -r __ns:=/NAME"
-                        f"{f' -r {topic}:={topic[1:]}' * (topic in self._owns)})."
+                        f"this one topics of its own (--ros-args -r __ns:=/NAME{remappings})."
                     )
                 )
                 return

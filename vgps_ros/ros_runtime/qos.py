@@ -47,6 +47,11 @@ def lively(qos: QoSProfile) -> QoSProfile:
     return profile
 
 
+def is_lively(qos: QoSProfile) -> bool:
+    """Returns whether a publisher's profile is one of `lively`."""
+    return qos.liveliness_lease_duration == Duration(seconds=LEASE)
+
+
 class Liveness:
     """Subscribes to a topic and follows whether its publisher is alive.
 

@@ -34,7 +34,7 @@ from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import LATEST, STREAM
+from vgps_ros.ros_runtime.qos import LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.urdf import urdf
@@ -116,10 +116,10 @@ class SimulationNode(Node):
         self._seen_stamp = -1  # of the state at the last look, once a second
 
         self._states = {
-            topic: self.create_publisher(kind, topic, STREAM)
+            topic: self.create_publisher(kind, topic, lively(STREAM))
             for topic, kind in self._messages.topics.items()
         }
-        self._clocks = self.create_publisher(ClockMsg, "/clock", STREAM)
+        self._clocks = self.create_publisher(ClockMsg, "/clock", lively(STREAM))
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         self.create_subscription(WrenchStamped, "push", self._take_push, STREAM)
         SimulationServices(self, self._task)
