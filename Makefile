@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow coverage faults damages bench bench-peers site lint clean distclean
+.PHONY: help setup demo test test-all coverage faults damages bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -21,12 +21,13 @@ setup:  ## virtual environment, wheels, colcon build; skips what stands
 demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS= PARAMETERS=)
 	@scripts/run_demo.bash
 
-test: setup  ## run the tests and check that they leave nothing behind
+test: setup  ## the tests, without the long and the adversarial ones; nothing may be left behind
 	@scripts/run_tests.bash
 
-test-slow: setup  ## a real `pip install ".[standalone]"`, a colcon workspace, pages in Chromium (five minutes, downloads)
+test-all: setup  ## all tests: floods, damages, commands of the pages, a colcon workspace, Chromium, robots of others (downloads)
 	@.venv/bin/python -m pip install --quiet -r requirements/browser.txt
-	@scripts/run_tests.bash -m slow tests
+	@.venv/bin/python -m pip install --quiet --no-deps -r requirements/robots.txt
+	@scripts/run_tests.bash -m ''
 
 coverage: setup  ## lines and branches that the tests reach, with limits (PACKAGES="safety": theirs alone; else an hour)
 	@scripts/measure_coverage.bash $(PACKAGES)

@@ -46,9 +46,9 @@ NOT_RUN = {
     r"make (test|coverage|lint|site)|\.ci/run": "this test is a part of it",
     r"make faults": "takes ten minutes; tests/nodes/test_faults.py runs a short one",
     r"make bench|python -m benchmarks --help": "installs the peers; tests/benchmarks tries it",
-    r"pip install": "downloads; make setup has installed it, and make test-slow installs anew",
+    r"pip install": "downloads; make setup has installed it, and make test-all installs anew",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "
-    "workspace, which make test-slow builds",
+    "workspace, which make test-all builds",
     r"rosdep": "needs a ROS installation, which the wheels are not",
     r"ros2 (launch|service|action|topic|param|security)|.*--enclave": "the wheels have no ros2cli; "
     "tests/nodes calls the same services, topics and parameters",
