@@ -122,8 +122,14 @@ def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_a
     assert answer(8, task.initial_state).any()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("moment", ["Compiling", "Waiting for joint_states", "driving"])
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [
+        (signal.SIGTERM, "Compiling"),
+        (signal.SIGINT, "Waiting for joint_states"),
+        (signal.SIGTERM, "driving"),
+    ],
+)
 def test_a_signal_ends_it_at_any_moment(graph, number, moment):
     # A first plan that would take minutes, of which it must let go.
     long = {"first_iterations": 10_000, "horizon": 2.5} if moment == "Compiling" else {}

@@ -2,10 +2,7 @@
 """Algorithm 1 over real processes: the learner, its optimizers, and the program that asks."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,10 +11,11 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.action import ActionClient, ActionServer
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
+from vgps_msgs.msg import OptimizerIteration, TrajectoryDistribution
 from vgps_msgs.srv import OptimizeTrajectory
 
 from vgps_ros.core.optimizer_settings import FitSettings
@@ -25,7 +23,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.programs.command_line import with_parameters_of
-from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.ros_runtime.liveness import lively
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states
@@ -198,50 +197,6 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     assert "has died" not in program.output
 
 
-# The program, which asks for its result every minute, does so all the time.
-_EAGER = """
-import sys
-from vgps_ros.programs.__main__ import main
-from vgps_ros.ros_runtime import training_client
-training_client._RESULT_PERIOD = 0.2
-training_client._ANSWER_TIMEOUT = 4.0
-main(["train-through-graph", *sys.argv[1:]])
-"""
-
-
-def test_a_result_is_that_of_the_learner_that_has_the_goal(graph, tmp_path):
-    graph.start("trajectory_optimizer")
-    settings = replace(SHORT, iterations=20)
-    graph.start("policy_learner", **parameters(settings))
-    program = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            _EAGER,
-            "--iterations=20",
-            "--hidden-units=4",
-            f"--output={tmp_path}",
-        ],
-        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id), "PYTHONUNBUFFERED": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    progress = graph.messages(LearningProgress, "learning_progress")
-    graph.spin_until(lambda: progress, what="the first iteration")
-    # A second server knows nothing of the goal, and says so at once.
-    second = ActionServer(
-        graph.node, TrainPolicy, "policy_learner/train", lambda _: TrainPolicy.Result()
-    )
-    graph.spin_for(1.0)
-    second.destroy()
-    graph.spin_until(lambda: program.poll() is not None, what="the program's end")
-    output = program.stdout.read()
-    assert program.returncode == 0, output
-    assert "sent again" not in output
-    assert json.loads((tmp_path / "result.json").read_text())["iterations"][-1]["k"] == 20
-
-
 def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
     settings = SearchSettings(
         iterations=6,
@@ -283,7 +238,10 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
             setattr(response, name, value)
         return response
 
-    graph.node.create_service(OptimizeTrajectory, "trajectory_optimizer/optimize", answer)
+    name = "trajectory_optimizer"
+    graph.node.create_publisher(OptimizerIteration, f"{name}/iterations", lively(STREAM))
+    graph.node.create_service(GetParameters, f"{name}/get_parameters", lambda _, none: none)
+    graph.node.create_service(OptimizeTrajectory, f"{name}/optimize", answer)
     learner = graph.start("policy_learner", task="rotor", **parameters(SHORT))
     program = start_training(graph, SHORT, 0, tmp_path / "out")
     graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, sentence)
@@ -310,7 +268,7 @@ def test_goals_out_of_range_are_rejected_with_a_sentence_and_leave_no_error(grap
         graph, replace(SHORT, hidden_units=(10_000, 10_000)), 0, tmp_path / "out"
     )
     assert program.wait() == 1
-    assert "refused the goal; the learner's log says why" in program.output
+    assert "The policy_learner refused the goal" in program.output
     assert learner.output.count("it must have at most") == 1
     assert graph.diagnosis("policy_learner", DiagnosticStatus.OK).message != ""
     assert not (tmp_path / "out").exists()
