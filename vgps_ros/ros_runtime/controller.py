@@ -149,7 +149,7 @@ class Controller(LifecycleNode):
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, lively(STREAM))
         self._watchdog = steady_timer(self, time_step, self._watch)
-        self._watchdog.cancel()  # until there is an answer whose successor can be missed
+        self._watchdog.cancel()  # until there is a first answer
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
@@ -177,7 +177,7 @@ class Controller(LifecycleNode):
         self.trigger_activate()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lets torques flow."""
+        """Starts the torques."""
         self._supervisor.begin()
         self._set_active(True)
         self.training.wait()
@@ -321,14 +321,14 @@ class TrainingResults:
             self._publish_distributions(Path(distribution_file))
 
     def wait(self) -> None:
-        """Says what is still missing."""
+        """Reports what is still missing."""
         if self._needs_policy and self.policy is None:
             self._health.wait_for(_POLICY)
         if self._waits_for_distribution:
             self._health.wait_for(_DISTRIBUTION)
 
     def stop_waiting(self) -> None:
-        """Says that nothing is needed for now."""
+        """Reports that nothing is needed for now."""
         self._health.stop_waiting(_POLICY, _DISTRIBUTION)
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:

@@ -91,7 +91,7 @@ class Live(Node):
             while self._page.wishes:
                 self._page.wishes.popleft()()
             if push := self._page.push():
-                self._pushes.publish(push_to_msg(push.body, push.wrench))
+                self._pushes.publish(push_to_msg(*push))
         except Exception as error:  # a page may send any value in a number's place
             self._tell(f"This cannot be: {error}")
 

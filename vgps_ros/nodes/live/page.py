@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -21,6 +21,9 @@ from websockets.typing import Origin
 from vgps_ros.core.records import Array
 from vgps_ros.nodes.live.robot import LiveRobot
 from vgps_ros.search.metrics import IterationMetrics
+
+if TYPE_CHECKING:
+    from vgps_ros.nodes.live.node import Live
 
 _NAMES = ("127.0.0.1", "localhost")  # of this machine
 _MOST_WISHES = 20  # that wait for the node; older ones are forgotten
@@ -33,32 +36,6 @@ _CURVES = {  # of the learning curve: a metric each, with its name and colour
 }
 
 
-class BodyPush(NamedTuple):
-    """A push of a body: force [N] at its origin and torque [N·m] along its axes, shape (6,)."""
-
-    body: str
-    wrench: Array
-
-
-class Actions(Protocol):
-    """Does in the graph what the page's visitor wants."""
-
-    def play(self) -> None:
-        """Lets the simulation play."""
-
-    def pause(self) -> None:
-        """Pauses the simulation."""
-
-    def step(self, steps: int) -> None:
-        """Lets a paused simulation do some steps."""
-
-    def reset(self) -> None:
-        """Puts the robot into its initial state."""
-
-    def set_cost(self, targets: Sequence[float], weights: Sequence[float]) -> None:
-        """Gives the planner's cost other targets and weights."""
-
-
 class LivePage:
     """The page. Its server listens on 127.0.0.1 alone, and refuses what other pages send it.
 
@@ -68,10 +45,10 @@ class LivePage:
 
     Args:
         port: TCP port; where another program has it, one of the next.
-        actions: what can be done.
+        actions: does in the graph what the visitor wants.
     """
 
-    def __init__(self, port: int, actions: Actions):
+    def __init__(self, port: int, actions: "Live"):
         self.wishes: deque[Callable[[], None]] = deque(maxlen=_MOST_WISHES)
         with _only_own_origin():
             self._server = server = _Server(host="127.0.0.1", port=port, verbose=False)
@@ -113,8 +90,12 @@ class LivePage:
         if self._robot:
             self._robot.show(state)
 
-    def push(self) -> BodyPush | None:
-        """Shows the drag that is under way, and returns the push that it stands for."""
+    def push(self) -> tuple[str, Array] | None:
+        """Shows the drag that is under way, and returns the push that it stands for.
+
+        Returns:
+            A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).
+        """
         if self._robot is None or (grab := self._robot.grabbed()) is None:
             return None
         force = float(self._pull.value) * grab.pull
@@ -123,7 +104,7 @@ class LivePage:
             return None
         force *= min(1.0, self._strongest / max(size, 1e-9))
         self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
-        return BodyPush(grab.body, np.concatenate([force, np.cross(grab.point, force)]))
+        return grab.body, np.concatenate([force, np.cross(grab.point, force)])
 
     def tell(self, **texts: str) -> None:
         """Shows sentences, which may come from anybody: none is read as HTML.
