@@ -23,8 +23,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
 from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.programs.command_line import with_parameters_of
-from vgps_ros.ros_runtime.liveness import lively
-from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM, lively
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states

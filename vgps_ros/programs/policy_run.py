@@ -20,6 +20,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.runner import spin_once
 from vgps_ros.tasks import Task
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
@@ -144,4 +145,4 @@ class PolicyRun(Node):
         while not condition():
             if time.monotonic() > end:
                 raise VgpsError(f"Waited {self._timeout:g} s. {sentence}")
-            self._executor.spin_once(timeout_sec=0.1)
+            spin_once(self._executor, 0.1)

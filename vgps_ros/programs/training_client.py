@@ -6,10 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from vgps_msgs.action import TrainPolicy
@@ -18,6 +18,7 @@ from vgps_msgs.msg import LearningProgress, OptimizerIteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import progress_from_msg
 from vgps_ros.ros_runtime.qos import STREAM, Liveness
+from vgps_ros.ros_runtime.runner import spin_once
 from vgps_ros.views.training_progress import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # longest wait for a message [s]
@@ -48,6 +49,8 @@ class TrainingClient(Node):
             f"There was no policy_learner for {lost_timeout:g} s; start one, and give this command "
             "again."
         )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
         self._handle: ClientGoalHandle | None = None  # of the goal that a learner has accepted
 
     def train(
@@ -150,7 +153,7 @@ class TrainingClient(Node):
         """
         losses, end = self._life.losses, time.monotonic() + timeout
         while not future.done() and time.monotonic() < end:
-            self._spin_for(_WAKE_PERIOD)
+            spin_once(self._executor, _WAKE_PERIOD)
             if not self._life.is_alive:
                 progress.say(f"{self._name} has ended, was killed, or hangs; waiting for one.")
                 self._wait_for_learner(self._lost_timeout, self._nobody)
@@ -189,4 +192,4 @@ class TrainingClient(Node):
         """Takes what comes for a time [s]."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
-            rclpy.spin_once(self, timeout_sec=left)
+            spin_once(self._executor, min(left, _WAKE_PERIOD))

@@ -142,6 +142,23 @@ def client_node(make_node: Callable[[], AnyNode]) -> Iterator[AnyNode]:
         rclpy.try_shutdown()
 
 
+def spin_once(executor: Executor, timeout: float) -> None:
+    """Runs a program's callbacks once, or waits for one for a time [s].
+
+    INT and TERM raise KeyboardInterrupt afterwards: rclpy's code in C++ would lose it.
+    """
+    struck: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda number, _: struck.append(number)) for n in numbers}
+    try:
+        executor.spin_once(timeout_sec=timeout)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if struck:
+        raise KeyboardInterrupt
+
+
 def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
     """Prints the help that the arguments ask for, or what is wrong with them.
 
