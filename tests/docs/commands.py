@@ -54,7 +54,7 @@ NOT_RUN = {
     "tests/nodes calls the same services, topics and parameters",
     r"eval |autoload": "completes words in a shell with a person before it",
     r"export (FASTRTPS|ROS_)": "is about other machines",
-    r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one for it",
+    r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
 
