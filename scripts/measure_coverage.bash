@@ -21,7 +21,7 @@ python -m coverage combine -q
 report() { python -m coverage report --skip-covered --show-missing --fail-under="$@"; }
 if [[ $# -eq 0 ]]; then
   report "$whole" || status=$?
-  set -- core search safety storage bags
+  set -- core search safety storage policies bags
 fi
 for package in "$@"; do
   report "$each" --include="vgps_ros/$package/*" || status=$?

@@ -22,8 +22,7 @@ silence_mujoco()
 
 # In a workspace `colcon test` runs the tests that need no processes of this checkout.
 ROOT = Path(__file__).parents[1]
-NEED_PROCESSES = ["nodes", "faults", "benchmarks", "programs/test_command.py"]
-NEED_PROCESSES += ["docs/test_commands.py"]
+NEED_PROCESSES = ["nodes", "benchmarks", "programs/test_command.py", "docs/test_commands.py"]
 collect_ignore = [] if (ROOT / "install" / "vgps_ros").is_dir() else NEED_PROCESSES
 
 # The same examples in every run, and no database beside the tests.
