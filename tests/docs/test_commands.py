@@ -172,6 +172,7 @@ def chosen(block, *, slow):
     return [shortened(command) for command in run]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.name)
 def test_the_commands_of_a_page_run(reader, page):
     for block in blocks(page):

@@ -9,10 +9,14 @@ import os
 import signal
 from random import Random
 
+import pytest
+
 from tests.nodes.test_lost_learner import PARAMETERS, ROTOR, SETTINGS
 from tests.nodes.test_training import same_bits, start_training, train_in_process
 from vgps_ros.bags import BagReader
 from vgps_ros.storage.run_folder import load_policy
+
+pytestmark = pytest.mark.slow
 
 COUNT = int(os.environ.get("FAULTS", "6"))
 SEED = int(os.environ.get("FAULTS_SEED", "20131205"))

@@ -151,6 +151,7 @@ def test_on_a_full_disk_it_ends_at_once_with_a_sentence_and_a_readable_bag(graph
     assert len(recorded) >= 50
 
 
+@pytest.mark.slow
 def test_signals_at_any_time_leave_a_whole_bag_within_two_seconds(graph, tmp_path):
     seed = int.from_bytes(os.urandom(4), "little")
     print(f"seed {seed}")
@@ -173,6 +174,7 @@ def test_signals_at_any_time_leave_a_whole_bag_within_two_seconds(graph, tmp_pat
         assert recorded == list(range(recorded[0], recorded[0] + len(recorded)))
 
 
+@pytest.mark.slow
 def test_on_a_small_disk_of_its_own_it_fills_the_disk_and_ends_with_a_whole_bag(graph, tmp_path):
     mount = 'mount -t tmpfs -o size=3m none "$0" && exec "$@"'  # unmounted with its namespace
     namespace = ["unshare", "-rm", "sh", "-c", mount, str(tmp_path)]
@@ -209,6 +211,7 @@ def test_on_a_small_disk_of_its_own_it_fills_the_disk_and_ends_with_a_whole_bag(
     assert len(recorded) > 80
 
 
+@pytest.mark.slow
 def test_the_visualizer_goes_on_after_a_full_disk_and_ends_on_one(graph, swimmer, tmp_path):
     path = tmp_path / "run.rrd"
     visualizer = graph.start("visualizer", output=path)

@@ -107,6 +107,7 @@ def test_one_that_is_killed_goes_on_where_it_was(graph, tmp_path, expected):
     assert training.program.output.count("does not know the goal any more") == 2
 
 
+@pytest.mark.slow
 def test_one_that_keeps_nothing_begins_anew(graph, tmp_path, expected):
     training = Training(graph, tmp_path, keeps=False)
     training.learner.kill()
@@ -116,6 +117,7 @@ def test_one_that_keeps_nothing_begins_anew(graph, tmp_path, expected):
     assert not (tmp_path / "kept").exists()
 
 
+@pytest.mark.slow
 def test_one_that_is_missed_is_waited_for_and_one_that_hangs_goes_on(graph, tmp_path, expected):
     training = Training(graph, tmp_path)
     training.learner.send(signal.SIGSTOP)
@@ -131,6 +133,7 @@ def test_one_that_is_missed_is_waited_for_and_one_that_hangs_goes_on(graph, tmp_
     assert training.outcome() == expected
 
 
+@pytest.mark.slow
 def test_one_whose_optimizer_comes_back_with_other_settings_is_refused(graph, tmp_path):
     training = Training(graph, tmp_path, policy_samples=1)
     training.learner.kill()
@@ -145,6 +148,7 @@ def test_one_whose_optimizer_comes_back_with_other_settings_is_refused(graph, tm
     ) in training.program.output
 
 
+@pytest.mark.slow
 def test_without_another_learner_the_program_gives_up_in_time(graph, tmp_path):
     graph.start("trajectory_optimizer", task="rotor")
     learner = graph.start("policy_learner", **PARAMETERS)
@@ -159,6 +163,7 @@ def test_without_another_learner_the_program_gives_up_in_time(graph, tmp_path):
     assert "There was no policy_learner for 1 s; start one, and give this command" in program.output
 
 
+@pytest.mark.slow
 def test_the_same_goal_again_is_answered_from_what_is_kept(graph, tmp_path, expected):
     training = Training(graph, tmp_path)
     assert training.outcome() == expected
@@ -173,6 +178,7 @@ def test_the_same_goal_again_is_answered_from_what_is_kept(graph, tmp_path, expe
     assert len(list((tmp_path / "kept").iterdir())) == 2  # each training has a folder
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_an_error_and_the_training_goes_on(graph, tmp_path, expected):
     folder = tmp_path / "kept" / Run("vgps", ROTOR, SETTINGS, SEED).name()
     folder.mkdir(parents=True)

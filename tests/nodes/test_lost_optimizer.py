@@ -80,6 +80,7 @@ def test_one_that_hangs_is_missed_and_goes_on(graph, training, expected):
     assert same_bits(training.end(), expected)
 
 
+@pytest.mark.slow
 def test_a_learner_that_was_stopped_itself_goes_on(graph, training, expected):
     training.learner.send(signal.SIGSTOP)
     graph.spin_for(6.0)

@@ -77,6 +77,8 @@ from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 
+pytestmark = pytest.mark.slow
+
 MESSAGES = int(os.environ.get("MALFORMED_MESSAGES", "1000"))
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
 BATCH = 50

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Calls that come all at once: each is answered, up to the number that the documentation names."""
 
+import pytest
 from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
 from simulation_interfaces.srv import GetSimulationState
@@ -12,6 +13,8 @@ from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.tasks import make_task
+
+pytestmark = pytest.mark.slow
 
 AT_ONCE = 50
 NAME = "trajectory_optimizer/optimize"
