@@ -81,9 +81,9 @@ class LivePage:
     def show_robot(self, model: mujoco.MjModel) -> None:
         """Shows a robot in its model's first state."""
         self._robot = LiveRobot(self._server, model)
-        mass, size = float(model.body_subtreemass[0]), float(model.stat.extent)
+        mass, self._size = float(model.body_subtreemass[0]), float(model.stat.extent)
         self._strongest = _STRONGEST * 9.81 * mass
-        self._pull.value = float(f"{10.0 * mass / size:.2g}")
+        self._pull.value = float(f"{10.0 * mass / self._size:.2g}")
 
     def show_state(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
@@ -98,13 +98,12 @@ class LivePage:
         """
         if self._robot is None or (grab := self._robot.grabbed()) is None:
             return None
-        force = float(self._pull.value) * grab.pull
-        size = float(np.linalg.norm(force))
-        if not math.isfinite(size):
+        force = _at_most(float(self._pull.value) * grab.pull, self._strongest)
+        wrench = np.concatenate([force, np.cross(_at_most(grab.point, self._size), force)])
+        if not np.isfinite(wrench).all():
             return None
-        force *= min(1.0, self._strongest / max(size, 1e-9))
         self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
-        return grab.body, np.concatenate([force, np.cross(grab.point, force)])
+        return grab.body, wrench
 
     def tell(self, **texts: str) -> None:
         """Shows sentences, which may come from anybody: none is read as HTML.
@@ -177,6 +176,11 @@ class LivePage:
         count = len(self._sliders) // 2
         values = [[self._sliders[k, i].value for i in range(count)] for k in ("target", "weight")]
         self._actions.set_cost(*values)
+
+
+def _at_most(vector: Array, length: float) -> Array:
+    """Returns a vector, or one of this length in its direction where it is longer."""
+    return vector * min(1.0, length / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 class _Server(viser.ViserServer):
