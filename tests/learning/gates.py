@@ -118,7 +118,7 @@ GATES = {
         survival=0.9,  # 1
     ),
     "hopper": Gate(
-        search={"iterations": 20, "fit.samples_per_step": 15, "fit.iterations": 60},
+        search={"iterations": 14, "fit.samples_per_step": 15, "fit.iterations": 60},
         horizon=2.0,
         ddp_iterations=200,
         converged={0: 471.414, 1: 450.574},
