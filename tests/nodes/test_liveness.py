@@ -47,8 +47,7 @@ def test_a_node_that_is_killed_is_lost_and_the_next_one_is_alive(graph, life):
 def test_a_node_that_is_back_before_it_was_missed_was_lost(graph, life):
     start_talker(graph, life).kill()
     start_talker(graph, life)
-    graph.spin_until(lambda: life.losses == 1, 10.0, "the loss")
-    assert life.is_alive
+    graph.spin_until(lambda: life.losses == 1 and life.is_alive, what="the loss and the return")
 
 
 def test_a_node_that_hangs_is_lost_until_it_goes_on(graph, life):

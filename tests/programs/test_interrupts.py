@@ -12,8 +12,8 @@ import time
 from vgps_ros.programs import __main__, check
 
 def run(_):
-    print("works", flush=True)
     try:
+        print("works", flush=True)
         time.sleep(60)
     finally:
         print("cleans up", flush=True)
