@@ -55,8 +55,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     pages |= {
         "reference/interfaces.md": interfaces(),
-        "reference/commands.md": helps("Commands", COMMANDS, "vgps {}"),
-        "reference/parameters.md": helps("Parameters", vgps_ros.NODES, "vgps node {}"),
+        "reference/commands.md": commands(),
+        "reference/parameters.md": parameters(),
         "reference/examples.md": examples(),
         "reference/api/index.md": library_index(),
         **{f"reference/api/{name(folder)}.md": library(folder) for folder in folders()},
@@ -108,24 +108,46 @@ def interfaces() -> str:
     return "\n".join(lines)
 
 
-def helps(title: str, names: list[str], command: str) -> str:
-    """Returns a page of what `--help` prints for each name of a command or node."""
+def commands() -> str:
+    """Returns the page of what each command's --help prints."""
+    lines = ["# Commands", "", "This is what `vgps NAME --help` prints."]
+    for name, text in helps(COMMANDS, "vgps {}", 100).items():
+        lines += ["", f"## {name}", "", "```text", text.strip(), "```"]
+    return "\n".join(lines)
+
+
+def parameters() -> str:
+    """Returns the page of each node's parameters, from the tables that its --help prints."""
+    lines = ["# Parameters", "", "`vgps node NAME --help` prints the same."]
+    for name, text in helps(vgps_ros.NODES, "vgps node {}", 2000).items():
+        about, heading, rows = re.split(r"^( +parameter .*)$", text, maxsplit=1, flags=re.M)
+        columns = [match.start() for match in re.finditer(r"(?<=  )\S", heading)]
+        lines += ["", f"## {name}", "", about.partition("\n\n")[2].strip(), ""]
+        lines += ["| parameter | default | what it does (valid values) |", "| --- | --- | --- |"]
+        for row in rows.splitlines()[2:]:
+            if not row.strip():
+                continue
+            edges = zip(columns, [*columns[1:], None], strict=True)
+            parameter, default, meaning = (row[a:b].strip().replace("|", "\\|") for a, b in edges)
+            lines.append(f"| `{parameter}` | {f'`{default}`' if default else ''} | {meaning} |")
+    return "\n".join(lines)
+
+
+def helps(names: list[str], command: str, width: int) -> dict[str, str]:
+    """Returns what `--help` prints for each name of a command or node, from its usage on."""
 
     def help_of(name: str) -> str:
-        return subprocess.run(
+        printed = subprocess.run(
             [*command.format(name).split(), "--help"],
-            env=os.environ | {"COLUMNS": "100", "NO_COLOR": "1"},
+            env=os.environ | {"COLUMNS": str(width), "NO_COLOR": "1"},
             capture_output=True,
             text=True,
             check=True,
         ).stdout
+        return printed[printed.index("usage:") :]
 
     with ThreadPoolExecutor(2) as pool:
-        texts = list(pool.map(help_of, names))
-    lines = [f"# {title}", "", f"This is what `{command.format('NAME')} --help` prints."]
-    for each, text in zip(names, texts, strict=True):
-        lines += ["", f"## {each}", "", "```text", text.strip(), "```"]
-    return "\n".join(lines)
+        return dict(zip(names, pool.map(help_of, names), strict=True))
 
 
 def examples() -> str:
@@ -137,7 +159,8 @@ def examples() -> str:
         "The first one is also a notebook, `examples/01_linear_system.ipynb`.",
     ]
     for file in sorted((ROOT / "examples").glob("*.py")):
-        lines += ["", f"## {file.name}", "", "```python", file.read_text().strip(), "```"]
+        code = file.read_text().partition("\n")[2].strip()  # without the licence
+        lines += ["", f"## {file.name}", "", "```python", code, "```"]
     return "\n".join(lines)
 
 
