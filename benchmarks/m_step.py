@@ -9,7 +9,7 @@ from itertools import repeat
 
 from benchmarks.problems import SEED
 from benchmarks.timing import Comparison
-from vgps_ros.core.gauss_newton import minimize_gauss_newton
+from vgps_ros.core.fit_loss import minimize_gauss_newton
 from vgps_ros.core.policy_fit import draw_targets, fit_loss
 from vgps_ros.core.policy_network import minimize_lbfgs
 from vgps_ros.core.records import Array

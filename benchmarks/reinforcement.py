@@ -11,9 +11,8 @@ from benchmarks.timing import Comparison
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.search.methods import search
-from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.trajectory_optimization import optimize_all, prepare
 from vgps_ros.tasks import Task, make_task
 
 # Task: the goal, the hidden units of our policy, and what our time must not exceed of the better

@@ -163,7 +163,7 @@ if ! build_stands; then
   rm -f install/.complete
   step "colcon build of vgps_ros and its messages" build build
   step "compiling the numerical loops" compile "$venv/bin/python" -c '
-from vgps_ros.search.preparation import prepare
+from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 prepare(make_task("rotor"))'
   printf '%s\n' "$build_key" >install/.complete

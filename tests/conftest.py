@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
-from vgps_ros.core.state_space import StateSpace
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.tasks import Task, make_task
 

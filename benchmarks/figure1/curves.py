@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.search.settings import OF_PAPER, SearchSettings, search_settings
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 
 if TYPE_CHECKING:  # it imports the simulator, which the names of the curves do without
     from vgps_ros.tasks import Task

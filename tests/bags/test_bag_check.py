@@ -21,9 +21,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
-from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import state_names
 from vgps_ros.storage.run_folder import save_policy

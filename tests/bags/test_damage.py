@@ -14,7 +14,7 @@ from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.reader import storage_files
 from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 
 
 @pytest.mark.parametrize("seed", range(7))

@@ -14,7 +14,7 @@ from benchmarks.centred_dynamics import CentredDynamics
 from benchmarks.problems import linear_quadratic, with_threads
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp.backward_pass import _recursion, backward_pass
-from vgps_ros.search.preparation import prepare
+from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.simulation import compiled_derivatives, compiled_loops, compiled_readings
 from vgps_ros.tasks import make_task
 

@@ -4,7 +4,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from vgps_ros.core.arrays import arrays_of, first_steps, from_arrays
+from vgps_ros.core.checks import arrays_of, first_steps, from_arrays
 from vgps_ros.core.records import TrajectoryDistribution
 
 

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from vgps_ros.core.arrays import arrays_of, from_arrays
 from vgps_ros.core.checks import (
+    arrays_of,
     check_covariances,
     check_record,
     finite_array,
+    from_arrays,
     nearest,
     one_of,
     positive,

@@ -9,8 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from vgps_ros.core.compiled_network import _exp, _log1p
-from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.core.executed_control import ExecutedPolicy, _exp, _log1p
 from vgps_ros.core.seeding import Stream, generator
 
 BITS = """

@@ -9,8 +9,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.fit_loss import FitLoss
-from vgps_ros.core.gauss_newton import minimize_gauss_newton
+from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.policy_network import minimize_lbfgs
 

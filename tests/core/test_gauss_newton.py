@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.gauss_newton import _step, minimize_gauss_newton
+from vgps_ros.core.fit_loss import _step, minimize_gauss_newton
 
 GRADIENT = np.array([1.0, -2.0])
 

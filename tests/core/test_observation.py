@@ -4,8 +4,8 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.observation import LOWEST_STD, observed_marginals, widened
-from vgps_ros.core.state_space import StateSpace
 
 
 class Polar:

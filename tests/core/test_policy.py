@@ -8,11 +8,10 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
-from vgps_ros.core.compiled_network import compiled_network, network_output
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.network_passes import Passes
+from vgps_ros.core.executed_control import compiled_network, network_output
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.policy_network import Standardization
+from vgps_ros.core.policy_network import Passes, Standardization
 
 MODULES = {
     # Beyond the threshold torch returns z; its default of 20 costs 2e-9.

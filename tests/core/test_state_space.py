@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vgps_ros.core.state_space import StateSpace
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.simulation.model import state_space
 
 # A free body that carries a hinge and a ball: quaternions at 3 and at 8.

@@ -14,7 +14,7 @@ import yaml
 
 from vgps_ros import NODES
 from vgps_ros.programs.__main__ import COMMANDS
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.task_file import read_task_file
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 
-from vgps_ros.core.arrays import arrays_of
+from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
     distribution_from_msg,

@@ -19,8 +19,7 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
     trajectory_from_msg,
 )
-from vgps_ros.search.mpc import MpcSettings, Planner
-from vgps_ros.search.plan_follower import PlanFollower
+from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner
 from vgps_ros.tasks import make_task
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.supervisor import TorqueLimiter
 from vgps_ros.simulation.model import control_range
 
 PERIOD = 20_000_000  # [ns]

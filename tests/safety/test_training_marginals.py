@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.supervisor import safe_torques
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 from vgps_ros.simulation.readings import Readings
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.search.adjusted_cost import adjustable
-from vgps_ros.search.mpc import MpcSettings, Planner
+from vgps_ros.search.mpc import MpcSettings, Planner, adjustable
 from vgps_ros.tasks import make_task
 
 

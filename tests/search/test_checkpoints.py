@@ -18,8 +18,7 @@ from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import search_settings
-from vgps_ros.storage.files import part_of
-from vgps_ros.storage.record_tree import to_tree
+from vgps_ros.storage.files import part_of, to_tree
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.references import task_file_of

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.search.cost_weighted import cost_weights, weighted_targets
-from vgps_ros.search.rollouts import Rollouts
+from vgps_ros.search.workspace import Rollouts
 
 
 def test_weights_are_exponentials_of_the_cost(rng):

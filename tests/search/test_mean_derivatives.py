@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.limited_pendulum import HIGH, write_task
-from vgps_ros.core.arrays import arrays_of
+from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings

@@ -9,8 +9,7 @@ import pytest
 
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.mpc import MpcSettings, Planner
-from vgps_ros.search.plan_follower import PlanFollower
+from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 PROGRAM = """
-from vgps_ros.search.preparation import prepare
+from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 prepare(make_task("swimmer"))
 """

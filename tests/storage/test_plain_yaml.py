@@ -4,8 +4,8 @@
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage import plain_yaml
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage import files
+from vgps_ros.storage.files import read_yaml
 
 
 @pytest.mark.parametrize("empty", ["", "# nothing but words\n", b""])
@@ -57,7 +57,7 @@ def test_a_hundred_levels_are_read():
 
 
 def test_a_text_that_is_too_large_is_not_parsed(monkeypatch):
-    monkeypatch.setattr(plain_yaml, "_LARGEST", 8)
+    monkeypatch.setattr(files, "_LARGEST", 8)
     assert read_yaml("[1, 2,3]", "It") == [1, 2, 3]
     with pytest.raises(InvalidInputError, match="it has 9 characters, and at most 8 are read"):
         read_yaml("[1, 2, 3]", "It")

@@ -8,9 +8,9 @@ from enum import Enum
 import numpy as np
 import pytest
 
-from vgps_ros.core.arrays import Array
+from vgps_ros.core.checks import Array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.record_tree import from_entries, from_tree, to_tree
+from vgps_ros.storage.files import from_entries, from_tree, to_tree
 
 
 class Colour(Enum):

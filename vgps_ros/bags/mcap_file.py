@@ -28,7 +28,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 
 _HEAD = struct.Struct("<BQ")  # kind and length of a record
 _KINDS = set(Opcode)  # from 0x80 on there are private ones

@@ -20,8 +20,7 @@ import yaml
 
 from vgps_ros.bags.mcap_file import FileSummary, Topic
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.files import replacing
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml, replacing
 
 FILE_NAME, DIGESTS = "metadata.yaml", "SHA256SUMS"
 _FOREIGN_STORAGE, _FOREIGN_MODES = ("sqlite3",), ("file", "message", "FILE", "MESSAGE")

@@ -19,14 +19,13 @@ from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.policies.onnx_policy import OnnxPolicy
-from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.torque_limits import TorqueLimiter
+from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]

@@ -1,14 +1,113 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The dynamics that trajectory optimisation works on, x_{t+1} = f(x_t, u_t), as a protocol.
+"""The dynamics x_{t+1} = f(x_t, u_t) of trajectory optimisation, and the space of their states.
 
-`vgps_ros.simulation.dynamics` implements it for MuJoCo models; tests bring others.
+`vgps_ros.simulation.dynamics` implements the protocol for MuJoCo models; tests bring others.
+States are x = (qpos, qvel, act), and δ are their small changes.
+
+Most coordinates are plain numbers, whose changes are differences. The orientation of a free body
+or of a ball joint is a unit quaternion (w, x, y, z): four numbers with three degrees of freedom,
+whose change is a rotation vector in the body's own frame. So δ has n_dx ≤ n_x coordinates, and
+
+    x ⊕ δ = x + δ,  but  q exp(δ)  for a quaternion,
+    x' ⊖ x = x' − x,  but  log(q⁻¹ q')  for a quaternion,
+
+as MuJoCo's mj_integratePos and mj_differentiatePos have it. Derivatives, gains and covariances are
+over δ.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.core.state_space import StateSpace
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """States and their deviations.
+
+    Attributes:
+        state_dim: n_x.
+        quaternions: index in x of the first number of each unit quaternion, in ascending order.
+    """
+
+    state_dim: int
+    quaternions: tuple[int, ...] = ()
+
+    @property
+    def tangent_dim(self) -> int:
+        """n_dx, the number of coordinates of a deviation."""
+        return self.state_dim - len(self.quaternions)
+
+    def add(self, states: Array, deviations: Array) -> Array:
+        """Returns x ⊕ δ, shape (..., n_x), for x (..., n_x) and δ (..., n_dx)."""
+        if not self.quaternions:
+            return states + deviations
+        states, _ = np.broadcast_arrays(states, deviations[..., :1])
+        moved = states.copy()
+        moved[..., self.plain[0]] += deviations[..., self.plain[1]]
+        for at, rotation in self._rotations(states):
+            turned = rotation * Rotation.from_rotvec(_rows(deviations, at[1], states.shape))
+            quaternions = turned.as_quat(scalar_first=True)
+            moved[..., at[0]] = quaternions.reshape(moved[..., at[0]].shape)
+        return moved
+
+    def subtract(self, states: Array, origins: Array) -> Array:
+        """Returns x' ⊖ x, shape (..., n_dx), for states x' and origins x of shape (..., n_x)."""
+        if not self.quaternions:
+            return states - origins
+        states, origins = np.broadcast_arrays(states, origins)
+        deviations = np.empty((*states.shape[:-1], self.tangent_dim))
+        deviations[..., self.plain[1]] = (states - origins)[..., self.plain[0]]
+        pairs = zip(self._rotations(states), self._rotations(origins), strict=True)
+        for (at, rotation), (_, origin) in pairs:
+            vectors = (origin.inv() * rotation).as_rotvec()
+            deviations[..., at[1]] = vectors.reshape(deviations[..., at[1]].shape)
+        return deviations
+
+    def carried_back(self, jacobians: Array, deviations: Array) -> Array:
+        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives over deviations of x.
+
+        A rotation ε of x is Rᵀ ε in the frame of x ⊕ δ, where R is the rotation by δ.
+        """
+        if not self.quaternions:
+            return jacobians
+        carried = jacobians.copy()
+        for i, first in enumerate(self.quaternions):
+            at = slice(first - i, first - i + 3)
+            turned = Rotation.from_rotvec(_rows(deviations, at, deviations.shape)).as_matrix()
+            turned = turned.reshape(*deviations.shape[:-1], 3, 3)
+            carried[..., at] = jacobians[..., at] @ np.swapaxes(turned, -1, -2)
+        return carried
+
+    @cached_property
+    def plain(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The indices of the plain numbers in x, and those in δ."""
+        in_x, in_dx = np.ones(self.state_dim, bool), np.ones(self.tangent_dim, bool)
+        for i, first in enumerate(self.quaternions):
+            in_x[first : first + 4] = in_dx[first - i : first - i + 3] = False
+        return np.flatnonzero(in_x), np.flatnonzero(in_dx)
+
+    def _rotations(self, states: Array) -> list[tuple[tuple[slice, slice], Rotation]]:
+        """Returns each rotation of N states, with its places in x and in δ; NaN becomes none."""
+        found = []
+        for i, first in enumerate(self.quaternions):
+            places = slice(first, first + 4), slice(first - i, first - i + 3)
+            rows = states[..., places[0]].reshape(-1, 4)
+            sound = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, [1.0, 0, 0, 0])
+            found.append((places, Rotation.from_quat(sound, scalar_first=True)))
+        return found
+
+
+def _rows(deviations: Array, at: slice, shape: tuple[int, ...]) -> Array:
+    """Returns a rotation vector for each of the states of this shape, one a row."""
+    return np.array(np.broadcast_to(deviations[..., at], (*shape[:-1], 3))).reshape(-1, 3)
+
 
 # A state beyond this magnitude has diverged [m, rad, m/s, rad/s]; no sound motion comes near it.
 DIVERGENCE_BOUND = 1e4

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The loss of the M-step over N samples, with its gradient and its curvature in closed form.
+"""The loss of the M-step over N samples, in closed form, and its damped Gauss-Newton minimiser.
 
 With r = μ_θ − μ_q, J = ∂μ_θ/∂θ, and the best noise profiled out (see `policy_fit`),
 
@@ -12,9 +12,19 @@ grows as samples times parameters, as that of the gradient does. In front of con
 stands the inverse of a product of two small matrices for each layer, of its inputs a and of the
 derivatives δ of the outputs by its sums (Martens and Grosse, ICML 2015): G ≈ E[δᵀ W δ] ⊗ E[a aᵀ].
 
-All is in standardised units, with one sample a column.
+All is in standardised units, with one sample a column. The minimiser takes the steps
+
+    s = −(G + λ d I)⁻¹ ∇F,    d the mean of G's diagonal     (Levenberg and Marquardt).
+
+A step takes one pass over all samples for the gradient, and some conjugate gradients over a part of
+them, since the curvature need not be exact. λ falls where the quadratic model was right, and grows
+where it was not. Each step has new samples, so that the fit cannot lean on those it has seen: from
+one draw it comes closer to that draw's optimum, but q, which adapts to the network, then ends at a
+poorer one (docs/evidence/benchmarks.md). They also tell when to end: once the last step has gained
+less on new samples than a tolerance.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,8 +32,8 @@ import numpy as np
 import torch
 from scipy.sparse.linalg import LinearOperator, cg
 
-from vgps_ros.core.network_passes import Passes
 from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy_network import Passes
 from vgps_ros.core.records import Array
 
 # The curvature comes from a share of the samples, but not from too few of them. Seven divides few
@@ -157,3 +167,49 @@ class Curvature:
         """The mean of the diagonal of the layers' products; 1 where all are 0."""
         total = sum(float(outer.trace() * inner.trace()) for outer, inner in self._factors)
         return total / self.architecture.num_parameters or 1.0
+
+
+_FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e6
+# Conjugate gradients in a step. More of them solve a model better that is only a model.
+_INNER_ITERATIONS = 15
+
+
+def minimize_gauss_newton(
+    start: Array, losses: Iterator[FitLoss], iterations: int, tolerance: float
+) -> Array:
+    """Returns the θ that the steps reach from `start`.
+
+    Args:
+        start: θ, shape (num_parameters,).
+        losses: F(θ) over new samples, without end.
+        iterations: the most steps.
+        tolerance: the least gain of a step that is worth another one [nat].
+    """
+    theta, damping = start, _FIRST_DAMPING
+    before = None
+    for _ in range(iterations):
+        loss = next(losses)
+        here = loss.at(theta)
+        if before is not None:
+            gain = loss.value(before) - here.value
+            if not gain >= tolerance:
+                return theta if gain > 0 else before
+        before = theta
+        theta, damping = _step(theta, loss, here, damping)
+    return theta
+
+
+def _step(theta: Array, loss: FitLoss, here: Point, damping: float) -> tuple[Array, float]:
+    """Returns a θ of lower loss and the next λ; the same θ if there is none."""
+    if not np.isfinite(here.value):
+        return theta, damping
+    curvature = loss.curvature(theta, here.weights)
+    while damping <= _LARGEST_DAMPING:
+        step = curvature.solve(here.gradient, damping, _INNER_ITERATIONS)
+        gain = here.value - loss.value(theta + step)
+        if gain > 0:
+            expected = -float(step @ (here.gradient + 0.5 * curvature.times(step)))
+            factor = 0.2 if gain > 0.75 * expected else 3.0 if gain < 0.25 * expected else 1.0
+            return theta + step, factor * damping
+        damping *= 8.0
+    return theta, _FIRST_DAMPING

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from vgps_ros.core.arrays import Array
+from vgps_ros.core.checks import Array
 
 
 def log_density(deviations: Array, covariances: Array) -> Array:

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.records import Array, TrajectoryDistribution
-from vgps_ros.core.state_space import StateSpace
 
 # Least standard deviation in each direction where a density or distance needs an inverse, since a
 # coordinate of x_1 may be exact [m, rad, m/s, rad/s].

@@ -7,7 +7,7 @@ parameters counts weights and biases, 246 for the 10-unit walker as in the paper
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
 The trajectory optimiser, fits and the robot evaluate the network by this module. Evaluations
-execute it in a compiled loop (`compiled_network`), and the M-step differentiates it in torch
+execute it in a compiled loop (`executed_control`), and the M-step differentiates it in torch
 (`policy_network`); a test holds that all three agree up to rounding.
 """
 
@@ -18,8 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from vgps_ros.core.arrays import Array, Shape, array_shapes
-from vgps_ros.core.checks import finite_array, one_of, positive, quoted
+from vgps_ros.core.checks import Array, Shape, array_shapes, finite_array, one_of, positive, quoted
 from vgps_ros.core.errors import InvalidInputError
 
 # A message or goal that asks for more is a mistake, whose fit would take gigabytes.

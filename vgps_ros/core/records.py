@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
-from vgps_ros.core.arrays import Array, Shape, first_steps
+from vgps_ros.core.checks import Array, Shape, first_steps
 from vgps_ros.core.gaussians import covariance_roots
 
 

@@ -6,6 +6,7 @@ and range, a node declares its parameter, and values are checked.
 """
 
 import dataclasses
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -136,6 +137,21 @@ def check_settings(record: Any) -> None:
     """
     for s in settings_of(record):
         s.check(s.default)
+
+
+def values_of(*records: Any) -> dict[str, Any]:
+    """Returns the values of settings records by dotted name, as JSON reads them back."""
+    values = {s.name: s.default for record in records for s in settings_of(record)}
+    return dict(json.loads(json.dumps(values)))
+
+
+def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> tuple[str, str]:
+    """Returns both sides' values where they differ, in words; empty where they agree."""
+    names = [name for name, value in ours.items() if theirs.get(name) != value]
+    first, second = (
+        ", ".join(f"{name} {values.get(name)}" for name in names) for values in (theirs, ours)
+    )
+    return first, second
 
 
 def _replaced(record: Any, values: Mapping[str, Any], prefix: str) -> Any:

@@ -24,8 +24,14 @@ from vgps_msgs.msg import Plan as PlanMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
-from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_arrays
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import (
+    array_shapes,
+    arrays_of,
+    declared_shapes,
+    finite_array,
+    from_arrays,
+    quoted,
+)
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution

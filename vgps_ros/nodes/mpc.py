@@ -27,10 +27,15 @@ from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
-from vgps_ros.search.adjusted_cost import LARGEST, adjustable
-from vgps_ros.search.mpc import MpcSettings, Plan, Planner
-from vgps_ros.search.plan_follower import PlanFollower
-from vgps_ros.search.preparation import prepare
+from vgps_ros.search.mpc import (
+    LARGEST_ADJUSTMENT,
+    MpcSettings,
+    Plan,
+    PlanFollower,
+    Planner,
+    adjustable,
+)
+from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import TASK
 
@@ -125,15 +130,15 @@ def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], ob
         _TARGETS,
         tuple(changed.targets.tolist()),
         "their targets, from the next plan on [units of the readings]",
-        minimum=-LARGEST,
-        maximum=LARGEST,
+        minimum=-LARGEST_ADJUSTMENT,
+        maximum=LARGEST_ADJUSTMENT,
     )
     weights = Setting(
         _WEIGHTS,
         tuple(changed.weights.tolist()),
         "their weights, from the next plan on",
         minimum=0.0,
-        maximum=LARGEST,
+        maximum=LARGEST_ADJUSTMENT,
     )
 
     def check_readings(given: tuple[str, ...]) -> None:

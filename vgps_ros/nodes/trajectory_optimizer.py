@@ -27,8 +27,7 @@ from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATCHED, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.services import answer_later
-from vgps_ros.search.preparation import prepare
-from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.search.trajectory_optimization import optimize, prepare
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from vgps_ros.core.arrays import arrays_of
+from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
 from vgps_ros.policies.onnx_policy import OnnxPolicy

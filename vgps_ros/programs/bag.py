@@ -74,7 +74,7 @@ def info(arguments: argparse.Namespace) -> None:
 
 def _shown(attached: bytes) -> Any:
     """Returns an attachment as JSON can have it; of one that is no YAML, how large it is."""
-    from vgps_ros.storage.plain_yaml import as_json, read_yaml
+    from vgps_ros.storage.files import as_json, read_yaml
 
     try:
         return as_json(read_yaml(attached, "It"))

@@ -11,7 +11,7 @@ from vgps_ros import NODES
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
-from vgps_ros.storage.plain_yaml import read_yaml
+from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks.references import task_names
 
 Record = TypeVar("Record")

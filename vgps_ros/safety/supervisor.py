@@ -12,15 +12,13 @@ The rule uses no clock, because states and /clock are different topics and eithe
 robot without stamps (all are 0) is not checked for order.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from vgps_ros.core.records import Array
-from vgps_ros.safety.safe_action import safe_torques
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.torque_limits import TorqueLimiter
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 
@@ -205,3 +203,88 @@ class Supervisor:
     def _sent_safely(self, torques: Array) -> Command:
         self._limiter.note_safe(torques)
         return Command(torques, self._stamp)
+
+
+def safe_torques(
+    settings: SafetySettings,
+    state: Array | None,
+    velocities: list[int],
+    marginals: Iterable[TrainingMarginals],
+) -> Array:
+    """Returns the torques of the safe action, shape (n_u,) [N·m], before limits apply.
+
+    They are zero if the action needs something that is missing, or if it would overflow.
+
+    Args:
+        settings: name of the action, and the damping.
+        state: the newest usable state, shape (n_x,), or None.
+        velocities: index in the state of the velocity that each control drives; -1 for none.
+        marginals: training marginals of the DDP solutions whose feedback law may be used.
+    """
+    zero = np.zeros(len(velocities))
+    if state is None or settings.safe_action == "zero":
+        return zero
+    with np.errstate(over="ignore", invalid="ignore"):
+        if settings.safe_action == "damping":
+            torques = np.where(np.array(velocities) < 0, 0.0, -settings.damping * state[velocities])
+        else:
+            nearest = nearest_of(marginals, state)
+            if nearest is None:
+                return zero
+            torques = nearest.marginals.feedback(state, nearest.step)
+    return torques if np.isfinite(torques).all() else zero
+
+
+class TorqueLimiter:
+    """Clips torques to limits of their size and of their change.
+
+    The change is measured from the torques that answered the latest earlier state, or from those of
+    the safe action if they were sent later. So a state that comes twice gets the same answer twice.
+    Torques start from zero if there are no such torques, or if time went back.
+
+    Args:
+        limits: lowest and highest torques, shapes (n_u,) [N·m].
+        rate: largest change over time [N·m/s]; 0 for no limit.
+        period: control period [s]. The change is limited as if no more time had passed.
+    """
+
+    def __init__(self, limits: tuple[Array, Array], rate: float, period: float):
+        self._limits, self._rate, self._period = limits, rate, period
+        # Stamp [ns] and torques of the latest command, and of the command before it. Torques that
+        # answered no state have the stamp -1.
+        start = (-1, np.zeros_like(limits[0]))
+        self._start = self._latest = self._earlier = start
+
+    def clipped(self, torques: Array) -> Array:
+        """Returns torques within the limits of their size, shape (n_u,) [N·m]."""
+        return _clip(torques, *self._limits)
+
+    def limited(self, torques: Array, stamp: int) -> Array:
+        """Returns torques within all limits, shape (n_u,) [N·m], for a state's stamp [ns]."""
+        torques = self.clipped(torques)
+        if not self._rate:
+            return torques
+        before_stamp, before = self._before(stamp)
+        elapsed = self._period
+        if before_stamp >= 0:
+            elapsed = min(elapsed, (stamp - before_stamp) * 1e-9)
+        return _clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
+
+    def note(self, torques: Array, stamp: int) -> None:
+        """Remembers torques that were sent, from which the next change is measured."""
+        self._earlier = self._before(stamp)
+        self._latest = (stamp, torques)
+
+    def note_safe(self, torques: Array) -> None:
+        """Remembers torques of the safe action, from which the next change is measured."""
+        self._latest = self._earlier = (-1, torques)
+
+    def _before(self, stamp: int) -> tuple[int, Array]:
+        if stamp > self._latest[0]:
+            return self._latest
+        return self._earlier if stamp == self._latest[0] else self._start
+
+
+def _clip(values: Array, lowest: Array, highest: Array) -> Array:
+    """Clips values as np.clip does, in less than half of its time."""
+    return np.minimum(np.maximum(values, lowest), highest)

@@ -20,15 +20,14 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.core.settings import differences, values_of
 from vgps_ros.policies.policy_file import policy_digest
-from vgps_ros.search.identity import differences, values_of
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.optimization_request import check_distribution
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import situations
 from vgps_ros.search.workspace import Update
-from vgps_ros.storage.files import part_of, read_archive, write_archive
-from vgps_ros.storage.record_tree import from_entries, to_tree
+from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree, write_archive
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.task_digest import task_digest
 

@@ -18,7 +18,7 @@ from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
 from vgps_ros.search.coverage import lost_coverage
-from vgps_ros.search.dagger import Imitation, dagger
+from vgps_ros.search.dagger import Imitation, adapted_weighted_dagger, dagger, weighted_dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
@@ -27,7 +27,6 @@ from vgps_ros.search.plato import Lessons, check_teacher, plato
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.vgps import Candidates, vgps
-from vgps_ros.search.weighted_dagger import adapted_weighted_dagger, weighted_dagger
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
 

@@ -11,17 +11,22 @@ some motions on the true dynamics from the new state: the old plan, followed wit
 continued by the tail; another motion with gains, where one is known; and the tail alone, which
 brings back a robot that the plan has lost. The tail is the learned policy's motion, or no torques
 where there is no policy.
+
+`PlanFollower` answers states with feedback along the newest plan, and `AdjustableCost` has the
+targets and weights that may be changed while plans are made.
 """
 
+import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from threading import Event
 
 import numpy as np
 
-from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp.real_time_iteration import improve
-from vgps_ros.core.ddp.solve import Status, solve
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.cost import FeatureCost, TrajectoryCost
+from vgps_ros.core.ddp.solve import Status, improve, solve
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
@@ -29,6 +34,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.settings import setting
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import first_request
+from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
 
 
@@ -213,3 +219,168 @@ class Planner:
         deviations, gains = np.zeros((1, self.steps, n_dx)), np.zeros((self.steps, n_u, n_dx))
         scaled = ScaledCost(cost, 1.0 / weight)
         return ScaledCost(PolicyCost(scaled, policy, task.observation, deviations, gains), weight)
+
+
+class PlanFollower:
+    """Answers states with feedback along the newest plan, and makes the next one.
+
+    A thread makes the plans. Its compiled loops and MuJoCo run without Python's lock, so an answer
+    hardly waits for them. The first plan, begun anew, is the warm start where the newest plan is
+    too old to drive.
+
+    Args:
+        planner: makes the plans; its task's dynamics must not be used by anybody else meanwhile.
+        every: 0: plans are made one after another beside the answers; n: a plan is made from each
+            n-th state, whose answer waits for it, so that a run repeats bit for bit.
+        seed: seed of the first plan.
+        on_plan: called with each new plan and the time that it took [s].
+
+    Attributes:
+        trouble: the reason why the latest solve found no plan, or None.
+
+    Raises:
+        DivergenceError: there is no first plan.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        every: int,
+        seed: int = 0,
+        on_plan: Callable[[Plan, float], None] = lambda *_: None,
+    ):
+        self.trouble: str | None = None
+        self._planner, self._every, self._on_plan = planner, every, on_plan
+        self._worker = ThreadPoolExecutor(1, "plan")
+        self._ending = Event()
+        self._work: Future[tuple[Plan, float]] | None = None
+        self._plan: Plan | None = None
+        self._step = 0  # of the last state
+        self._first = self._worker.submit(planner.first_plan, seed).result()
+
+    def stop(self) -> None:
+        """Ends what is being planned."""
+        self._ending.set()
+        self._worker.shutdown()
+
+    def control(
+        self, state: Array, step: int, policy: GaussianPolicy | None = None
+    ) -> tuple[Array, int]:
+        """Returns the torques in a state, shape (n_u,), [N·m], and the age of their plan in steps.
+
+        Args:
+            state: x, shape (n_x,).
+            step: control step of the state; one before that of the last state starts a new time.
+            policy: π_θ, which continues plans.
+
+        Raises:
+            InvalidInputError: the newest plan is too old to drive.
+        """
+        is_new_time = self._plan is None or step < self._step
+        self._step = step
+        if self._plan is None or is_new_time:
+            # What is being planned is of the old time, and will not be taken.
+            self._plan, self._work = replace(self._first, start=step), None
+        if not self._every:
+            if self._work is None or self._work.done():
+                self._take_plan()
+                self._begin(state, step, policy)
+        elif is_new_time or step - self._plan.start >= self._every:
+            self._begin(state, step, policy)
+            self._take_plan()
+        age = step - self._plan.start
+        if age > self._planner.age_limit:
+            raise InvalidInputError(
+                f"the newest plan is {age} steps old, but a plan may drive for "
+                f"{self._planner.age_limit} steps only; "
+                + (self.trouble or "choose a shorter horizon.")
+            )
+        return self._planner.control(self._plan, state, step), age
+
+    def _begin(self, state: Array, step: int, policy: GaussianPolicy | None) -> None:
+        def solve(old: Plan) -> tuple[Plan, float]:
+            began = time.perf_counter()
+            plan = self._planner.next_plan(old, state, step, policy, self._ending.is_set)
+            return plan, time.perf_counter() - began
+
+        assert self._plan is not None
+        is_over = step - self._plan.start > self._planner.age_limit
+        old = replace(self._first, start=step) if is_over else self._plan
+        self._work = self._worker.submit(solve, old)
+
+    def _take_plan(self) -> None:
+        """Makes the plan that was begun the newest; one that is under way is waited for."""
+        if self._work is None:
+            return
+        try:
+            self._plan, seconds = self._work.result()
+        except VgpsError as error:
+            self.trouble = f"no plan was found: {error}"
+        else:
+            self.trouble = None
+            self._on_plan(self._plan, seconds)
+
+
+LARGEST = 1e6  # of a target, in its unit, and of a weight
+
+
+@dataclass(frozen=True)
+class AdjustableCost:
+    """A task's cost, of which those readings can be changed whose target and weight are constant.
+
+    A reference that changes with time and what counts at the end of the horizon alone stay.
+
+    Attributes:
+        names: names of these readings.
+        targets: their targets, shape (m,), in the units of the readings.
+        weights: their weights, shape (m,).
+    """
+
+    names: tuple[str, ...]
+    targets: Array
+    weights: Array
+    _cost: FeatureCost
+    _columns: Array
+
+    def __call__(self, targets: Sequence[float], weights: Sequence[float]) -> FeatureCost:
+        """Returns the task's cost with other targets and weights.
+
+        Raises:
+            InvalidInputError: there is not one value for each reading.
+        """
+        cost, found = self._cost, {}
+        for key, values in (("targets", targets), ("weights", weights)):
+            self.check_count(values)
+            found[key] = getattr(cost, key).copy()
+            found[key][..., self._columns] = values
+        return replace(cost, **found)
+
+    def check_count(self, values: Sequence[float]) -> None:
+        """Checks that there is one value for each reading.
+
+        Raises:
+            InvalidInputError: there is not.
+        """
+        if len(values) != len(self.names):
+            raise InvalidInputError(
+                f"{len(values)} values are given, but the cost has {len(self.names)} readings that "
+                f"can be changed: {', '.join(self.names)}."
+            )
+
+
+def adjustable(cost: FeatureCost) -> AdjustableCost:
+    """Returns what of a cost can be changed; nothing of one whose readings have no names."""
+    names = cost.features.names if isinstance(cost.features, Readings) else ()
+    targets, weights = (np.atleast_2d(values) for values in (cost.targets, cost.weights))
+    constant = [
+        i
+        for i in range(len(names))
+        if all((values[:, i] == values[0, i]).all() for values in (targets, weights))
+    ]
+    return AdjustableCost(
+        names=tuple(names[i] for i in constant),
+        targets=targets[0, constant],
+        weights=weights[0, constant],
+        _cost=cost,
+        _columns=np.array(constant, dtype=np.intp),
+    )

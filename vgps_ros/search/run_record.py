@@ -4,8 +4,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from vgps_ros.core.arrays import Array, Shape, array_shapes, arrays_of
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.checks import Array, Shape, array_shapes, arrays_of, finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import read_archive, write_archive
 from vgps_ros.storage.run_folder import RunFolder, read_result

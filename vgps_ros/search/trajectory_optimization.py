@@ -8,16 +8,21 @@ another one, or on another machine of the same kind.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.ddp.backward_pass import LocalPolicy
+from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.marginals import sample_deviations, state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
+from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.slow_steps import notice_if_slow
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request
 from vgps_ros.simulation.warnings import in_words
@@ -166,3 +171,26 @@ def _scaled(settings: DdpSettings, alpha: float) -> DdpSettings:
         regularization_floor=alpha * settings.regularization_floor,
         distribution_regularization=alpha * settings.distribution_regularization,
     )
+
+
+def prepare(task: Task) -> None:
+    """Runs each compiled loop once, for one step; it takes seconds only on a new machine."""
+    with notice_if_slow("Compiling for this machine, which takes some ten seconds and is kept ..."):
+        _run_each_loop(task)
+
+
+def _run_each_loop(task: Task) -> None:
+    dynamics = task.dynamics
+    motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
+    local = backward_pass(dynamics.linearize(motion)[0], task.cost.expand(motion), 1.0)
+    list(dynamics.follow_each(task.initial_state, [motion], local.gains))
+    shape = Architecture(task.observation.names, (1,), dynamics.control_dim)
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
+    ExecutedPolicy(policy)
+    noise = np.zeros((1, 1, dynamics.control_dim))
+    dynamics.execute(policy, task.observation, motion.states[:1], noise)
+    dynamics.replay(task.initial_state, motion.controls[None])
+    task.observation.linearize(motion.states[:1])
+    for read in (task.observation, task.fallen):
+        read(motion.states)
+    task.cost.values(motion)

@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.compilation import compiled
-from vgps_ros.core.compiled_network import network_output
+from vgps_ros.core.executed_control import network_output
 from vgps_ros.simulation.compiled_readings import read
 from vgps_ros.simulation.compiled_states import (
     add,

@@ -15,8 +15,8 @@ from itertools import chain
 import mujoco
 import numpy as np
 
-from vgps_ros.core.compiled_network import compiled_network
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
+from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import quoted
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.state_space import StateSpace
 from vgps_ros.simulation.text_limits import check_self_contained
 
 _JOINT = mujoco.mjtJoint

@@ -1,19 +1,30 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Files that are written in one piece; reading one can run no code."""
+"""Files that are written in one piece, and reading that can run no code, of untrusted files too.
 
+A record becomes a tree of JSON values, in which a name stands for each array. Reading it back
+follows the types that the records declare, so that a file can choose none but those.
+"""
+
+import base64
 import json
+import math
 import os
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, BinaryIO
+from types import NoneType, UnionType
+from typing import Any, BinaryIO, get_args, get_origin, get_type_hints
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
 
 _LARGEST_JSON = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
 
@@ -110,3 +121,144 @@ def _sync(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+_LARGEST = 2**24  # [characters]
+_MOST = 10**6  # values, where each alias counts as what it stands for
+_DEEPEST = 100  # nesting
+
+
+def read_yaml(text: str | bytes, what: str) -> Any:
+    """Returns the content of a YAML text, or of the bytes of one.
+
+    Args:
+        text: the text.
+        what: names it in the error.
+
+    Raises:
+        InvalidInputError: it is no YAML, or would become much larger than it is.
+    """
+    try:
+        if len(text) > _LARGEST:
+            raise ValueError(f"it has {len(text)} characters, and at most {_LARGEST} are read")
+
+        node = yaml.compose(text, yaml.SafeLoader)
+        if node is None:
+            return None
+        if _size(node, {}, _DEEPEST) > _MOST:
+            raise ValueError(f"its aliases stand for more than {_MOST} values")
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError, OverflowError, TypeError) as error:
+        sentence = " ".join(str(error).split())
+        raise InvalidInputError(f"{what} is no YAML that can be read: {sentence:.200}.") from error
+
+
+def as_json(value: Any) -> Any:
+    """Returns what `read_yaml` gave with nothing that JSON lacks: what it lacks becomes a text."""
+    if isinstance(value, dict):
+        return {one if isinstance(one, str) else str(one): as_json(v) for one, v in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [as_json(one) for one in value]
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    is_plain = value is None or isinstance(value, str | int)
+    is_plain |= isinstance(value, float) and math.isfinite(value)
+    return value if is_plain else str(value)
+
+
+def _size(node: yaml.Node, known: dict[int, int], depth: int) -> int:
+    """Counts the values of a node, where those that it shares count each time."""
+    if not depth:
+        raise ValueError("it is nested too deeply, or holds itself")
+    if id(node) not in known:
+        parts = node.value if isinstance(node, yaml.CollectionNode) else []
+        inner = [one for part in parts for one in (part if isinstance(part, tuple) else (part,))]
+        known[id(node)] = 1 + sum(_size(one, known, depth - 1) for one in inner)
+    return known[id(node)]
+
+
+_RECORD = "record"  # key of a record's name
+
+
+def to_tree(value: Any, arrays: dict[str, Array]) -> Any:
+    """Returns a frozen record as JSON values; its arrays are put into `arrays`, by name.
+
+    Raises:
+        TypeError: a value is neither a record, a tuple, an array, text nor a Python number.
+    """
+    if isinstance(value, np.ndarray):
+        name = f"array_{len(arrays)}"
+        arrays[name] = value
+        return name
+    if is_dataclass(value):
+        entries = {f.name: to_tree(getattr(value, f.name), arrays) for f in fields(value)}
+        return {_RECORD: type(value).__name__, **entries}
+    if isinstance(value, tuple):
+        return [to_tree(entry, arrays) for entry in value]
+    if isinstance(value, Enum):
+        return value.value
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"A {type(value).__name__} cannot be written to a tree of records.")
+
+
+def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
+    """Returns what `to_tree` wrote.
+
+    Args:
+        kind: its type: a record whose fields are records, unions of records and None, tuples of one
+            type, arrays of floats, enumerations, text or numbers.
+        tree: the JSON values.
+        arrays: by name.
+
+    Raises:
+        InvalidInputError: the tree is not of this type, or a record refuses its values.
+    """
+    origin = get_origin(kind)
+    if isinstance(kind, UnionType) or is_dataclass(kind):
+        return _record(kind, tree, arrays)
+    if origin is tuple:
+        element = get_args(kind)[0]
+        return tuple(from_tree(element, entry, arrays) for entry in _expected(tree, list))
+    if origin is np.ndarray:
+        array = arrays.get(_expected(tree, str))
+        if array is None or array.dtype != np.float64:
+            raise InvalidInputError(f"{tree} must be the name of an array of 64-bit floats.")
+        return array
+    if issubclass(kind, Enum):
+        return kind(tree)
+    if kind is float and type(tree) is int:  # a setting that was given as a whole number
+        return tree
+    return _expected(tree, kind)
+
+
+def from_entries(kind: Any, entries: Any, arrays: Mapping[str, Array], **narrower: Any) -> Any:
+    """Returns a record from the trees of its fields by name, as `from_tree` does.
+
+    Where the type of a field is known better than the record declares, it is given by name.
+
+    Raises:
+        KeyError: a field is missing.
+        InvalidInputError: a tree is not of its field's type, or the record refuses its values.
+    """
+    types = get_type_hints(kind) | narrower
+    return kind(**{f.name: from_tree(types[f.name], entries[f.name], arrays) for f in fields(kind)})
+
+
+def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
+    choices = get_args(kind) or (kind,)
+    if tree is None and NoneType in choices:
+        return None
+    entries = dict(_expected(tree, dict))
+    name = entries.pop(_RECORD, None)
+    (chosen,) = [choice for choice in choices if choice.__name__ == name] or (None,)
+    if chosen is None or set(entries) != {f.name for f in fields(chosen)}:
+        wanted = " or ".join(choice.__name__ for choice in choices)
+        raise InvalidInputError(f"A record {name!r} stands where a whole {wanted} must be.")
+    return from_entries(chosen, entries, arrays)
+
+
+def _expected(tree: Any, kind: type) -> Any:
+    if type(tree) is not kind:
+        raise InvalidInputError(f"{tree!r:.40} stands where a {kind.__name__} must be.")
+    return tree

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.arrays import array_shapes, arrays_of, declared_shapes, from_arrays
-from vgps_ros.core.checks import check_array
+from vgps_ros.core.checks import array_shapes, arrays_of, check_array, declared_shapes, from_arrays
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
-from vgps_ros.storage.files import read_archive, read_json, write_archive, write_json
-from vgps_ros.storage.record_tree import from_entries
+from vgps_ros.storage.files import from_entries, read_archive, read_json, write_archive, write_json
 
 
 class RunFolder:

@@ -12,10 +12,10 @@ import numpy as np
 
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.notice import progress_lines
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.sampling.planner import Sampler
 from vgps_ros.core.sampling.receding_motion import receding_motion
+from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_schema import Sampling
 from vgps_ros.tasks.yaml_document import Document

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
-from vgps_ros.core.ddp.backward_pass import backward_pass
-from vgps_ros.core.ddp.box_qp import minimize_in_box
+from vgps_ros.core.ddp.backward_pass import backward_pass, minimize_in_box
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings

@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import sample_joint_deviations
 from vgps_ros.core.records import LinearDynamics
-from vgps_ros.core.state_space import StateSpace
 
 
 @dataclass

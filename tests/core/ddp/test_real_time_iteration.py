@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from vgps_ros.core.ddp.real_time_iteration import improve
-from vgps_ros.core.ddp.solve import Status, solve
+from vgps_ros.core.ddp.solve import Status, improve, solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Trajectory

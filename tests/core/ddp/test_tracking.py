@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 
 from tests.core.ddp.conftest import LqProblem
 from vgps_ros.core.ddp.tracking import track
+from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import LinearDynamics
-from vgps_ros.core.state_space import StateSpace
 
 HORIZON = 30
 NAMES = ["hip", "knee"]

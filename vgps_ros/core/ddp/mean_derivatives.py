@@ -15,11 +15,10 @@ Samples come in pairs ±δ, by which the mean is exact where f is linear or quad
 
 import numpy as np
 
-from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.dynamics import Dynamics, StateSpace
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import sample_joint_deviations
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
-from vgps_ros.core.state_space import StateSpace
 
 
 def mean_derivatives(

@@ -33,8 +33,8 @@ from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
 from vgps_ros.search.methods import search
-from vgps_ros.search.preparation import prepare
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
+from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.settings import DEMONSTRATION, TASK
 

@@ -7,16 +7,16 @@ from numpy.testing import assert_allclose
 from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
-from vgps_ros.core import importance_sampling
-from vgps_ros.core.importance_sampling import (
+from vgps_ros.core.policy_network import Standardization
+from vgps_ros.search import gps
+from vgps_ros.search.gps import (
     ImportanceSamples,
-    expected_cost,
+    estimated_cost,
+    guided_objective,
     log_weights,
     maximize,
     mixture_log_density,
-    objective,
 )
-from vgps_ros.core.policy_network import Standardization
 
 COUNT, HORIZON = 6, 5
 
@@ -89,9 +89,9 @@ def test_a_part_without_rollouts_counts_for_nothing(policies, samples):
 
 def test_the_estimate_is_exact_where_the_policy_drew_the_rollouts(policies, samples):
     drawn_by = policies[1]
-    assert_allclose(expected_cost(drawn_by, samples), samples.costs.mean(axis=0).sum())
+    assert_allclose(estimated_cost(drawn_by, samples), samples.costs.mean(axis=0).sum())
     # Then every weight is 1, and Z_t is the number of rollouts.
-    regularized = objective(drawn_by, [samples], regularization=2.0)
+    regularized = guided_objective(drawn_by, [samples], regularization=2.0)
     expected = 2.0 * HORIZON * np.log(COUNT) - samples.costs.mean(axis=0).sum()
     assert_allclose(regularized, expected)
 
@@ -105,7 +105,7 @@ def test_the_estimate_is_unbiased_as_rollouts_grow(rng, policies):
     controls = mean + broad * rng.standard_normal((n, 1, 2))
     log_q = norm.logpdf(controls, mean, broad).sum(axis=2)
     costs = np.sum(controls**2, axis=2)
-    estimate = expected_cost(target, ImportanceSamples(inputs, controls, costs, log_q))
+    estimate = estimated_cost(target, ImportanceSamples(inputs, controls, costs, log_q))
     assert_allclose(estimate, np.sum(mean**2 + target.noise_std**2), rtol=0.02)
 
 
@@ -115,9 +115,9 @@ def test_the_loss_is_the_objective_in_standardised_units_with_its_gradient(
     policy, w_r = policies[0], 0.3
     theta = scaling.to_standard(policy.parameters)
     log_sigma = np.log(policy.noise_std / scaling.output_scale)
-    loss = importance_sampling._Loss(samples, w_r, scaling)
+    loss = gps._Loss(samples, w_r, scaling)
     value, gradient = loss.at(theta, log_sigma)
-    assert_allclose(-HORIZON * value, objective(policy, [samples], w_r), rtol=1e-9)
+    assert_allclose(-HORIZON * value, guided_objective(policy, [samples], w_r), rtol=1e-9)
     point = np.concatenate([theta, log_sigma])
     slopes = approx_fprime(point, lambda p: loss.at(p[: len(theta)], p[len(theta) :])[0], 1e-6)
     assert_allclose(gradient, slopes, rtol=1e-4, atol=1e-5)
@@ -129,23 +129,23 @@ def test_the_search_moves_parameters_and_logarithms_of_the_noise_in_standardised
     policy, step = policies[0], 1e-4
     theta = scaling.to_standard(policy.parameters)
     log_sigma = np.log(policy.noise_std / scaling.output_scale)
-    _, slope = importance_sampling._Loss(samples, 0.3, scaling).at(theta, log_sigma)
+    _, slope = gps._Loss(samples, 0.3, scaling).at(theta, log_sigma)
 
     def descend(start, value_and_gradient, iterations):
         return start - step * value_and_gradient(start)[1]
 
-    monkeypatch.setattr(importance_sampling, "minimize_lbfgs", descend)
+    monkeypatch.setattr(gps, "minimize_lbfgs", descend)
     moved = maximize(policy, [samples, samples], 0.3, scaling, iterations=1)
     by_theta, by_log_sigma = np.split(-2 * step * slope, [len(theta)])
     assert_allclose(moved.parameters, scaling.to_raw(theta + by_theta), rtol=1e-12)
     assert_allclose(moved.noise_std, policy.noise_std * np.exp(by_log_sigma), rtol=1e-12)
-    monkeypatch.setattr(importance_sampling, "minimize_lbfgs", lambda start, *_: start * np.nan)
+    monkeypatch.setattr(gps, "minimize_lbfgs", lambda start, *_: start * np.nan)
     assert maximize(policy, [samples], 0.3, scaling, iterations=1) is policy
 
 
 def test_the_search_raises_the_objective(policies, samples, scaling):
     policy = policies[0]
     better = maximize(policy, [samples, samples], 1e-2, scaling, iterations=30)
-    values = [objective(p, [samples, samples], 1e-2) for p in (policy, better)]
+    values = [guided_objective(p, [samples, samples], 1e-2) for p in (policy, better)]
     assert values[1] > values[0]
-    assert_allclose(values[0], 2 * objective(policy, [samples], 1e-2))
+    assert_allclose(values[0], 2 * guided_objective(policy, [samples], 1e-2))

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Says what a program is at, where that takes longer than a person likes to wait without a word."""
+"""Prints a notice when a step is slow."""
 
 import threading
 import time
@@ -11,8 +11,8 @@ _EVERY = 10.0  # time between lines of progress [s]
 
 
 @contextmanager
-def notice(sentence: str) -> Iterator[None]:
-    """Prints a sentence if the block that follows is not done soon."""
+def notice_if_slow(sentence: str) -> Iterator[None]:
+    """Prints a sentence if the block takes more than 2 s."""
     timer = threading.Timer(_DELAY, print, (sentence,), {"flush": True})
     timer.daemon = True
     timer.start()
@@ -23,7 +23,7 @@ def notice(sentence: str) -> Iterator[None]:
 
 
 def progress_lines(what: str) -> Callable[[float], None]:
-    """Returns a function that is called with the share that is done, and prints it now and then."""
+    """Returns a function that takes the share that is done, and prints it every 10 s."""
     began = time.monotonic()
     due = began + _DELAY
 

@@ -6,27 +6,27 @@ from types import SimpleNamespace
 
 import pytest
 
-from vgps_ros.core import notice
+from vgps_ros.core import slow_steps
 
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    monkeypatch.setattr(notice, "_DELAY", 0.05)
+    monkeypatch.setattr(slow_steps, "_DELAY", 0.05)
 
 
 def test_nobody_is_told_of_a_moment(capsys):
-    with notice.notice("It takes a while."):
+    with slow_steps.notice_if_slow("It takes a while."):
         pass
-    notice.progress_lines("Samples")(0.5)
+    slow_steps.progress_lines("Samples")(0.5)
     time.sleep(0.2)
     assert capsys.readouterr().out == ""
 
 
 def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
     clock = iter([0.0, 1.0, 10.0, 19.0, 20.0, 40.0])
-    monkeypatch.setattr(notice, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    monkeypatch.setattr(notice, "_DELAY", 2.0)
-    report = notice.progress_lines("Samples")
+    monkeypatch.setattr(slow_steps, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(slow_steps, "_DELAY", 2.0)
+    report = slow_steps.progress_lines("Samples")
     for share in (0.1, 0.25, 0.4, 0.5, 1.0):
         report(share)
     assert capsys.readouterr().out.splitlines() == [
@@ -36,7 +36,7 @@ def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
 
 
 def test_progress_that_takes_long_is_told_once_in_a_while(capsys):
-    report = notice.progress_lines("Samples")
+    report = slow_steps.progress_lines("Samples")
     time.sleep(0.1)
     for share in (0.25, 0.5, 1.0):
         report(share)
