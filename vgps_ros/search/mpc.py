@@ -321,7 +321,7 @@ class PlanFollower:
             self._on_plan(self._plan, seconds)
 
 
-LARGEST = 1e6  # of a target, in its unit, and of a weight
+LARGEST_ADJUSTMENT = 1e6  # of a target, in its unit, and of a weight
 
 
 @dataclass(frozen=True)
