@@ -116,6 +116,30 @@ def half_the_torque(data):
     return data[:-16] + (0.5 * np.frombuffer(data[-16:])).tobytes()
 
 
+@pytest.mark.parametrize("form", ["parquet", "lerobot"])
+def test_missing_states_end_an_episode_and_are_named(written, tmp_path, capsys, form):
+    """As where a recorder was paused for a second, or a damaged chunk is left out."""
+    count = iter(range(10_000))
+
+    def change(message):
+        gone = message.topic == "/joint_states" and 200 <= next(count) < 250
+        return None if gone else message.data
+
+    folder = written(copy(tmp_path / "holed", change), "--format", form)
+    said = capsys.readouterr().err
+    assert "no states from 3." in said
+    assert "so that a motion ends there" in said
+    file = folder / ("motions.parquet" if form == "parquet" else f"data/{FILE}")
+    table = pq.read_table(file)
+    episodes = rows(table, "episode" if form == "parquet" else "episode_index")
+    times = rows(table, "time" if form == "parquet" else "timestamp")
+    assert set(episodes) == {0, 1}
+    for k in (0, 1):
+        np.testing.assert_allclose(np.diff(times[episodes == k]), 0.02, atol=1e-6)
+    if form == "parquet":  # the times are those of the messages
+        assert times[episodes == 1][0] - times[episodes == 0][-1] > 1.0
+
+
 def test_pictures_show_the_robot_in_each_state(written, tmp_path):
     pytest.importorskip("mujoco.egl", exc_type=(ImportError, AttributeError))
     folder = written(SAMPLE, "--format", "lerobot", "--pictures", "64x48")

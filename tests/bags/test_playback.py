@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from vgps_ros.bags import BagMessage
-from vgps_ros.bags.playback import Playback, PlaybackSettings, read_ahead, with_clock
+from vgps_ros.bags.playback import Playback, PlaybackSettings, with_clock
 from vgps_ros.core.errors import InvalidInputError
 
 START = 10**18
@@ -181,25 +181,6 @@ def test_an_error_while_reading_comes_after_what_was_read_and_ends_steps():
         playback.run()
     assert len(published) == 2
     assert playback.ended
-
-
-def test_reading_ahead_keeps_order_stays_bounded_and_ends_when_closed():
-    read = 0
-
-    def many() -> Iterator[BagMessage]:
-        nonlocal read
-        for i in range(20000):
-            read += 1
-            yield BagMessage("/a", "", i, b"")
-
-    assert [m.stamp for m in read_ahead(many())] == list(range(20000))
-    threads, read = threading.active_count(), 0
-    some = read_ahead(many())
-    assert next(some).stamp == 0
-    time.sleep(0.3)
-    assert read < 10000
-    some.close()
-    assert threading.active_count() == threads
 
 
 def test_ticks_of_the_clock_come_before_what_came_after_them():

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The shipped bag, as three independent readers have it."""
+"""The shipped bag, and one that is written now, as three independent readers have them."""
 
 import subprocess
 import sys
@@ -7,11 +7,12 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
+from tests.bags.altered import SAMPLE, copy
 
 
 def same(ours, theirs) -> bool:
@@ -27,10 +28,15 @@ def same(ours, theirs) -> bool:
     return bool(ours == theirs) or (ours != ours and theirs != theirs)
 
 
-def test_rosbags_and_mcap_ros2_support_read_the_same_messages():
-    [file] = SAMPLE.glob("*.mcap")
+@pytest.fixture(params=["shipped", "written"])
+def bag(request, tmp_path) -> Path:
+    return SAMPLE if request.param == "shipped" else copy(tmp_path / "bag", lambda m: m.data)
+
+
+def test_rosbags_and_mcap_ros2_support_read_the_same_messages(bag):
+    [file] = bag.glob("*.mcap")
     compared: dict[str, int] = {}
-    with AnyReader([SAMPLE]) as reader, file.open("rb") as stream:
+    with AnyReader([bag]) as reader, file.open("rb") as stream:
         theirs = make_reader(stream, decoder_factories=[DecoderFactory()])
         decoded = {
             (channel.topic, message.log_time, message.data): content
@@ -45,9 +51,9 @@ def test_rosbags_and_mcap_ros2_support_read_the_same_messages():
     assert own < set(compared)
 
 
-def test_rerun_finds_no_fault_in_it():
+def test_rerun_finds_no_fault_in_it(bag):
     rerun = Path(sys.executable).with_name("rerun")
-    [file] = SAMPLE.glob("*.mcap")
+    [file] = bag.glob("*.mcap")
     checked = subprocess.run(
         [rerun, "mcap", "check", file], capture_output=True, text=True, check=False
     )

@@ -239,9 +239,8 @@ class _TorqueCheck:
             (state, iteration, policy, seed)
             for state in states
             for iteration, policy in policies
-            for seed in executor.seeds(command.received)
+            for seed in executor.seeds
         ]
-        iteration = 0
         for state, iteration, policy, seed in reversed(tries):  # noqa: B007
             wanted = policy.control(executor.inputs(policy.policy, state), command.stamp, seed)
             expected = executor.limiter.limited(wanted, command.stamp)

@@ -9,10 +9,7 @@ delay the next one.
 import struct
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from vgps_ros.bags.reader import BagMessage
@@ -22,8 +19,6 @@ CLOCK_TOPIC, CLOCK_KIND = "/clock", "rosgraph_msgs/msg/Clock"
 
 _CDR_HEADER = bytes((0, 1, 0, 0))  # little endian
 _SECOND = 10**9  # [ns]
-_BATCHES = 16  # number of batches that are read ahead
-_MESSAGES, _BYTES = 250, 2**20  # a batch ends at either size; handing over single ones costs time
 
 
 @dataclass(frozen=True)
@@ -148,17 +143,17 @@ class Playback:
         """Plays all messages once. Returns True if there were any and `stop` was not called."""
         played = False
         first = self._start + self._offset
-        wanted = (message for message in self._read() if message.stamp >= first)
-        with closing(read_ahead(wanted)) as messages:
-            for message in messages:
-                if not self._wait_for(message.stamp - self._start):
-                    return False
-                self._publish(message)
-                played = True
-                if self._step_wanted:
-                    with self._changed:
-                        self._step_wanted, self._stepped = False, message
-                        self._changed.notify_all()
+        for message in self._read():
+            if message.stamp < first:
+                continue
+            if not self._wait_for(message.stamp - self._start):
+                return False
+            self._publish(message)
+            played = True
+            if self._step_wanted:
+                with self._changed:
+                    self._step_wanted, self._stepped = False, message
+                    self._changed.notify_all()
         return played
 
     def _wait_for(self, position: int) -> bool:
@@ -191,39 +186,6 @@ class Playback:
             return self._position
         elapsed = time.monotonic_ns() - self._origin
         return max(self._position, round(elapsed * self._settings.rate))
-
-
-def read_ahead(messages: Iterable[BagMessage]) -> Generator[BagMessage, None, None]:
-    """Yields the messages while a thread reads those that follow, so that a slow disk delays none.
-
-    An error while reading is raised here, after the messages before it. Closing the generator ends
-    the thread.
-    """
-    batches, reader = _batches(messages), ThreadPoolExecutor(1, "read_ahead")
-    coming = deque(reader.submit(next, batches, None) for _ in range(_BATCHES))
-    try:
-        while batch := coming.popleft().result():
-            coming.append(reader.submit(next, batches, None))
-            yield from batch
-    finally:
-        reader.shutdown(cancel_futures=True)
-
-
-def _batches(messages: Iterable[BagMessage]) -> Iterator[list[BagMessage]]:
-    batch: list[BagMessage] = []
-    size = 0
-    try:
-        for message in messages:
-            batch.append(message)
-            size += len(message.data)
-            if len(batch) == _MESSAGES or size > _BYTES:
-                yield batch
-                batch, size = [], 0
-    except Exception:
-        if batch:
-            yield batch
-        raise
-    yield batch
 
 
 def with_clock(messages: Iterable[BagMessage], period: int) -> Iterator[BagMessage]:

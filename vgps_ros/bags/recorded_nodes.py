@@ -1,12 +1,15 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What a bag holds of its nodes: their parameters, the policies, and what the executor did."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
+from rclpy.parameter import parameter_value_to_python
 
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.checks import finite_array
@@ -31,11 +34,6 @@ from vgps_ros.tasks import recorded_task
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
 _FILE = "parameters.yaml"
-# The field of a ParameterValue that holds the value, by its type.
-_FIELDS = (
-    *("bool_value", "integer_value", "double_value", "string_value", "byte_array_value"),
-    *("bool_array_value", "integer_array_value", "double_array_value", "string_array_value"),
-)
 
 
 @dataclass
@@ -121,34 +119,23 @@ class RecordedParameters:
             }
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{_FILE} does not hold nodes' parameters.") from error
-        self._said: dict[tuple[str, str], Timeline] = {}
+        self._said: dict[tuple[str, str], list[Any]] = defaultdict(list)
         topic = bag.filled_topics.get("parameter_events")
-        for received, message in bag.decoded(topic) if topic else ():
+        for _, message in bag.decoded(topic) if topic else ():
             for parameter in (*message.new_parameters, *message.changed_parameters):
-                said = self._said.setdefault((message.node, parameter.name), Timeline())
-                said.add(received, _value(parameter.value))
+                with suppress(RuntimeError):  # of a type that does not exist
+                    value = parameter_value_to_python(parameter.value)
+                    self._said[message.node, parameter.name].append(value)
 
     def having(self, *names: str) -> tuple[str, dict[str, Any]]:
         """Returns the first node that has these parameters, and all that it has; else nothing."""
         found = ((node, own) for node, own in self.nodes.items() if set(names) <= set(own))
         return next(found, ("", {}))
 
-    def around(self, node: str, name: str, time: int) -> list[Any]:
-        """Returns the values that a parameter may have had at a time [ns], the likeliest first.
-
-        Before the node first spoke of it, it may have had any that is known.
-        """
-        said = self._said.get((node, name), Timeline())
+    def values(self, node: str, name: str) -> list[Any]:
+        """Returns the values that a parameter had at some time."""
         own = self.nodes.get(node, {})
-        return said.around(time) or [*said.values, *([own[name]] if name in own else [])]
-
-
-def _value(message: Any) -> Any:
-    """Returns the value in a message; None if it has a type that does not exist."""
-    if not 1 <= message.type <= len(_FIELDS):
-        return None
-    value = getattr(message, _FIELDS[message.type - 1])
-    return value.tolist() if hasattr(value, "tolist") else value
+        return [*self._said[node, name], *([own[name]] if name in own else [])]
 
 
 class RecordedExecutor:
@@ -164,6 +151,7 @@ class RecordedExecutor:
         parameters: those of all nodes.
         is_in_lock_step: whether a simulation waited for the answer to each state.
         model: the robot.
+        seeds: those of the noise that torques may have; None is no noise.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
 
@@ -173,7 +161,8 @@ class RecordedExecutor:
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
         self.parameters = RecordedParameters(bag)
-        self._node, parameters = self.parameters.having("seed", "stochastic")
+        node, parameters = self.parameters.having("seed", "stochastic")
+        self.seeds = self._seeds(node)
         _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
@@ -199,15 +188,14 @@ class RecordedExecutor:
             self._task.dynamics.time_step if self._task else 0.0,
         )
 
-    def seeds(self, received: int) -> list[int | None]:
-        """Returns the seeds of the noise that torques of a time [ns] may have; None is no noise."""
-        if not self._node:
-            return [None]
-        noisy = self.parameters.around(self._node, "stochastic", received)
-        seeds = self.parameters.around(self._node, "seed", received)
+    def _seeds(self, node: str) -> list[int | None]:
+        """Returns the seeds of the noise that torques may have; None is no noise."""
+        noisy = set(self.parameters.values(node, "stochastic")) or {False}
+        seeds = set(self.parameters.values(node, "seed"))
         for seed in seeds:
             SEED.check(seed)
-        return [seed for is_noisy in noisy for seed in (seeds if is_noisy else [None])]
+        found = [*([None] if False in noisy else []), *(seeds if True in noisy else [])]
+        return found or [None]
 
     def named(self, policy: GaussianPolicy) -> GaussianPolicy:
         """Returns the policy with the names of what it reads; old bags have a state's indices.

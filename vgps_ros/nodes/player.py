@@ -5,7 +5,7 @@ import json
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +50,8 @@ CLOCK_RATE = Setting(
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
 _ACKNOWLEDGEMENT_TIMEOUT = 5.0  # at the end [s]
-_SENT_DEPTH = 1000  # messages of a topic that may wait to be acknowledged
+_SENT_DEPTH = 10_000  # messages of a topic that may wait to be acknowledged
 _LATCHED_DEPTH = 10  # messages of a latched topic that those who come later get
-_BURST = 500  # messages of a topic ...
-_BURST_TIME = 0.05  # ... that make a burst if they are published within this time [s]
-_BURST_PAUSE = 0.2  # longest wait for acknowledgements after a burst [s]
-_POLL_PERIOD = 0.001  # between two looks for acknowledgements [s]
 
 
 class Player(Node):
@@ -74,11 +70,11 @@ class Player(Node):
         self._duration = self._bag.duration * 1e-9  # [s]
         for sentence in self._bag.damages:
             self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
-        self._replayed = _ReplayPublishers(self)
+        self._replayed: dict[str, Publisher] = {}
+        self._played: Counter[str] = Counter()
+        self._is_closing = threading.Event()
         self._topics = self._add_topics(TopicFilter(include, exclude))
-        self._playback = Playback(
-            self._read, self._replayed.publish, self._bag.start, self._settings
-        )
+        self._playback = Playback(self._read, self._publish, self._bag.start, self._settings)
         self._error: VgpsError | None = None
         self._looks = 0
         self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
@@ -98,12 +94,12 @@ class Player(Node):
     def close(self) -> None:
         """Ends the playback."""
         self._playback.stop()
+        self._is_closing.set()
         if self._thread.ident:
             self._thread.join()
-        counts = self._replayed.counts
         print(
-            f"Played {counts.total()} messages of {len(counts)} topics of {self._bag.path}, up to "
-            f"{self._playback.position:.2f} s.",
+            f"Played {self._played.total()} messages of {len(self._played)} topics of "
+            f"{self._bag.path}, up to {self._playback.position:.2f} s.",
             flush=True,
         )
 
@@ -121,7 +117,7 @@ class Player(Node):
             if topic in left_out or (topic == CLOCK_TOPIC and self._clock_rate):
                 continue
             try:
-                self._replayed.add(topic, kind, hashes[topic], qos[topic])
+                self._add(topic, kind, hashes[topic], qos[topic])
                 topics.append(topic)
             except InvalidInputError as error:
                 self.get_logger().warning(f"Does not play {topic}: {error}")
@@ -131,8 +127,25 @@ class Player(Node):
                 f"{', '.join(sorted(filled))}."
             )
         if self._clock_rate:
-            self._replayed.add(CLOCK_TOPIC, CLOCK_KIND)
+            self._add(CLOCK_TOPIC, CLOCK_KIND)
         return topics
+
+    def _add(
+        self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
+    ) -> None:
+        """Makes a publisher.
+
+        Args:
+            topic: its full name.
+            kind: its type, such as `sensor_msgs/msg/JointState`.
+            type_hash: RIHS01 hash of the recorded type, or nothing.
+            offered: profiles that its publishers offered, as a bag's metadata has them.
+
+        Raises:
+            InvalidInputError: the type is not installed, or has other fields than it had.
+        """
+        found, profile = _checked_type(kind, type_hash), matching_profile(offered)
+        self._replayed[topic] = self.create_publisher(found, topic, profile)
 
     def _read(self) -> Iterable[BagMessage]:
         messages = self._bag.messages(self._topics)
@@ -152,23 +165,35 @@ class Player(Node):
         except Exception as error:
             # A damaged bag fails in many ways, deep inside what reads it.
             self._error = InvalidInputError(
-                f"Playing '{self._bag.path}' failed after {self._replayed.counts.total()} "
+                f"Playing '{self._bag.path}' failed after {self._played.total()} "
                 f"messages: {type(error).__name__}: {error}"
             )
-        if self.context.ok():
-            self._end.trigger()
+        self._end.trigger()
+
+    def _publish(self, message: BagMessage) -> None:
+        self._replayed[message.topic].publish(message.data)
+        self._played[message.topic] += 1
 
     def _settle(self) -> None:
-        """Waits until the messages have arrived."""
-        if not self.context.ok():
+        """Waits until the messages have arrived, a while at most, or the node ends.
+
+        A subscriber acknowledges the last messages when the middleware asks it the next time, which
+        may take seconds.
+        """
+        if self._is_closing.is_set():
             return
-        if not self._replayed.counts:
+        if not self._played:
             raise InvalidInputError(
                 f"start_offset is {self._settings.start_offset:g} s, but the bag is only "
                 f"{self._duration:.2f} s long."
             )
-        if not self._replayed.wait_for_acknowledgements(_ACKNOWLEDGEMENT_TIMEOUT):
-            self.get_logger().warning("Some subscriber has not acknowledged all messages.")
+        end, at_once = time.monotonic() + _ACKNOWLEDGEMENT_TIMEOUT, Duration()
+        while not all(p.wait_for_all_acked(at_once) for p in self._replayed.values()):
+            if time.monotonic() > end:
+                self.get_logger().warning("Some subscriber has not acknowledged all messages.")
+                return
+            if self._is_closing.wait(0.02):
+                return
 
     # The node's thread
 
@@ -181,13 +206,13 @@ class Player(Node):
         self._show()
         self._looks += 1
         if self._looks % _LOG_LOOKS == 0 and not self._playback.paused:
-            at, count = self._playback.position, self._replayed.counts.total()
+            at, count = self._playback.position, self._played.total()
             self.get_logger().info(f"At {at:.1f} s of {self._duration:.1f} s, {count} messages.")
 
     def _show(self) -> None:
         self._health.set_value("position", f"{self._playback.position:.2f} s")
         self._health.set_value("rate", f"{self._settings.rate:g}")
-        self._health.set_value("messages", self._replayed.counts.total())
+        self._health.set_value("messages", self._played.total())
         self._health.set_value("paused", self._playback.paused)
 
     def _pause(self, *_: object) -> Trigger.Response:
@@ -210,97 +235,6 @@ class Player(Node):
             return Trigger.Response(message="No message is left.")
         sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
         return Trigger.Response(success=True, message=sentence)
-
-
-class _ReplayPublishers:
-    """Publishes the messages of several topics, each as it was recorded."""
-
-    def __init__(self, node: Node):
-        self._node = node
-        self._outlets: dict[str, _Outlet] = {}
-        self.counts: Counter[str] = Counter()
-
-    def add(
-        self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
-    ) -> None:
-        """Adds a topic.
-
-        Args:
-            topic: its full name.
-            kind: its type, such as `sensor_msgs/msg/JointState`.
-            type_hash: RIHS01 hash of the recorded type, or nothing.
-            offered: profiles that its publishers offered, as a bag's metadata has them.
-
-        Raises:
-            InvalidInputError: the type is not installed, or has other fields than it had.
-        """
-        publisher = self._node.create_publisher(
-            _checked_type(kind, type_hash), topic, matching_profile(offered)
-        )
-        self._outlets[topic] = _Outlet(publisher)
-
-    def publish(self, message: BagMessage) -> None:
-        """Publishes a message of a topic that was added."""
-        try:
-            self._outlets[message.topic].publish(message.data)
-        except RuntimeError:
-            # INT and TERM close the context, maybe in the middle of a call.
-            if self._node.context.ok():
-                raise
-            return
-        self.counts[message.topic] += 1
-
-    def wait_for_acknowledgements(self, timeout: float) -> bool:
-        """Waits until subscribers have all messages; returns whether they have.
-
-        INT and TERM end the wait, and so does the timeout [s]. A subscriber acknowledges the last
-        messages when the middleware asks it the next time, which may take seconds.
-        """
-        is_open, outlets = self._node.context.ok, self._outlets.values()
-        try:
-            return _poll(
-                lambda: not is_open() or all(outlet.is_acknowledged() for outlet in outlets),
-                timeout,
-                20 * _POLL_PERIOD,
-            )
-        except RuntimeError:
-            if is_open():
-                raise
-            return True
-
-
-class _Outlet:
-    """One topic's publisher, with a brake.
-
-    The middleware keeps so many messages until they are acknowledged, then drops the oldest. A
-    burst, such as a replay that catches up, waits in between so that none is dropped.
-    """
-
-    def __init__(self, publisher: Publisher):
-        self._publisher = publisher
-        self._count = 0  # since the last look at the time
-        self._since = 0.0
-
-    def publish(self, data: bytes) -> None:
-        self._publisher.publish(data)
-        self._count += 1
-        if self._count == _BURST:
-            if time.monotonic() - self._since < _BURST_TIME:
-                _poll(self.is_acknowledged, _BURST_PAUSE, _POLL_PERIOD)
-            self._count, self._since = 0, time.monotonic()
-
-    def is_acknowledged(self) -> bool:
-        # Waiting in rclpy would hold up all other threads.
-        return self._publisher.wait_for_all_acked(Duration(nanoseconds=0))
-
-
-def _poll(condition: Callable[[], bool], timeout: float, period: float) -> bool:
-    end = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(period)
-    return True
 
 
 def _checked_type(kind: str, type_hash: str) -> type:
