@@ -33,7 +33,7 @@ coverage: setup  ## lines and branches that the tests reach, with limits (PACKAG
 	@scripts/measure_coverage.bash $(PACKAGES)
 
 faults: setup  ## kill, stop and restart the nodes of a training graph at random, COUNT=40 times; SEED= repeats a run
-	@FAULTS=$(or $(COUNT),40) $(if $(SEED),FAULTS_SEED=$(SEED)) scripts/run_tests.bash tests/nodes/test_faults.py -s
+	@FAULTS=$(or $(COUNT),40) $(if $(SEED),FAULTS_SEED=$(SEED)) scripts/run_tests.bash tests/nodes/test_faults.py -m '' --timeout=0 -s
 
 damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
 	@bash -c 'source env.bash && exec nice python -m tests.bags.damage --count $(or $(COUNT),2000) --seed $(or $(SEED),7)'
