@@ -143,7 +143,8 @@ lacking_interfaces() {
 }
 
 build() {
-  local cmake_args=(-GNinja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python")
+  local cmake_args=(-GNinja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python"
+    "-DCMAKE_PROJECT_INCLUDE_BEFORE=$root/scripts/join_sources.cmake")
   export PATH=$venv/bin:$PATH
   if [[ $ros == wheels ]]; then
     export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv

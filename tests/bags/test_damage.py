@@ -17,6 +17,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import read_yaml
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(7))
 def test_no_damage_shows_a_traceback_or_costs_a_whole_chunk(seed):
     assert campaign(SAMPLE, len(KINDS), seed, tools=1) == []

@@ -123,9 +123,9 @@ GATES = {
         ddp_iterations=200,
         converged={0: 471.414, 1: 450.574},
         beyond=2,
-        cost=1.3,
-        cost_beyond=1.3,
-        survival=0.7,
+        cost=1.3,  # 1.067
+        cost_beyond=1.3,  # 0.903
+        survival=0.6,  # 0.85
     ),
     "quadruped": Gate(
         search={"iterations": 16, "initial_ddp_iterations": 60, "alphas": (1.0, 20.0)},

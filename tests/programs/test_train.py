@@ -160,6 +160,7 @@ def outcome(folder):
     return result, arrays, (folder / "policy.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_it_goes_on_and_leaves_the_same_bytes(tmp_path, rng):
     arguments = ["--method", "adaptive_gps", "--iterations", "25", "--seed", "6", "--output"]
     main([*ROTOR, *arguments, str(tmp_path / "undisturbed")])
