@@ -20,12 +20,11 @@ import numpy as np
 from benchmarks.closed_loop import Drive, drive
 from benchmarks.timing import Comparison
 from vgps_ros.core.records import Array
-from vgps_ros.core.sampling.receding_motion import replanned
 from vgps_ros.search.mpc import MpcSettings, Planner
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.simulation.model import sensor_numbers, state_names
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.sampled_beginning import FALLEN, Plans, SampledBeginning
+from vgps_ros.tasks.sampled_motion import FALLEN, Plans, SampledBeginning, replanned
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv" / "judo" / "bin" / "python"  # see scripts/run_benchmarks.bash

@@ -16,13 +16,13 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-import vgps_ros.environments  # noqa: F401  registers them
+import vgps_ros.tasks.environment  # noqa: F401  registers them
 from benchmarks.goals import Goal, Outcome, Stopwatch
 from benchmarks.problems import SEED
 from vgps_ros.core.records import Array
-from vgps_ros.environments.task_environment import TORQUE_SCALE
 from vgps_ros.simulation.dynamics import ControlLaw
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.environment import TORQUE_SCALE
 
 # By algorithm and task; what is not here is Stable-Baselines3's default, as in the zoo.
 ZOO: dict[type[BaseAlgorithm], dict[str, dict[str, Any]]] = {

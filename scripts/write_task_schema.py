@@ -1,8 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
-Run it in the repository's root after a change of `vgps_ros/tasks/task_schema.py` or
-`vgps_ros/tasks/model_schema.py`:
+Run it in the repository's root after a change of `vgps_ros/tasks/schema.py` or
+`vgps_ros/tasks/schema.py`:
 
     python scripts/write_task_schema.py
 """
@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 import yaml
 
+from vgps_ros.tasks.schema import TaskFile
 from vgps_ros.tasks.task_file import SCHEMA_PATH
-from vgps_ros.tasks.task_schema import TaskFile
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "task_file.md"
 _BLOCK = re.compile(r"(<!-- keys: .*? -->\n).*?(<!-- end of keys -->)", re.S)

@@ -24,7 +24,7 @@ from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_file import load_demonstration, write_motion
+from vgps_ros.tasks.motion_table import load_demonstration, write_motion
 
 SEED = int(os.environ.get("MALFORMED_SEED", "0"))
 SAMPLE = Path(__file__).parents[1] / "recordings" / "sample"

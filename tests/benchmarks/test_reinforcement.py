@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO, SAC
 
-import vgps_ros.environments  # noqa: F401  registers them
+import vgps_ros.tasks.environment  # noqa: F401  registers them
 from benchmarks import stable_baselines
 from benchmarks.goals import Goal, Stopwatch, walking_goal
 from benchmarks.reinforcement import learn

@@ -19,7 +19,7 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.storage.run_folder import save_policy
-from vgps_ros.tasks.driving import driver_of
+from vgps_ros.tasks.driver import driver_of
 
 STEPS = 60
 

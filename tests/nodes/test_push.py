@@ -11,7 +11,7 @@ from geometry_msgs.msg import WrenchStamped
 
 from tests.nodes.test_simulation import PERIOD, PLAYING, STOPPED, Robot
 from vgps_ros.messages.conversions import push_to_msg, state_from_msg
-from vgps_ros.simulation.applied import BodyFrames
+from vgps_ros.simulation.forces import BodyFrames
 
 WRENCH = np.array([3.0, 1.0, 0.0, 0.0, 0.0, 0.5])
 

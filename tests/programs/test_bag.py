@@ -16,7 +16,7 @@ from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_file import load_demonstration
+from vgps_ros.tasks.motion_table import load_demonstration
 
 
 def test_info_tells_topics_parameters_and_versions(capsys):

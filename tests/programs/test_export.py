@@ -18,7 +18,7 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driving import driver_of
+from vgps_ros.tasks.driver import driver_of
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "08_onnx_controller.py"

@@ -21,7 +21,7 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.files import part_of, to_tree
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
-from vgps_ros.tasks.references import task_file_of
+from vgps_ros.tasks.registry import task_file_of
 
 ROTOR = make_task("rotor")
 SETTINGS = dataclasses.replace(

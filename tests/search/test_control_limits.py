@@ -13,12 +13,12 @@ from vgps_ros.core.marginals import sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
-from vgps_ros.environments.task_environment import TaskEnvironment
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.environment import TaskEnvironment
 
 
 @pytest.fixture

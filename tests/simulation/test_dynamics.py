@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
-from vgps_ros.simulation.cyclic import cyclic_positions
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import cyclic_positions
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 

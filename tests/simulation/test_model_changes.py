@@ -10,10 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.patterns import matching
-from vgps_ros.simulation.change_error import InvalidChangeError
-from vgps_ros.simulation.model_changes import changed_spec
-from vgps_ros.simulation.sensor_types import SENSOR_TYPES, scalar_names
+from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec
+from vgps_ros.simulation.names import SENSOR_TYPES, matching, scalar_names
 
 TURTLE = """
 <mujoco>

@@ -7,9 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.simulation.robots import EVERYTHING
-from vgps_ros.simulation.cyclic import cyclic_positions
-from vgps_ros.simulation.model import compile_model
-from vgps_ros.simulation.self_contained import self_contained
+from vgps_ros.simulation.model import compile_model, cyclic_positions
+from vgps_ros.simulation.model_changes import self_contained
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 MESH = """

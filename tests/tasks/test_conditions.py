@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 from tests.simulation.robots import everything, random_states
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
-from vgps_ros.tasks.conditions import Conditions
+from vgps_ros.tasks.task import Conditions
 
 SIMULATIONS = Simulations(everything())
 

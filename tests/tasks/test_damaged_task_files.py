@@ -14,7 +14,7 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.from_file import load_task
+from vgps_ros.tasks.builder import load_task
 
 COUNT = 500
 SEED = int(os.environ.get("DAMAGED_SEED", "0"))

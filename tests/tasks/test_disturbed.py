@@ -10,11 +10,10 @@ import pytest
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
-from vgps_ros.simulation.disturbed_model import may_rub
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance, may_rub
 
 # A sled of 2 kg on the floor that carries an arm of 1 kg; nothing but the floor brakes it.
 SLED = """

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_file import load_demonstration, with_demonstration, write_motion
+from vgps_ros.tasks.motion_table import load_demonstration, with_demonstration, write_motion
 
 WALKER = make_task("walker")
 

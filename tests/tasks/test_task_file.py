@@ -12,11 +12,10 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.model_schema import GeomChange, JointChange, Option
+from vgps_ros.tasks.builder import model_spec
+from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd, flattened
 from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, read_task_file
-from vgps_ros.tasks.task_model import model_spec
-from vgps_ros.tasks.task_schema import Pd, flattened
-from vgps_ros.tasks.yaml_document import read_document
+from vgps_ros.tasks.yaml_file import read_document
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_task_schema.py"
 DESIGN = """

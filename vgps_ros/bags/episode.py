@@ -20,9 +20,9 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
-from vgps_ros.simulation.joint_forces import controls_are_forces
+from vgps_ros.simulation.forces import controls_are_forces
 from vgps_ros.simulation.model import actuated_joint_names
-from vgps_ros.tasks.motion_file import write_motion
+from vgps_ros.tasks.motion_table import write_motion
 
 GAP = 1.5  # a longer step from state to state than so many usual ones is a gap
 

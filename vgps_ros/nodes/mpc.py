@@ -37,7 +37,7 @@ from vgps_ros.search.mpc import (
 )
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.settings import TASK
+from vgps_ros.tasks.registry import TASK
 
 PLAN_EVERY = Setting(
     "plan_every",

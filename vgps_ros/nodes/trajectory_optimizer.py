@@ -30,7 +30,7 @@ from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.search.trajectory_optimization import optimize, prepare
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.settings import DEMONSTRATION, TASK
+from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
 
 class TrajectoryOptimizerNode(Node):

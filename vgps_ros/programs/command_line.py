@@ -12,7 +12,7 @@ from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 from vgps_ros.storage.files import read_yaml
-from vgps_ros.tasks.references import task_names
+from vgps_ros.tasks.registry import task_names
 
 Record = TypeVar("Record")
 

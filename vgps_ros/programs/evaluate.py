@@ -25,7 +25,7 @@ from vgps_ros.storage.run_folder import RunFolder
 if TYPE_CHECKING:
     from vgps_ros.core.executed_control import Policy
     from vgps_ros.tasks import Task
-    from vgps_ros.tasks.driving import Driver
+    from vgps_ros.tasks.driver import Driver
 
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
 SPREAD: dict[str, Callable[[Array], Any]] = {
@@ -247,7 +247,7 @@ def run(arguments: argparse.Namespace) -> None:
     if not (arguments.task or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
     from vgps_ros.tasks import make_task, recorded_task
-    from vgps_ros.tasks.driving import driver_of
+    from vgps_ros.tasks.driver import driver_of
 
     task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")

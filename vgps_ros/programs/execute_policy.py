@@ -14,7 +14,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
-from vgps_ros.tasks.settings import TASK
+from vgps_ros.tasks.registry import TASK
 
 
 def add_arguments(parser: Parser) -> None:

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, str]:
     """Returns what the file says of itself: first by the keys of mjlab, then by our own."""
-    from vgps_ros.simulation.joint_forces import controls_are_forces
+    from vgps_ros.simulation.forces import controls_are_forces
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
 

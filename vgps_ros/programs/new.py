@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.tasks.document import Document, Place, shortened
+from vgps_ros.tasks.yaml_file import Document, Place, shortened
 
 
 class _Flag(Document):
@@ -33,11 +33,10 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
     from vgps_ros.simulation.model import compile_model
-    from vgps_ros.simulation.model_changes import changed_spec
-    from vgps_ros.simulation.self_contained import self_contained
-    from vgps_ros.tasks.first_file import first_task_file
+    from vgps_ros.simulation.model_changes import changed_spec, self_contained
+    from vgps_ros.tasks.new_task import first_task_file
+    from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
-    from vgps_ros.tasks.task_schema import TaskFile
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)

@@ -23,7 +23,7 @@ from vgps_ros.programs.command_line import (
 )
 from vgps_ros.search.settings import METHOD, SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
-from vgps_ros.tasks.settings import DEMONSTRATION, TASK, task_settings
+from vgps_ros.tasks.registry import DEMONSTRATION, TASK, task_settings
 
 
 def add_arguments(parser: Parser) -> None:

@@ -57,8 +57,8 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.driving import Driver, driver_of
-from vgps_ros.tasks.settings import TASK
+from vgps_ros.tasks.driver import Driver, driver_of
+from vgps_ros.tasks.registry import TASK
 
 POLICY_FILE = Setting(
     "policy_file",

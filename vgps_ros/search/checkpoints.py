@@ -29,7 +29,7 @@ from vgps_ros.search.situations import situations
 from vgps_ros.search.workspace import Update
 from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree, write_archive
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.task_digest import task_digest
+from vgps_ros.tasks.task import task_digest
 
 FORMAT = 8  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive

@@ -12,7 +12,7 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance
-from vgps_ros.tasks.disturbed import UNDISTURBED
+from vgps_ros.tasks.disturbed_task import UNDISTURBED
 
 
 @dataclass(frozen=True)

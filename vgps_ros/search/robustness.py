@@ -15,7 +15,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed import body_number, disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import body_number, disturbed, draw_disturbance
 
 ENOUGH = 0.9  # share of the rollouts that survive what a policy is said to bear
 

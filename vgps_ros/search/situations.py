@@ -16,7 +16,7 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, check_push_ends
-from vgps_ros.tasks.disturbed import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 
 
 @dataclass(frozen=True)

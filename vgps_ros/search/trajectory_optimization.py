@@ -27,7 +27,7 @@ from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbed import disturbed
+from vgps_ros.tasks.disturbed_task import disturbed
 
 
 @dataclass(frozen=True)

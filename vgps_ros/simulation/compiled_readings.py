@@ -17,7 +17,7 @@ COORDINATE, SINE, COSINE, SENSOR = range(4)
 NOTHING, KINEMATICS, EVERYTHING = range(3)
 
 
-class Plan(NamedTuple):
+class ReadingPlan(NamedTuple):
     """A plan tells the loops how to compute r readings.
 
     Attributes:

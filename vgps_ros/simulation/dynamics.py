@@ -20,13 +20,17 @@ from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
-from vgps_ros.simulation.applied import Applied
-from vgps_ros.simulation.compiled_states import NO_PUSH, Push, Simulation
-from vgps_ros.simulation.cyclic import cyclic_positions
-from vgps_ros.simulation.model import control_range
+from vgps_ros.simulation.compiled_states import (
+    NO_PUSH,
+    BodyPush,
+    CompiledSimulation,
+    damping_varies,
+    step_structure,
+)
+from vgps_ros.simulation.forces import AppliedForce
+from vgps_ros.simulation.model import control_range, cyclic_positions
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
-from vgps_ros.simulation.step_structure import damping_varies, step_structure
 
 # Perturbation of the finite differences, by whether the neighbours' accelerations are predicted:
 # then no search for them adds its noise, and the curvature of hard contact counts for more.
@@ -65,7 +69,7 @@ class Dynamics:
         substeps: int = 1,
         eps: float | None = None,
         threads: int | None = None,
-        push: Push = NO_PUSH,
+        push: BodyPush = NO_PUSH,
     ):
         self.simulations = Simulations(model, substeps, threads, push)
         self.model, self.space = self.simulations.model, self.simulations.space
@@ -89,7 +93,7 @@ class Dynamics:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
         return self.simulations.warnings()
 
-    def step(self, state: Array, control: Array, applied: Applied | None = None) -> Array:
+    def step(self, state: Array, control: Array, applied: AppliedForce | None = None) -> Array:
         """Returns f(x, u) without the dynamics' own push, shape (n_x,).
 
         Args:
@@ -101,7 +105,7 @@ class Dynamics:
         pair = np.array(state[None], float), np.array(control[None], float)
         never = np.array([-1])
 
-        def work(sim: Simulation) -> None:
+        def work(sim: CompiledSimulation) -> None:
             if applied:
                 sim.applied[applied.body] = applied.wrench
             compiled_loops.advance(sim, (np.inf, np.inf), never, *pair, after)
@@ -165,7 +169,7 @@ class Dynamics:
             batch = pairs[first : first + threads]
 
             def work(
-                sim: Simulation,
+                sim: CompiledSimulation,
                 part: slice,
                 batch: Sequence[tuple[Trajectory, Array | None]] = batch,
             ) -> list[Trajectory]:

@@ -1,16 +1,19 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
 
+import math
+import re
 from itertools import product
+from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quoted, told
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.text_limits import check_self_contained
 
 _JOINT = mujoco.mjtJoint
 # Coordinates of a joint in qpos, in qvel, and of a change of its position, by its type.
@@ -197,3 +200,164 @@ def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
             for end, before in zip(ends.T, (low, high), strict=True)
         )
     return low, high
+
+
+_JOINT, _TRANSMISSION, _WRAP = mujoco.mjtJoint, mujoco.mjtTrn, mujoco.mjtWrap
+
+
+def cyclic_positions(model: mujoco.MjModel) -> list[int]:
+    """Returns the cyclic positions, as indices in a deviation.
+
+    They are translations of the one body that moves in the world, along a direction in which all
+    that stands in the world, if anything does, is planes.
+    """
+    if model.ntree != 1 or model.neq or model.nmocap or model.nplugin:
+        return []
+    found = []
+    first = int(np.flatnonzero(model.body_dofnum)[0])
+    if model.body_weldid[model.body_parentid[first]] != 0 or _is_tied(model, first):
+        return []
+    for joint in range(
+        model.body_jntadr[first], model.body_jntadr[first] + model.body_jntnum[first]
+    ):
+        dof = int(model.jnt_dofadr[joint])
+        if model.jnt_type[joint] == _JOINT.mjJNT_FREE:
+            axes = np.eye(3)
+        elif model.jnt_type[joint] == _JOINT.mjJNT_SLIDE:
+            axes = _in_world(model, first, model.jnt_axis[joint])[None]
+        else:
+            break  # the axes of joints behind a rotation turn with it
+        if not _is_held(model, joint):
+            found += [dof + i for i, axis in enumerate(axes) if _is_level(model, axis)]
+    return found
+
+
+def _in_world(model: mujoco.MjModel, body: int, axis: np.ndarray) -> np.ndarray:
+    """Returns a direction of a body's frame in the world, before any joint has moved."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return np.asarray(data.xmat[body].reshape(3, 3) @ axis)
+
+
+def _is_tied(model: mujoco.MjModel, root: int) -> bool:
+    """Returns whether a tendon runs over a joint of the root, or over something in the world."""
+    for kind, target in zip(model.wrap_type, model.wrap_objid, strict=True):
+        if kind == _WRAP.mjWRAP_JOINT and model.jnt_bodyid[target] == root:
+            return True
+        if kind == _WRAP.mjWRAP_SITE and model.body_weldid[model.site_bodyid[target]] == 0:
+            return True
+        is_geom = kind in (_WRAP.mjWRAP_SPHERE, _WRAP.mjWRAP_CYLINDER)
+        if is_geom and model.body_weldid[model.geom_bodyid[target]] == 0:
+            return True
+    return False
+
+
+def _is_held(model: mujoco.MjModel, joint: int) -> bool:
+    """Returns whether a spring, a limit or an actuator pulls a joint to a position."""
+    if model.jnt_limited[joint] or model.jnt_stiffness[joint].any():
+        return True
+    for i in range(model.nu):
+        kind, target = _TRANSMISSION(model.actuator_trntype[i]), model.actuator_trnid[i]
+        pulls = model.actuator_biasprm[i, 1] or model.actuator_gaintype[i]
+        if kind == _TRANSMISSION.mjTRN_SITE and target[1] < 0:
+            continue  # a force in the frame of a site
+        if kind == _TRANSMISSION.mjTRN_TENDON:
+            continue  # it is not tied to the world
+        if kind not in (_TRANSMISSION.mjTRN_JOINT, _TRANSMISSION.mjTRN_JOINTINPARENT):
+            return True
+        if target[0] == joint and pulls:
+            return True
+    return False
+
+
+def _is_level(model: mujoco.MjModel, axis: np.ndarray) -> bool:
+    """Returns whether all that can be touched in the world are planes along an axis."""
+    standing = model.body_weldid[model.geom_bodyid] == 0
+    pairs = np.concatenate([model.pair_geom1, model.pair_geom2])
+    touchable = (model.geom_contype | model.geom_conaffinity) != 0
+    touchable[pairs] = True
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for geom in np.flatnonzero(standing & touchable):
+        normal = data.geom_xmat[geom].reshape(3, 3)[:, 2]
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE or abs(normal @ axis) > 1e-12:
+            return False
+    return True
+
+
+_MOST_ELEMENTS = 10_000  # which take a few seconds
+_MOST_NUMBERS = 2**24  # of height fields, pictures, sensors and users
+_COPIES = ("count", "nkey")  # attributes that are numbers of elements, along one axis or several
+_SIDES = ("nrow", "ncol", "width", "height")  # of what is as large as the square of a side
+_SIZES = ("dim", "nuserdata", "nsample", "actdim")
+# What MuJoCo's XML might have where the standard's has nothing, as after <!DOCTYPE.
+_WORDS = re.compile(rf"\b(file|nuser_|{'|'.join((*_COPIES, *_SIDES, *_SIZES))})")
+
+
+def check_self_contained(mjcf: str) -> None:
+    """Refuses references to files, which are private, and models that would become too large.
+
+    Raises:
+        InvalidInputError: the text has one, would become too large, or cannot be checked.
+    """
+    try:
+        if "<!DOCTYPE" in mjcf:  # within which MuJoCo's XML begins earlier than the standard's
+            raise ElementTree.ParseError("it declares a document type")
+        robot = ElementTree.fromstring(mjcf)
+    except ElementTree.ParseError as error:
+        if found := _WORDS.search(mjcf):
+            raise InvalidInputError(
+                f"The robot's MJCF does not compile: it is no XML ({told(error)}), and so its "
+                f"{found[0]} cannot be checked; mend the text there."
+            ) from error
+        return  # MuJoCo has the better message for it
+    for element in robot.iter():
+        files = [value for name, value in element.items() if name.startswith("file")]
+        if files:
+            raise InvalidInputError(
+                f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
+                "hold all of the robot; leave out meshes, textures and includes."
+            )
+    if excess := _excess(robot):
+        raise InvalidInputError(f"The robot's MJCF {excess}")
+
+
+def excess_of_file(path: Path) -> str:
+    """Returns what is too much in a file's own text, without what it includes; "" if nothing is."""
+    try:
+        excess = _excess(ElementTree.parse(path).getroot())
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):
+        return ""  # MuJoCo has the better message for it
+    return excess and f"the model {excess}"
+
+
+def _excess(robot: ElementTree.Element) -> str:
+    """Returns the end of a sentence on what a model has too much of; "" if it is not too large."""
+    elements, numbers, users = 0, 0, 1
+    waiting = [(robot, 1)]
+    while waiting:
+        element, copies = waiting.pop()
+        copies *= math.prod(n for name in _COPIES for n in _numbers(element, name))
+        copies = min(copies, 10**12)  # as a number with more digits would take long to multiply
+        elements += copies
+        numbers += copies * sum(n * n for name in _SIDES for n in _numbers(element, name))
+        numbers += copies * sum(n for name in _SIZES for n in _numbers(element, name))
+        names = (name for name in element.attrib if name.startswith("nuser_"))
+        users += sum(n for name in names for n in _numbers(element, name))
+        waiting += ((inner, copies) for inner in element)
+    for count, most, what in (
+        (elements, _MOST_ELEMENTS, "elements, copies (count) included"),
+        (numbers + elements * users, _MOST_NUMBERS, "numbers in its fields, pictures and sensors"),
+    ):
+        if count > most:
+            shown = count if count < 10**10 else "far too many"
+            return f"asks for {shown} {what}, but it may have {most} at most; leave some out."
+    return ""
+
+
+def _numbers(element: ElementTree.Element, name: str) -> list[int]:
+    """Returns the whole numbers of an attribute, at least 0; MuJoCo refuses what is no number."""
+    try:
+        return [max(int(word), 0) for word in element.get(name, "").split()]
+    except ValueError:
+        return []

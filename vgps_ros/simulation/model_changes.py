@@ -1,15 +1,16 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
-Changes are plain data, of the form that `vgps_ros.tasks.model_schema` declares. They are made in
-this order: a floor is added, actuators are removed, options set, joints and geoms changed, contacts
-restricted, motors and sensors added. Bodies, joints, geoms and actuators without a name get one
-first, so that changes and tasks can name them: a body after the one that carries it, a joint or
-geom after its body (`trunk_free`, `foot_geom`), an actuator after what it drives.
+Changes and added sensors are plain data, of the form that `vgps_ros.tasks.schema` declares. They
+are made in this order: a floor is added, actuators are removed, options set, joints and geoms
+changed, contacts restricted, motors and sensors added. Bodies, joints, geoms and actuators without
+a name get one first, so that changes and tasks can name them: a body after the one that carries it,
+a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after what it drives.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,34 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import one_of, quoted
-from vgps_ros.core.patterns import matching
-from vgps_ros.simulation.added_sensors import add_sensor, check_directions
-from vgps_ros.simulation.change_error import InvalidChangeError, Place, change_at
-from vgps_ros.simulation.text_limits import excess_of_file
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.model import excess_of_file
+from vgps_ros.simulation.names import DIRECTIONS, SENSOR_TYPES, known, matching
+
+Place = tuple[str | int, ...]
+
+
+class InvalidChangeError(InvalidInputError):
+    """A change does not suit the model.
+
+    Args:
+        place: keys that lead to the change, such as ("changes", "joints", "hip").
+        sentence: what is wrong, and what would be right.
+    """
+
+    def __init__(self, place: Place, sentence: str):
+        super().__init__(f"{'.'.join(map(str, place))}: {sentence}")
+        self.place, self.sentence = place, sentence
+
+
+@contextmanager
+def change_at(*place: str | int) -> Iterator[None]:
+    """Gives the errors of a block the place of a change."""
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidChangeError(place, str(error)) from error
+
 
 Values = Mapping[str, Any]
 
@@ -230,3 +255,123 @@ def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:
     for sensor in spec.sensors:
         if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in names:
             spec.delete(sensor)
+
+
+def add_sensor(spec: mujoco.MjSpec, name: str, sensor: Mapping[str, Any]) -> None:
+    """Adds a sensor of one object, which may be relative to another one.
+
+    Args:
+        spec: the model.
+        name: the sensor's name.
+        sensor: its type, its object, such as `body: torso`, and what else it needs.
+
+    Raises:
+        InvalidChangeError: the model lacks the object, or has such a sensor already.
+    """
+    place = ("sensors", name)
+    if name in {other.name for other in spec.sensors}:
+        raise InvalidChangeError(
+            place, "the model has a sensor of this name; use that one, or choose another name."
+        )
+    kind = SENSOR_TYPES[sensor["type"]]
+    added = spec.add_sensor(name=name)
+    added.type = getattr(mujoco.mjtSensor, f"mjSENS_{(kind.mujoco_name or sensor['type']).upper()}")
+    if kind.objects:
+        added.objtype, added.objname = _object(spec, sensor, place)
+    if "relative_to" in sensor:
+        added.reftype, added.refname = _object(spec, sensor["relative_to"], (*place, "relative_to"))
+    if "cutoff" in sensor:
+        added.cutoff = sensor["cutoff"]
+
+
+def check_directions(model: mujoco.MjModel, name: str, sensor: Mapping[str, Any]) -> None:
+    """Refuses directions of a body's principal axes, which are hardly ever meant.
+
+    MuJoCo's `body` stands for the body's inertial frame. Its axes are sorted by inertia, so the
+    z-axis of a long torso is its long axis, wherever that points.
+
+    Raises:
+        InvalidChangeError: a direction is that of principal axes that are not the body's own axes.
+    """
+    frames = {"relative_to": sensor.get("relative_to", {})}
+    if sensor["type"] in DIRECTIONS:
+        frames["body"] = sensor
+    for key, frame in frames.items():
+        body = frame.get("body")
+        if body and abs(model.body(body).iquat[0]) < 1 - 1e-9:
+            raise InvalidChangeError(
+                ("sensors", name, key),
+                f"`body: {body}` means its principal axes of inertia, which are turned from its "
+                f"own frame; write `xbody: {body}` for the directions of that frame.",
+            )
+
+
+def _object(
+    spec: mujoco.MjSpec, record: Mapping[str, Any], place: Place
+) -> tuple[mujoco.mjtObj, str]:
+    """Returns kind and name of the object that a record names."""
+    elements = {
+        "body": spec.bodies,
+        "xbody": spec.bodies,
+        "geom": spec.geoms,
+        "site": spec.sites,
+        "camera": spec.cameras,
+        "joint": spec.joints,
+        "tendon": spec.tendons,
+        "actuator": spec.actuators,
+    }
+    kind = next(kind for kind in elements if kind in record)
+    names = [element.name for element in elements[kind] if element.name]
+    with change_at(*place, kind):
+        return getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), known(kind, record[kind], names)
+
+
+def self_contained(spec: mujoco.MjSpec) -> str:
+    """Returns the MJCF of a model whose meshes stand in the text, and whose textures are left out.
+
+    Args:
+        spec: the model, which is changed by this.
+
+    Raises:
+        InvalidInputError: the model needs a file of another kind.
+    """
+    with warnings.catch_warnings():  # the same as when it was first compiled
+        warnings.simplefilter("ignore")
+        return _written(spec)
+
+
+def _written(spec: mujoco.MjSpec) -> str:
+    model = spec.compile()
+    for hfield in spec.hfields:
+        if hfield.file:
+            raise InvalidInputError(
+                f"The height field '{hfield.name}' is in a file, which is not supported: write its "
+                "heights into the model, as the attribute elevation."
+            )
+    for mesh in spec.meshes:
+        if mesh.file:
+            _write_in(model, mesh)
+    drawn = {texture.name for texture in spec.textures if texture.file or any(texture.cubefiles)}
+    for material in spec.materials:
+        material.textures = ["" if name in drawn else name for name in material.textures]
+    for texture in list(spec.textures):
+        if texture.name in drawn:
+            spec.delete(texture)
+    spec.meshdir = spec.texturedir = ""
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _write_in(model: mujoco.MjModel, mesh: mujoco.MjsMesh) -> None:
+    """Gives a mesh its vertices and faces, where its file had put them."""
+    i = model.mesh(mesh.name).id
+    first, count = model.mesh_vertadr[i], model.mesh_vertnum[i]
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.mesh_quat[i])
+    # The compiler has moved the mesh into the frame of its inertia.
+    vertices = model.mesh_vert[first : first + count] @ rotation.reshape(3, 3).T + model.mesh_pos[i]
+    first, count = model.mesh_faceadr[i], model.mesh_facenum[i]
+    mesh.uservert = vertices.ravel().tolist()
+    mesh.userface = model.mesh_face[first : first + count].ravel().tolist()
+    mesh.file, mesh.content_type = "", ""
+    mesh.scale, mesh.refpos, mesh.refquat = [1, 1, 1], [0, 0, 0], [1, 0, 0, 0]

@@ -17,9 +17,7 @@ from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import compiled_readings as compiled
-from vgps_ros.simulation.cyclic import cyclic_positions
-from vgps_ros.simulation.model import sensor_numbers, state_names
-from vgps_ros.simulation.sensor_dependence import needs_everything, velocities_felt
+from vgps_ros.simulation.model import cyclic_positions, sensor_numbers, state_names
 from vgps_ros.simulation.simulations import Simulations
 
 _EPS = 1e-7  # perturbation of the finite differences
@@ -106,7 +104,7 @@ class Readings:
         return full
 
     @property
-    def plan(self) -> compiled.Plan:
+    def plan(self) -> compiled.ReadingPlan:
         """The plan by which compiled loops compute the readings."""
         return self._plan
 
@@ -119,7 +117,7 @@ class Readings:
         return x, np.ascontiguousarray(controls, dtype=float).reshape(-1, n_u)
 
 
-def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.Plan:
+def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingPlan:
     """Finds each name in the model, and what MuJoCo has to compute for all of them."""
     model, space = simulations.model, simulations.space
     numbers, states = sensor_numbers(model), state_names(model)
@@ -149,7 +147,7 @@ def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.Plan:
     elif sensors:
         needs, columns = compiled.KINEMATICS, _columns_felt(model, sorted(sensors))
     kinds, places, tangent = np.array(rows, dtype=np.int64).reshape(-1, 3).T.copy()
-    return compiled.Plan(needs, kinds, places, tangent, columns)
+    return compiled.ReadingPlan(needs, kinds, places, tangent, columns)
 
 
 def _columns_felt(model: mujoco.MjModel, sensors: list[int]) -> NDArray[np.int64]:
@@ -162,3 +160,66 @@ def _columns_felt(model: mujoco.MjModel, sensors: list[int]) -> NDArray[np.int64
             felt[cyclic_positions(model)] = False  # how fast it goes is the same everywhere
         positions |= felt
     return np.r_[np.flatnonzero(velocities) + model.nv, np.flatnonzero(positions)].astype(np.int64)
+
+
+_SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
+# Sensors of one frame, perhaps relative to another one.
+_OF_FRAMES = {
+    *(_SENSOR.mjSENS_FRAMEPOS, _SENSOR.mjSENS_FRAMEQUAT),
+    *(_SENSOR.mjSENS_FRAMEXAXIS, _SENSOR.mjSENS_FRAMEYAXIS, _SENSOR.mjSENS_FRAMEZAXIS),
+    *(_SENSOR.mjSENS_FRAMELINVEL, _SENSOR.mjSENS_FRAMEANGVEL),
+    *(_SENSOR.mjSENS_GYRO, _SENSOR.mjSENS_VELOCIMETER),
+}
+# Sensors of a body with all that hangs on it.
+_OF_SUBTREES = {
+    *(_SENSOR.mjSENS_SUBTREECOM, _SENSOR.mjSENS_SUBTREELINVEL, _SENSOR.mjSENS_SUBTREEANGMOM),
+}
+_OF_JOINTS = {
+    *(_SENSOR.mjSENS_JOINTPOS, _SENSOR.mjSENS_JOINTVEL),
+    *(_SENSOR.mjSENS_BALLQUAT, _SENSOR.mjSENS_BALLANGVEL),
+}
+
+
+def needs_everything(model: mujoco.MjModel, sensor: int) -> bool:
+    """Returns whether a sensor needs more than the positions and velocities of bodies."""
+    if _SENSOR(model.sensor_type[sensor]) not in {*_OF_FRAMES, *_OF_SUBTREES, *_OF_JOINTS}:
+        return True
+    frames = (model.sensor_objtype[sensor], model.sensor_reftype[sensor])
+    return int(_OBJECT.mjOBJ_CAMERA) in frames
+
+
+def velocities_felt(model: mujoco.MjModel, sensor: int) -> NDArray[np.bool_]:
+    """Returns the mask of the degrees of freedom, (n_v,), that such a sensor may depend on."""
+    felt = np.zeros(model.nv, dtype=bool)
+    bodies = [
+        _body_of(model, model.sensor_objtype[sensor], model.sensor_objid[sensor]),
+        _body_of(model, model.sensor_reftype[sensor], model.sensor_refid[sensor]),
+    ]
+    if _SENSOR(model.sensor_type[sensor]) in _OF_SUBTREES:
+        bodies = [i for i in range(model.nbody) if bodies[0] in _ancestors(model, i)]
+    for body in bodies:
+        for each in _ancestors(model, body):
+            first = model.body_dofadr[each]
+            felt[first : first + model.body_dofnum[each]] = True
+    return felt
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """Returns a body, and all between it and the world, which is left out unless it is asked of."""
+    found = [body]
+    while model.body_parentid[found[-1]] > 0:
+        found.append(int(model.body_parentid[found[-1]]))
+    return found
+
+
+def _body_of(model: mujoco.MjModel, kind: int, index: int) -> int:
+    """Returns the body to which an object is fixed; the world where there is no object."""
+    if index < 0:
+        return 0
+    owners = {
+        _OBJECT.mjOBJ_GEOM: model.geom_bodyid,
+        _OBJECT.mjOBJ_SITE: model.site_bodyid,
+        _OBJECT.mjOBJ_JOINT: model.jnt_bodyid,
+    }
+    of_bodies = owners.get(_OBJECT(kind))
+    return index if of_bodies is None else int(of_bodies[index])

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import mujoco
 import numpy as np
 
-from vgps_ros.simulation.compiled_states import NO_PUSH, Push, Simulation, simulation_of
+from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation, simulation_of
 from vgps_ros.simulation.model import check_supported, state_space
 from vgps_ros.simulation.warnings import warnings_of
 
@@ -47,7 +47,7 @@ class Simulations:
         model: mujoco.MjModel,
         substeps: int = 1,
         threads: int | None = None,
-        push: Push = NO_PUSH,
+        push: BodyPush = NO_PUSH,
     ):
         check_supported(model)
         self.model = model = copy(model)
@@ -56,7 +56,7 @@ class Simulations:
         self.substeps = substeps
         self.threads = threads or len(os.sched_getaffinity(0))
         self._data = [mujoco.MjData(model) for _ in range(self.threads)]
-        self._idle = SimpleQueue[Simulation]()  # those that no thread is using
+        self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
             self._idle.put(simulation_of(model, data, substeps, push))
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
@@ -65,7 +65,7 @@ class Simulations:
         """Returns how often MuJoCo has warned in these simulations so far, by kind."""
         return warnings_of(self._data)
 
-    def in_threads(self, count: int, work: Callable[[Simulation, slice], T]) -> list[T]:
+    def in_threads(self, count: int, work: Callable[[CompiledSimulation, slice], T]) -> list[T]:
         """Divides `count` pieces of work into parts; each thread takes the next part."""
         if min(self.threads, count) == 1:
             return [self.in_one(work, slice(0, count))]

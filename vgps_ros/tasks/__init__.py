@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.references import BUILT_IN, runs_code, task_file_of, task_function_of
+from vgps_ros.tasks.registry import BUILT_IN, runs_code, task_file_of, task_function_of
 
 if TYPE_CHECKING:
     from vgps_ros.tasks.task import Task
@@ -36,12 +36,12 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
                 "vgps_ros.tasks.Task."
             )
     else:
-        from vgps_ros.tasks.from_file import load_task
+        from vgps_ros.tasks.builder import load_task
 
         assert path is not None
         task = load_task(path, reference if reference in BUILT_IN else str(path.resolve()))
     if demonstration:
-        from vgps_ros.tasks.motion_file import with_demonstration
+        from vgps_ros.tasks.motion_table import with_demonstration
 
         task = with_demonstration(task, Path(demonstration))
     for name, conditions in (("fallen", task.fallen), ("limits", task.limits)):

@@ -1,9 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The record of a control problem, and functions to build one."""
+"""The record of a control problem, the conditions in which a robot has fallen, and a digest."""
 
+import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import mujoco
@@ -16,7 +17,44 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.conditions import Conditions
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Says whether any reading is outside its range.
+
+    Attributes:
+        readings: the r readings.
+        lowest: smallest value of each, shape (r,); -inf for none.
+        highest: largest value of each, shape (r,); inf for none.
+    """
+
+    readings: Readings
+    lowest: Array
+    highest: Array
+
+    def broken(self, state: Array) -> str:
+        """Says which reading of a state (n_x,) is outside its range; empty where none is."""
+        if not self.lowest.size:
+            return ""
+        rows = zip(
+            self.readings.names, self.readings(state), self.lowest, self.highest, strict=True
+        )
+        return next(
+            (
+                f"{name} is {value:.3g}, but the task allows {low:g} to {high:g}."
+                for name, value, low, high in rows
+                if not low <= value <= high
+            ),
+            "",
+        )
+
+    def __call__(self, states: Array) -> NDArray[np.bool_]:
+        """Returns whether one is outside, shape (...,), for states (..., n_x); a NaN is not."""
+        if not self.lowest.size:
+            return np.zeros(states.shape[:-1], dtype=bool)
+        values = self.readings(states)
+        return np.any((values < self.lowest) | (values > self.highest), axis=-1)
 
 
 class Demonstrate(Protocol):
@@ -180,3 +218,46 @@ def smoothed_noise(
     for t in range(1, shape[0]):
         noise[t] = decay * noise[t - 1] + np.sqrt(1.0 - decay**2) * noise[t]
     return noise
+
+
+# What a training's identity has by name: the task, and the settings of which these are defaults.
+_NAMED = ("name", "optimizer", "search")
+
+
+def task_digest(task: Task) -> str:
+    """Returns twelve hexadecimal digits that another robot, cost, start or fall changes."""
+    content = {f.name: getattr(task, f.name) for f in fields(task) if f.name not in _NAMED}
+    return hashlib.sha256(repr(_plain(content)).encode()).hexdigest()[:12]
+
+
+def _plain(value: Any, *around: int) -> Any:
+    """Returns a value as tuples whose text is the same in each process.
+
+    Args:
+        value: the value.
+        around: identities of the values that hold it, since a function may hold itself.
+    """
+    if id(value) in around:
+        return "itself"
+    parts: Any
+    if value is None or isinstance(value, bool | int | float | str | bytes):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, Dynamics):  # its model is that of the task's MJCF
+        parts = value.substeps, value.eps
+    elif isinstance(value, Readings):
+        parts = value.names
+    elif is_dataclass(value) and not isinstance(value, type):
+        parts = [(f.name, getattr(value, f.name)) for f in fields(value)]
+    elif isinstance(value, Mapping):
+        parts = sorted(value.items(), key=repr)
+    elif isinstance(value, tuple | list):
+        parts = value
+    elif isinstance(value, partial):
+        parts = value.func, value.args, value.keywords
+    else:
+        cells = getattr(value, "__closure__", None) or ()
+        parts = [getattr(value, "__qualname__", ""), *(cell.cell_contents for cell in cells)]
+    inner = (*around, id(value))
+    return type(value).__name__, *(_plain(part, *inner) for part in parts)

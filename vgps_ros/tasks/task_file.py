@@ -25,11 +25,9 @@ import re
 from pathlib import Path
 
 from vgps_ros.core.checks import quoted
-from vgps_ros.tasks.document import Document
-from vgps_ros.tasks.misfit import as_record
-from vgps_ros.tasks.task_checks import check_task
-from vgps_ros.tasks.task_schema import TaskFile
-from vgps_ros.tasks.yaml_document import read_document
+from vgps_ros.tasks.checks import check_task_file
+from vgps_ros.tasks.schema import TaskFile
+from vgps_ros.tasks.yaml_file import Document, as_record, read_document
 
 SCHEMA_PATH = Path(__file__).resolve().with_name("task.schema.json")
 _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
@@ -49,7 +47,7 @@ def read_task_file(path: Path) -> tuple[TaskFile, Document]:
     """
     document = read_document(path / "task.yaml" if os.path.isdir(path) else path)
     task = as_record(document, TaskFile)
-    check_task(task, document)
+    check_task_file(task, document)
     find_model(task, document)
     return task, document
 

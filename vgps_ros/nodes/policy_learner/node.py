@@ -36,7 +36,7 @@ from vgps_ros.search.methods import search
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.settings import DEMONSTRATION, TASK
+from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
 _PATIENCE = 0.2  # for readers that have not taken the policy before [s]
 

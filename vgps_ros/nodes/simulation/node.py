@@ -40,7 +40,7 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.settings import TASK
+from vgps_ros.tasks.registry import TASK
 
 MODE = Setting(
     "mode",

@@ -9,8 +9,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.simulation.applied import BodyFrames
-from vgps_ros.simulation.joint_forces import JointForces
+from vgps_ros.simulation.forces import BodyFrames, JointForces
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import Task
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.tasks.from_file import load_task
+from vgps_ros.tasks.builder import load_task
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.walker.simbicon import GAIT, Simbicon, go_on, standing
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from vgps_ros.simulation.cyclic import cyclic_positions
-from vgps_ros.simulation.model import control_range, deviation_names, joint_names
+from vgps_ros.simulation.model import control_range, cyclic_positions, deviation_names, joint_names
 
 _PERIOD = 0.01  # the control period is the multiple of the time step nearest to it [s]
 _STRONG = 0.1  # what a control at its limit costs in each step

@@ -16,15 +16,52 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.checks import finite_array, nearest, quoted
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.policies.policy_file import is_policy_file
 from vgps_ros.simulation.model import actuated_joint_names, state_names
-from vgps_ros.tasks.driving import demonstrated_by
-from vgps_ros.tasks.table import read_rows
+from vgps_ros.tasks.driver import demonstrated_by
 from vgps_ros.tasks.task import Task
+
+
+def read_rows(path: Path) -> tuple[list[str], Array]:
+    """Returns the header and the rows, shape (rows, columns).
+
+    Raises:
+        InvalidInputError: the file is not readable as a table of numbers.
+    """
+    try:
+        with path.open(newline="") as file:
+            header, *rows = csv.reader(file)
+        names = [name.strip() for name in header]
+        return names, np.array(rows, dtype=float).reshape(len(rows), len(names))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InvalidInputError(f"{path} is not a readable table of numbers: {error}.") from error
+
+
+def read_columns(path: Path, names: list[str], times: Array) -> Array:
+    """Returns the named columns at some times, linear between rows, shape (times, names).
+
+    Before the first row and after the last one, their values hold.
+
+    Raises:
+        InvalidInputError: a column is missing, or time does not increase.
+    """
+    header, rows = read_rows(path)
+    for name in ("time", *names):
+        if name not in header:
+            raise InvalidInputError(
+                f"{path.name} has no column {quoted(name)}.{nearest(name, header)}"
+            )
+    table = finite_array(path.name, rows, rows.shape)
+    when = table[:, header.index("time")]
+    if not when.size or (np.diff(when) <= 0).any():
+        raise InvalidInputError(f"The column 'time' of {path.name} must have rows that increase.")
+    columns = [np.interp(times, when, table[:, header.index(name)]) for name in names]
+    return np.stack(columns, axis=1)
+
 
 RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
 

@@ -1,16 +1,24 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Offers a task as a Gymnasium environment for reinforcement learning."""
+"""Offers the tasks as Gymnasium environments for reinforcement learning.
+
+They are registered when this module is imported:
+
+    import gymnasium, vgps_ros.tasks.environment
+    environment = gymnasium.make("vgps_ros/Swimmer-v0")
+    environment = gymnasium.make("vgps_ros/Task-v0", task="hopper/task.yaml")
+"""
 
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import register
 from gymnasium.spaces import Box
 
 from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.records import Array
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import BUILT_IN, make_task
 
 # Torque of an action of 1, about the largest torque of the DDP solution [N·m].
 TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}
@@ -89,3 +97,14 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         charged = cost + task.cost.rest(task.horizon - self._t, self._t).sum() * terminated
         reward = -self._reward_scale * charged
         return self._task.observation(self.state), reward, terminated, truncated, {"cost": cost}
+
+
+_ENTRY_POINT = "vgps_ros.tasks.environment:TaskEnvironment"
+
+register(id="vgps_ros/Task-v0", entry_point=_ENTRY_POINT)
+for _task in BUILT_IN:
+    register(
+        id=f"vgps_ros/{_task.title().replace('_', '')}-v0",
+        entry_point=_ENTRY_POINT,
+        kwargs={"task": _task},
+    )

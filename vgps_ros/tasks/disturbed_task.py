@@ -4,6 +4,10 @@
 The push is part of the dynamics, x_{t+1} = f_t(x_t, u_t), which are as deterministic as without it:
 an optimisation knows when it comes, rollouts and derivatives contain it. A policy does not know it,
 since what it reads has no time; it learns what each q(ζ) does after its push.
+
+A slope is a turn of gravity, so that heights and angles still count from the ground. Uneven ground
+has ridges: long cylinders that lie across the way, nearly buried, whose tops are round, since force
+must start smoothly where a foot touches them.
 """
 
 from dataclasses import replace
@@ -13,11 +17,11 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.patterns import known
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.compiled_states import NO_PUSH, Push
-from vgps_ros.simulation.disturbed_model import body_names, disturbed_model, may_rub
+from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model_changes import name_all
+from vgps_ros.simulation.names import known
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.task import Task
@@ -107,13 +111,13 @@ def body_number(task: Task, name: str) -> int:
     return 1 + names.index(known("body", name, names))
 
 
-def _push(disturbance: Disturbance, body: int, time_step: float) -> Push:
+def _push(disturbance: Disturbance, body: int, time_step: float) -> BodyPush:
     if not any(disturbance.push):
         return NO_PUSH
     first = round(disturbance.push_time / time_step)
     steps = max(1, round(disturbance.push_duration / time_step))
     force = np.array([*disturbance.push, 0.0]) / (steps * time_step)
-    return Push(body, first, first + steps, force)
+    return BodyPush(body, first, first + steps, force)
 
 
 def _direction(task: Task, body: int, share: float) -> Array:
@@ -140,3 +144,108 @@ def _direction(task: Task, body: int, share: float) -> Array:
     if free.all():
         return np.array([np.cos(2 * np.pi * share), np.sin(2 * np.pi * share)])
     return np.where(free, 1.0 if share < 0.5 else -1.0, 0.0)
+
+
+_DISABLED = mujoco.mjtDisableBit
+_RADIUS = 0.5  # of a ridge's round top [m]
+_SPACING = 0.6  # between two ridges, on average [m]
+_REACH = (-5.0, 50.0)  # where there are ridges, ahead of the origin [m]
+_HALF_WIDTH = 20.0  # of a ridge, across the way [m]
+
+
+def disturbed_model(
+    mjcf: str,
+    body: str,
+    payload: float = 0.0,
+    friction: float = 1.0,
+    slope: tuple[float, float] = (0.0, 0.0),
+    ridges: float = 0.0,
+    seed: int = 0,
+) -> mujoco.MjModel:
+    """Returns a robot's model with changes.
+
+    Args:
+        mjcf: its MJCF.
+        body: name of the body that bears the payload.
+        payload: mass that is added at the body's centre of mass [kg].
+        friction: factor on the friction of all contacts.
+        slope: angles by which the ground rises along x and along y [rad].
+        ridges: largest height of the ridges [m].
+        seed: seed of the ridges' places and heights.
+
+    Raises:
+        InvalidInputError: ridges are wanted, but there is no level floor.
+    """
+    spec = _named(mjcf)
+    model = spec.compile()
+    if payload:
+        place, small = model.body(body).ipos, payload * np.full(3, 1e-6)
+        load = spec.body(body).add_body(name=f"{body}_payload", pos=place, mass=payload)
+        load.inertia, load.explicitinertial = small, True
+    for geom in spec.geoms:
+        geom.friction[0] *= friction
+    for pair in spec.pairs:
+        pair.friction[:2] *= friction
+    spec.option.gravity = _turned(model.opt.gravity, slope)
+    if ridges:
+        _add_ridges(spec, ridges, np.random.default_rng(seed))
+    return spec.compile()
+
+
+@lru_cache(maxsize=8)  # each draw of a disturbance asks for them
+def body_names(mjcf: str) -> list[str]:
+    """Returns the name of each body of an MJCF, in MuJoCo's order; all have one."""
+    model = _named(mjcf).compile()
+    return [model.body(i).name for i in range(model.nbody)]
+
+
+def may_rub(model: mujoco.MjModel) -> bool:
+    """Returns whether two geoms of a model may ever touch with friction."""
+    if model.opt.disableflags & (_DISABLED.mjDSBL_CONTACT | _DISABLED.mjDSBL_CONSTRAINT):
+        return False
+    first, second = np.triu_indices(model.ngeom, 1)
+    mask = model.geom_contype[first] & model.geom_conaffinity[second]
+    mask |= model.geom_contype[second] & model.geom_conaffinity[first]
+    rubs = np.maximum(model.geom_condim[first], model.geom_condim[second]) > 1
+    # Bodies without a joint between are one; one that hangs on another does not touch it.
+    body = model.body_weldid[model.geom_bodyid]
+    carrier = np.where(body > 0, model.body_weldid[model.body_parentid[body]], 0)
+    carried = (carrier[first] == body[second]) & (body[second] > 0)
+    carried |= (carrier[second] == body[first]) & (body[first] > 0)
+    touch = (mask != 0) & rubs & (body[first] != body[second]) & ~carried
+    return bool(touch.any() or (model.pair_dim > 1).any())
+
+
+def _named(mjcf: str) -> mujoco.MjSpec:
+    """Returns the model of an MJCF, whose bodies have names as those of a changed model do."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    name_all(spec)
+    return spec
+
+
+def _turned(gravity: Array, slope: tuple[float, float]) -> Array:
+    """Returns gravity as seen from ground that rises by these angles along x and y."""
+    down = np.array([-np.tan(slope[0]), -np.tan(slope[1]), -1.0])
+    return np.linalg.norm(gravity) * down / np.linalg.norm(down) if any(slope) else gravity
+
+
+def _add_ridges(spec: mujoco.MjSpec, height: float, rng: np.random.Generator) -> None:
+    planes = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not planes:
+        raise InvalidInputError(
+            "The model has no floor that could be uneven; leave disturb.ridges out, or add a floor "
+            "(changes: floor)."
+        )
+    floor = planes[0]
+    for i, x in enumerate(np.arange(*_REACH, _SPACING)):
+        top = height * rng.uniform()
+        ridge = spec.worldbody.add_geom(name=f"ridge_{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER)
+        ridge.size = [_RADIUS, _HALF_WIDTH, 0.0]
+        ridge.pos = floor.pos + np.array(
+            [x + _SPACING * rng.uniform(-0.4, 0.4), 0.0, top - _RADIUS]
+        )
+        ridge.quat = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+        for name in ("contype", "conaffinity", "condim", "priority", "solmix", "margin", "gap"):
+            setattr(ridge, name, getattr(floor, name))
+        for name in ("friction", "solref", "solimp", "rgba"):
+            setattr(ridge, name, getattr(floor, name))

@@ -2,12 +2,14 @@
 """Resolves what a user calls a task by: a name, a task file or its folder, or a Python function.
 
 Names are those of the folders beside this module, and of the entry-point group `vgps_ros.tasks`,
-through which other packages offer tasks. An entry point is a function that returns a `Task`.
+through which other packages offer tasks. An entry point is a function that returns a `Task`. A
+task's settings are read without its model, so that help which shows them takes no MuJoCo.
 """
 
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -15,6 +17,8 @@ from typing import Any
 
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.settings import Setting, with_values
 
 _FOLDER = Path(__file__).parent
 BUILT_IN = tuple(sorted(path.parent.name for path in _FOLDER.glob("*/task.yaml")))
@@ -105,3 +109,52 @@ def _loaded(path: Path, name: str) -> Callable[[], Any]:
         raise InvalidInputError(f"{path} has no function {quoted(name)}.{nearest(name, known)}")
     made: Callable[[], Any] = function
     return made
+
+
+@dataclass(frozen=True)
+class TaskSettings:
+    """Settings that were measured to suit a task.
+
+    Attributes:
+        optimizer: of the trajectory optimisation.
+        search: of a policy search, by dotted name; the others keep their defaults.
+    """
+
+    optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
+    search: Mapping[str, Any] = field(default_factory=dict)
+
+
+def task_settings(reference: str) -> TaskSettings:
+    """Returns the settings of a task.
+
+    Raises:
+        InvalidInputError: there is no such task, or its file is wrong.
+    """
+    path = task_file_of(reference)
+    if path is None:  # a function of Python, whose task has them
+        from vgps_ros.tasks import make_task
+
+        task = make_task(reference)
+        return TaskSettings(task.optimizer, task.search)
+    from vgps_ros.tasks.schema import flattened
+    from vgps_ros.tasks.task_file import read_task_file
+    from vgps_ros.tasks.yaml_file import Entries
+
+    file, document = read_task_file(path)
+    return TaskSettings(
+        with_values(OptimizerSettings(), flattened(file.optimizer)),
+        Entries(flattened(file.search), document, "search"),
+    )
+
+
+TASK = Setting(
+    "task",
+    "swimmer",
+    f"control problem: {', '.join(BUILT_IN)}, a task file or its folder, or FILE.py:FUNCTION",
+)
+DEMONSTRATION = Setting(
+    "demonstration",
+    "",
+    "table of a recorded motion to start from, or a policy (.json, .onnx) that makes it; the same "
+    "for optimizer and learner; empty: the task's own start",
+)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import vgps_ros.environments  # noqa: F401
+import vgps_ros.tasks.environment  # noqa: F401
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
 

@@ -8,8 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.records import Trajectory
-from vgps_ros.core.sampling.planner import METHODS, Sampler, interpolation
-from vgps_ros.core.sampling.receding_motion import receding_motion
+from vgps_ros.tasks.sampled_motion import METHODS, Sampler, interpolation, receding_motion
 
 BOUND = np.full(2, 3.0)
 

@@ -2,33 +2,42 @@
 """Builds a task from a task file and the robot's MJCF."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
-from vgps_ros.core.patterns import matching
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import with_values
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import compile_model, deviation_names, joint_names, sensor_numbers
+from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
+from vgps_ros.simulation.names import known, matching, scalar_names
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.simulation.sensor_types import scalar_names
-from vgps_ros.tasks.beginnings import with_beginning
-from vgps_ros.tasks.conditions import Conditions
-from vgps_ros.tasks.document import Entries
-from vgps_ros.tasks.reading_schema import CostTerm, Limit, Observation
-from vgps_ros.tasks.start import start_state
-from vgps_ros.tasks.table import read_table
-from vgps_ros.tasks.task import Task
-from vgps_ros.tasks.task_file import read_task_file
-from vgps_ros.tasks.task_model import model_text
-from vgps_ros.tasks.task_schema import Spread, SpreadLimit, TaskFile, flattened
-from vgps_ros.tasks.yaml_document import Document, Place
+from vgps_ros.tasks.checks import is_multiple
+from vgps_ros.tasks.first_motion import keyframe, with_beginning
+from vgps_ros.tasks.motion_table import read_columns
+from vgps_ros.tasks.schema import (
+    Changes,
+    CostTerm,
+    Limit,
+    ObservedEntry,
+    SpreadLimit,
+    Start,
+    StateSpread,
+    TaskFile,
+    flattened,
+)
+from vgps_ros.tasks.task import Conditions, Task
+from vgps_ros.tasks.task_file import find_model, read_task_file
+from vgps_ros.tasks.yaml_file import Document, Entries, Place
 
 # What a policy may read of all joints at once, and what that is of each.
 _OF_ALL_JOINTS = {"joint_positions": "position", "joint_velocities": "velocity"}
@@ -113,7 +122,7 @@ class _Reader:
             high.append(beyond if limit.above is None else limit.above)
         return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
 
-    def observation(self, entries: Sequence[str | Observation]) -> Readings:
+    def observation(self, entries: Sequence[str | ObservedEntry]) -> Readings:
         """Returns what the policy reads; it depends on states alone."""
         names: list[str] = []
         for i, entry in enumerate(entries):
@@ -139,7 +148,7 @@ class _Reader:
             )
         return observation
 
-    def _observed(self, entry: str | Observation, place: Place) -> list[str]:
+    def _observed(self, entry: str | ObservedEntry, place: Place) -> list[str]:
         if isinstance(entry, str):
             if entry not in _OF_ALL_JOINTS:
                 return self.names(entry, None, place)
@@ -162,7 +171,7 @@ class _Reader:
     def _joints(self) -> list[str]:
         return joint_names(self.model)
 
-    def by_coordinate(self, spread: Spread | SpreadLimit, place: Place) -> Array:
+    def by_coordinate(self, spread: StateSpread | SpreadLimit, place: Place) -> Array:
         """Returns a value for each coordinate of a deviation, shape (n_dx,)."""
         names, n_v = deviation_names(self.model), self.model.nv
         counts = (n_v, n_v, self.model.na)
@@ -196,7 +205,7 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         if term.reference is not None:
             path = read.document.file((*place, "reference"), term.reference)
             with read.document.at((*place, "reference")):
-                target = read_table(
+                target = read_columns(
                     path, found, file.control_period * np.arange(steps, dtype=float)
                 )
         targets.append(np.broadcast_to(target, (steps, size)))
@@ -242,3 +251,76 @@ def _joined(columns: Iterable[Array], steps: int) -> Array:
 def _constant(values: Array) -> Array:
     """Returns the first row of values that never change, shape (m,); else all, shape (T, m)."""
     return values[0] if (values == values[0]).all() else values
+
+
+def model_spec(task: TaskFile, document: Document) -> mujoco.MjSpec:
+    """Returns the task's model with its changes and sensors; it is known to compile.
+
+    Raises:
+        InvalidInputError: the model does not compile, or a change names what it lacks.
+    """
+    changes, sensors = msgspec.to_builtins((task.changes, task.sensors))
+    try:
+        spec = changed_spec(find_model(task, document), changes, sensors)
+    except InvalidChangeError as error:
+        raise document.error(error.place, error.sentence) from error
+    document.refuse(
+        not is_multiple(task.control_period, spec.option.timestep),
+        ("control_period",),
+        f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
+        f"{spec.option.timestep:g} s.",
+    )
+    return spec
+
+
+def model_text(task: TaskFile, document: Document) -> str:
+    """Returns the model as one MJCF text that needs no other file.
+
+    It is the robot's own text where that can stand as it is, since to write it anew rounds the
+    orientation of its inertias in the last bits.
+
+    Raises:
+        InvalidInputError: as `model_spec` does.
+    """
+    spec = model_spec(task, document)
+    if task.changes == Changes() and not task.sensors:
+        with suppress(InvalidInputError, UnicodeDecodeError):
+            text = find_model(task, document).read_text()
+            compile_model(text)
+            return text
+    with document.at(("model",)):
+        return self_contained(spec)
+
+
+def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Array:
+    """Returns the mean of x_1, shape (n_x,).
+
+    Raises:
+        InvalidInputError: the start names what the model lacks.
+    """
+    data = mujoco.MjData(model)
+    if start.keyframe is not None:
+        number = keyframe(model, start.keyframe, document, ("start", "keyframe"))
+        mujoco.mj_resetDataKeyframe(model, data, number)
+    for key, values, addresses in (
+        ("positions", data.qpos, model.jnt_qposadr),
+        ("velocities", data.qvel, model.jnt_dofadr),
+    ):
+        for name, given in getattr(start, key).items():
+            _put(model, name, given, values, addresses, document, ("start", key, name))
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    return np.concatenate([data.qpos, data.qvel, data.act])
+
+
+def _put(model, name, given, values, addresses, document, place):  # type: ignore[no-untyped-def]
+    """Writes a joint's values."""
+    names = [model.joint(i).name for i in range(model.njnt)]
+    with document.at(place):
+        i = names.index(known("joint", name, names))
+    ends = [*addresses[1:], len(values)]
+    numbers, size = np.atleast_1d(np.array(given, dtype=float)), ends[i] - addresses[i]
+    if numbers.size != size:
+        raise document.error(
+            place, f"{quoted(name)} has {size} numbers, but {numbers.size} are given."
+        )
+    values[addresses[i] : ends[i]] = numbers

@@ -1,24 +1,25 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The motion from which a task's first solve starts."""
+"""The motion from which a task's first solve starts: drawn, held by a law, a path, or recorded."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path as FilePath
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from vgps_ros.core.patterns import matching
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.tasks.motion_file import with_demonstration
-from vgps_ros.tasks.paths import path_states
-from vgps_ros.tasks.sampled_beginning import sampled_beginning
-from vgps_ros.tasks.start import keyframe
+from vgps_ros.simulation.model import state_names
+from vgps_ros.simulation.names import known, matching
+from vgps_ros.tasks.motion_table import read_columns, read_rows, with_demonstration
+from vgps_ros.tasks.sampled_motion import sampled_beginning
+from vgps_ros.tasks.schema import Begin, Noise, Path, Pd, RecordedMotion, Sampling
 from vgps_ros.tasks.task import Task, smoothed_noise
-from vgps_ros.tasks.task_schema import Begin, Demonstration, Noise, Path, Pd, Sampling
-from vgps_ros.tasks.yaml_document import Document
+from vgps_ros.tasks.yaml_file import Document, Place
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
 
@@ -30,7 +31,7 @@ def with_beginning(task: Task, begin: Begin, document: Document) -> Task:
         InvalidInputError: the beginning does not fit the model.
     """
     shape = (task.planned_horizon, task.dynamics.control_dim)
-    if isinstance(begin, Demonstration):
+    if isinstance(begin, RecordedMotion):
         path = document.file(("begin", "file"), begin.file)
         with document.at(("begin", "file")):
             return with_demonstration(task, path)
@@ -128,3 +129,89 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str, document: 
             found = matching("driven joint", pattern, names)
         values[[i for i, name in enumerate(names) if name in found]] = value
     return values
+
+
+_PLACES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)  # joints with lengths
+
+
+def path_states(task: Task, begin: Path, document: Document) -> Array:
+    """Returns the states of a path over the planned horizon, shape (T+1, n_x).
+
+    Positions are those of the path, velocities are their differences over time, and activations
+    are zero.
+
+    Raises:
+        InvalidInputError: the path names what the model or its file lacks.
+    """
+    if begin.file is None:
+        states = _between_keyframes(task, begin, document)
+    else:
+        path = document.file(("begin", "file"), begin.file)
+        with document.at(("begin", "file")):
+            states = _recorded(task, path, begin.scale)
+    n_q, n_v = task.dynamics.model.nq, task.dynamics.model.nv
+    space, period = task.dynamics.space, task.dynamics.time_step
+    moves = space.subtract(states[1:], states[:-1])[:, :n_v]
+    states[:, n_q : n_q + n_v] = np.concatenate([moves, moves[-1:]]) / period
+    return states
+
+
+def _between_keyframes(task: Task, begin: Path, document: Document) -> Array:
+    """Returns states on lines from the start through the keyframes, at even times."""
+    model, space = task.dynamics.model, task.dynamics.space
+    knots = [_at_rest(task)]
+    for i, name in enumerate(begin.through):
+        knot = knots[0].copy()
+        knot[: model.nq] = model.key_qpos[keyframe(model, name, document, ("begin", "through", i))]
+        knots.append(knot)
+    when = np.linspace(0.0, len(knots) - 1.0, task.planned_horizon + 1)
+    before = np.minimum(when.astype(int), max(len(knots) - 2, 0))
+    after = np.minimum(before + 1, len(knots) - 1)
+    origins, ends = np.stack(knots)[before], np.stack(knots)[after]
+    return space.add(origins, (when - before)[:, None] * space.subtract(ends, origins))
+
+
+def _recorded(task: Task, path: FilePath, scale: float) -> Array:
+    """Returns states with the positions of a file, and the start's where it has none."""
+    model = task.dynamics.model
+    positions = state_names(model)[: model.nq]
+    header, _ = read_rows(path)
+    names = [name for name in positions if name in header]
+    if not names:
+        raise InvalidInputError(
+            f"{path.name} has none of the columns {', '.join(positions)}; name them time and "
+            "JOINT/position."
+        )
+    times = task.dynamics.time_step * np.arange(task.planned_horizon + 1)
+    states = np.tile(_at_rest(task), (len(times), 1))
+    columns = [positions.index(name) for name in names]
+    lengths = {
+        model.jnt_qposadr[joint] + i
+        for joint in np.flatnonzero(np.isin(model.jnt_type, _PLACES))
+        for i in range(3 if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE else 1)
+    }
+    factors = np.where(np.isin(columns, list(lengths)), scale, 1.0)
+    states[:, columns] = factors * read_columns(path, names, times)
+    for state in states:
+        mujoco.mj_normalizeQuat(model, state[: model.nq])
+    return states
+
+
+def _at_rest(task: Task) -> Array:
+    """Returns the start without its velocities and activations, shape (n_x,)."""
+    state = task.initial_state.copy()
+    state[task.dynamics.model.nq :] = 0.0
+    return state
+
+
+def keyframe(model: mujoco.MjModel, wanted: str | int, document: Document, place: Place) -> int:
+    """Returns the number of a keyframe.
+
+    Raises:
+        InvalidInputError: the model has none of this name or number.
+    """
+    names = [model.key(i).name or str(i) for i in range(model.nkey)]
+    with document.at(place):
+        if isinstance(wanted, int) and wanted < model.nkey:
+            return wanted
+        return names.index(known("keyframe", str(wanted), names))

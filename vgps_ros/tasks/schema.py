@@ -1,0 +1,574 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The form of a task file: a control problem as data.
+
+Each field has a description with its unit, and an example: errors and editors show them. From
+these records `scripts/write_task_schema.py` writes the JSON schema `task.schema.json`, and
+`vgps_ros.tasks.task_file` reads a file.
+"""
+
+from math import inf
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, field
+
+from vgps_ros.simulation.names import SENSOR_TYPES
+
+
+class Record(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True
+):
+    """Base of all records of a task file; a key that is not a field is an error.
+
+    Records repeat `frozen` and `kw_only`, which they inherit, since mypy does not see that.
+    """
+
+
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Positive = Annotated[float, Meta(gt=0, le=1e12)]
+NonNegative = Annotated[float, Meta(ge=0, le=1e12)]
+Count = Annotated[int, Meta(ge=0, le=1_000_000)]
+Bits = Annotated[int, Meta(ge=0, lt=2**31)]
+Name = Annotated[str, Meta(min_length=1, max_length=200)]
+Vector = tuple[Number, Number, Number]
+Coordinates = Number | tuple[Number, ...]
+
+
+def about(description: str, *examples: Any) -> Meta:
+    """Returns a field's description and examples of its value."""
+    return Meta(description=description, examples=list(examples) or None)
+
+
+Index = str | Annotated[int, Meta(ge=0, le=10_000)]
+Indices = Index | tuple[Index, ...]
+
+
+class CostTerm(Record, frozen=True, kw_only=True):
+    """A term of the cost: weight · norm(sensor[index] − target) at each step, or of controls."""
+
+    sensor: Annotated[
+        Name | None,
+        about("a sensor, or a scalar's full name such as height/z or hip/position", "velocity"),
+    ] = None
+    index: Annotated[
+        Indices | None, about("parts of the sensor, by name or number; left out: all", "x")
+    ] = None
+    target: Annotated[
+        Coordinates, about("wanted value, or one for each part, in the sensor's unit", 1.0)
+    ] = 0.0
+    reference: Annotated[
+        Name | None,
+        about(
+            "file of a target that varies with time: columns with the header time,SCALAR,...",
+            "reference.csv",
+        ),
+    ] = None
+    weight: Annotated[
+        NonNegative | tuple[NonNegative, ...],
+        about("weight, or one for each part [1 / square of the unit]", 1.0),
+    ] = 1.0
+    norm: Annotated[
+        Literal["quadratic", "smooth_abs"],
+        about("d², or smooth_abs, √(d² + width²) − width, which is milder far away", "smooth_abs"),
+    ] = "quadratic"
+    width: Annotated[
+        Positive, about("deviation below which smooth_abs is round, in the sensor's unit", 0.1)
+    ] = 0.1
+    terminal: Annotated[bool, about("whether only the last state counts", True)] = False
+    control: Annotated[
+        Name | tuple[Name, ...] | None,
+        about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
+    ] = None
+
+
+class Except(Record, frozen=True, kw_only=True):
+    """Joints that are left out."""
+
+    excluded: Annotated[
+        tuple[Name, ...], about("names or patterns of joints to leave out", ["root_x"])
+    ] = field(name="except")
+
+
+class ObservedEntry(Record, frozen=True, kw_only=True):
+    """Values that the policy reads: of one joint, one sensor, or all joints but some."""
+
+    joint: Annotated[Name | None, about("a hinge or slide, or a pattern", "hip")] = None
+    form: Annotated[
+        Literal["position", "velocity", "sin_cos"],
+        about("with joint, how it is read; sin_cos gives sine and cosine of an angle", "sin_cos"),
+    ] = field(name="as", default="position")
+    sensor: Annotated[Name | None, about("a sensor", "up")] = None
+    index: Annotated[
+        Indices | None, about("parts of the sensor, by name or number; left out: all", "z")
+    ] = None
+    joint_positions: Annotated[
+        Except | None,
+        about("positions of all hinges and slides but these", {"except": ["root_x"]}),
+    ] = None
+    joint_velocities: Annotated[
+        Except | None,
+        about("velocities of all hinges and slides but these", {"except": ["root_x"]}),
+    ] = None
+
+
+class Limit(Record, frozen=True, kw_only=True):
+    """A bound of one scalar, which is crossed below, above, or on either side of zero."""
+
+    sensor: Annotated[
+        Name, about("a sensor, or a scalar's full name such as height/z or hip/position", "height")
+    ]
+    index: Annotated[Index | None, about("the part of the sensor", "z")] = None
+    below: Annotated[Number | None, about("crossed below this value", 0.7)] = None
+    above: Annotated[Number | None, about("crossed above this value", 2.0)] = None
+    beyond: Annotated[NonNegative | None, about("crossed where |value| is above this", 1.0)] = None
+
+
+MOST_CONTACTS = 31  # pairs, since MuJoCo marks them by the bits of an integer
+
+
+class Option(Record, frozen=True, kw_only=True):
+    """Options of the simulation, under MuJoCo's names; the model keeps those that are left out."""
+
+    timestep: Annotated[Positive | None, about("the simulator's time step [s]", 0.005)] = None
+    integrator: Annotated[
+        Literal["Euler", "RK4", "implicit", "implicitfast"] | None,
+        about("the method of integration; implicitfast suits stiff joints", "implicitfast"),
+    ] = None
+    solver: Annotated[
+        Literal["PGS", "CG", "Newton"] | None, about("the solver of constraints", "Newton")
+    ] = None
+    cone: Annotated[
+        Literal["pyramidal", "elliptic"] | None, about("the form of friction cones", "pyramidal")
+    ] = None
+    jacobian: Annotated[
+        Literal["dense", "sparse", "auto"] | None, about("the form of Jacobians", "auto")
+    ] = None
+    iterations: Annotated[Count | None, about("most iterations of the solver", 50)] = None
+    tolerance: Annotated[NonNegative | None, about("the solver's tolerance", 1e-12)] = None
+    ls_iterations: Annotated[Count | None, about("most iterations of its line search", 50)] = None
+    ls_tolerance: Annotated[NonNegative | None, about("its line search's tolerance", 0.01)] = None
+    noslip_iterations: Annotated[Count | None, about("most iterations against slip", 0)] = None
+    noslip_tolerance: Annotated[NonNegative | None, about("their tolerance", 1e-6)] = None
+    ccd_iterations: Annotated[Count | None, about("most iterations of collisions", 35)] = None
+    ccd_tolerance: Annotated[NonNegative | None, about("tolerance of collisions", 1e-6)] = None
+    impratio: Annotated[
+        Positive | None, about("frictional to normal impedance of contacts", 1.0)
+    ] = None
+    gravity: Annotated[Vector | None, about("gravity, x y z [m/s²]", (0.0, 0.0, -9.81))] = None
+    wind: Annotated[Vector | None, about("the medium's velocity [m/s]", (0.0, 0.0, 0.0))] = None
+    magnetic: Annotated[Vector | None, about("magnetic flux [T]", (0.0, -0.5, 0.0))] = None
+    density: Annotated[NonNegative | None, about("the medium's density [kg/m³]", 1000.0)] = None
+    viscosity: Annotated[NonNegative | None, about("its viscosity [Pa·s]", 0.1)] = None
+    disable: Annotated[
+        tuple[Name, ...], about("MuJoCo's flags to switch off", ["contact", "constraint"])
+    ] = ()
+    enable: Annotated[tuple[Name, ...], about("MuJoCo's flags to switch on", ["invdiscrete"])] = ()
+
+
+class JointChange(Record, frozen=True, kw_only=True):
+    """Changes of joints; units are those of a hinge, and of a slide with m and N instead."""
+
+    damping: Annotated[NonNegative | None, about("damping [N·m·s/rad]", 1.0)] = None
+    stiffness: Annotated[NonNegative | None, about("stiffness of a spring [N·m/rad]", 0.0)] = None
+    springref: Annotated[Number | None, about("position at which it rests [rad]", 0.0)] = None
+    armature: Annotated[NonNegative | None, about("the rotor's inertia [kg·m²]", 0.02)] = None
+    frictionloss: Annotated[NonNegative | None, about("dry friction [N·m]", 0.0)] = None
+    limited: Annotated[bool | None, about("whether the range is a limit", True)] = None
+    range: Annotated[
+        tuple[Number, Number] | None, about("lowest and highest position [rad]", (-1.0, 1.0))
+    ] = None
+    margin: Annotated[
+        NonNegative | None, about("distance at which a limit begins to act [rad]", 0.0)
+    ] = None
+    solref_limit: Annotated[
+        tuple[Number, Number] | None,
+        about("MuJoCo's solref of the limit: time [s], damping ratio", (0.04, 1.0)),
+    ] = None
+    solimp_limit: Annotated[
+        tuple[Number, ...] | None,
+        about("MuJoCo's solimp of the limit, up to 5 numbers", (0.0, 0.95, 0.1, 0.5, 2.0)),
+    ] = None
+    actfrcrange: Annotated[
+        tuple[Number, Number] | None,
+        about("lowest and highest torque of all its actuators [N·m]", (-24.0, 24.0)),
+    ] = None
+
+
+class GeomChange(Record, frozen=True, kw_only=True):
+    """Changes of geoms: how they touch."""
+
+    solref: Annotated[
+        tuple[Number, Number] | None,
+        about("MuJoCo's solref of contacts: time [s], damping ratio", (0.04, 1.0)),
+    ] = None
+    solimp: Annotated[
+        tuple[Number, ...] | None,
+        about(
+            "MuJoCo's solimp of contacts, up to 5 numbers; a first one of 0 lets force start "
+            "smoothly",
+            (0.0, 0.95, 0.02, 0.5, 2.0),
+        ),
+    ] = None
+    friction: Annotated[
+        NonNegative | tuple[NonNegative, ...] | None,
+        about("friction: sliding, torsional [m], rolling [m]; the last two may be left out", 1.0),
+    ] = None
+    condim: Annotated[
+        Literal[1, 3, 4, 6] | None, about("dimensions of a contact's force; 1: no friction", 3)
+    ] = None
+    contype: Annotated[Bits | None, about("bits of what it touches others as", 1)] = None
+    conaffinity: Annotated[Bits | None, about("bits of what others it touches", 1)] = None
+    priority: Annotated[Count | None, about("of two, the higher one's values count", 1)] = None
+    solmix: Annotated[NonNegative | None, about("weight of its values in the mean", 1.0)] = None
+    margin: Annotated[NonNegative | None, about("distance at which contact begins [m]", 0.0)] = None
+    gap: Annotated[NonNegative | None, about("part of it that bears no force [m]", 0.0)] = None
+
+
+class Motor(Record, frozen=True, kw_only=True):
+    """A motor that is added."""
+
+    joint: Annotated[
+        Name,
+        about(
+            "the joint that it drives; a pattern adds a motor for each hinge and slide that it "
+            "matches, named as its joint",
+            "hip",
+        ),
+    ]
+    gear: Annotated[Number, about("torque for a control of 1 [N·m]", 1.0)] = 1.0
+    limit: Annotated[
+        Positive | None, about("largest control either way; with a gear of 1 in [N·m]", 24.0)
+    ] = None
+
+
+class Changes(Record, frozen=True, kw_only=True):
+    """Changes of the model, made in memory; a pattern such as *_hip names several things."""
+
+    option: Annotated[Option, about("options of the simulation", {"timestep": 0.005})] = field(
+        default_factory=Option
+    )
+    joints: Annotated[
+        dict[str, JointChange],
+        about("changes by a joint's name or pattern; later ones win", {"*": {"damping": 1.0}}),
+    ] = field(default_factory=dict)
+    geoms: Annotated[
+        dict[str, GeomChange],
+        about("changes by a geom's name or pattern; later ones win", {"*foot": {"condim": 3}}),
+    ] = field(default_factory=dict)
+    remove_actuators: Annotated[
+        tuple[Name, ...], about("names or patterns of actuators to remove first", ["*"])
+    ] = ()
+    actuators: Annotated[
+        dict[str, Motor], about("motors to add, by name", {"hip": {"joint": "hip", "limit": 24.0}})
+    ] = field(default_factory=dict)
+    floor: Annotated[bool, about("whether to add a level floor at height 0, named floor", True)] = (
+        False
+    )
+    only_contacts: Annotated[
+        Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=MOST_CONTACTS)] | None,
+        about(
+            "pairs of names or patterns of geoms; all other contacts are switched off",
+            [["floor", "*foot"]],
+        ),
+    ] = None
+
+
+class Frame(Record, frozen=True, kw_only=True):
+    """The one object whose frame counts."""
+
+    body: Annotated[
+        Name | None, about("a body: its centre of mass and principal axes", "torso")
+    ] = None
+    xbody: Annotated[Name | None, about("a body: its frame as the MJCF has it", "torso")] = None
+    geom: Annotated[Name | None, about("a geom", "left_foot")] = None
+    site: Annotated[Name | None, about("a site", "imu")] = None
+    camera: Annotated[Name | None, about("a camera", "track")] = None
+
+
+class Sensor(Frame, frozen=True, kw_only=True):
+    """A sensor of MuJoCo that is added to the model. It measures one object."""
+
+    type: Annotated[
+        str,
+        Meta(
+            description="MuJoCo's name of the sensor's type",
+            examples=["framepos"],
+            extra_json_schema={"enum": list(SENSOR_TYPES)},
+        ),
+    ]
+    joint: Annotated[Name | None, about("a joint", "hip")] = None
+    tendon: Annotated[Name | None, about("a tendon", "hamstring")] = None
+    actuator: Annotated[Name | None, about("an actuator", "hip_motor")] = None
+    relative_to: Annotated[
+        Frame | None, about("an object to measure against", {"xbody": "torso"})
+    ] = None
+    cutoff: Annotated[
+        Positive | None,
+        about("largest value, in the sensor's unit; for distances the farthest seen [m]", 1.0),
+    ] = None
+
+
+SettingValue = bool | int | float | str | tuple[bool | int | float | str, ...]
+Settings = dict[str, SettingValue | dict[str, SettingValue]]
+
+
+class StateSpread(Record, frozen=True, kw_only=True):
+    """Standard deviations of a state; what is left out is exact."""
+
+    position: Annotated[NonNegative, about("of each position [m, rad]", 0.01)] = 0.0
+    velocity: Annotated[NonNegative, about("of each velocity [m/s, rad/s]", 0.1)] = 0.0
+    activation: Annotated[NonNegative, about("of each actuator's activation", 0.0)] = 0.0
+    overrides: Annotated[
+        dict[str, NonNegative],
+        about(
+            "others, by JOINT/position or JOINT/velocity, or a pattern", {"root_x/position": 0.0}
+        ),
+    ] = field(default_factory=dict)
+
+
+class Start(Record, frozen=True, kw_only=True):
+    """The state from which a task starts: a keyframe, or the model's first state, and changes."""
+
+    keyframe: Annotated[
+        Name | Annotated[int, Meta(ge=0, le=1_000_000)] | None,
+        about("a keyframe of the model, by name or number", "stand"),
+    ] = None
+    positions: Annotated[
+        dict[str, Coordinates],
+        about(
+            "positions by joint [m, rad]; 4 numbers w x y z of a ball, 7 numbers x y z w x y z of "
+            "a free joint",
+            {"hip": 0.1},
+        ),
+    ] = field(default_factory=dict)
+    velocities: Annotated[
+        dict[str, Coordinates],
+        about(
+            "velocities by joint [m/s, rad/s]; 3 numbers of a ball, 6 of a free joint", {"hip": 0.0}
+        ),
+    ] = field(default_factory=dict)
+    std: Annotated[
+        StateSpread,
+        about("standard deviations of the start", {"position": 0.01, "velocity": 0.1}),
+    ] = StateSpread(position=0.01, velocity=0.1)
+    varied: Annotated[
+        StateSpread | None,
+        about(
+            "standard deviations of several starts from which one policy learns; left out: std",
+            {"position": 0.1, "velocity": 0.1},
+        ),
+    ] = None
+
+
+class SpreadLimit(Record, frozen=True, kw_only=True):
+    """Holds the largest standard deviations of a state; those left out have no limit (.inf)."""
+
+    position: Annotated[Annotated[float, Meta(gt=0)], about("[m, rad]", 0.3)] = inf
+    velocity: Annotated[Annotated[float, Meta(gt=0)], about("[m/s, rad/s]", 4.0)] = inf
+    activation: Annotated[Annotated[float, Meta(gt=0)], about("of an actuator", 1.0)] = inf
+    overrides: Annotated[
+        dict[str, Annotated[float, Meta(gt=0)]],
+        about(
+            "others, by JOINT/position or JOINT/velocity, or a pattern", {"root_x/position": 1.0}
+        ),
+    ] = field(default_factory=dict)
+
+
+class Marginals(Record, frozen=True, kw_only=True):
+    """Limits of the trajectory distribution's width."""
+
+    std_limit: Annotated[
+        SpreadLimit,
+        about("largest standard deviations", {"position": 0.3, "velocity": 4.0}),
+    ] = SpreadLimit()
+
+
+class Zero(Record, frozen=True, kw_only=True, tag_field="law", tag="zero"):
+    """Controls of zero."""
+
+
+class Noise(Record, frozen=True, kw_only=True, tag_field="law", tag="noise"):
+    """Controls that vary smoothly at random."""
+
+    std: Annotated[
+        Positive | tuple[NonNegative, ...],
+        about("standard deviation of controls, or one for each actuator [N·m]", 30.0),
+    ]
+    time_constant: Annotated[Positive, about("time over which they vary [s]", 0.5)] = 0.5
+
+
+class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
+    """Torques that hold a pose: stiffness · (pose − position) − damping · velocity."""
+
+    pose: Annotated[
+        Name | Annotated[int, Meta(ge=0, le=1_000_000)] | None,
+        about("a keyframe, by name or number; left out: the start", "stand"),
+    ] = None
+    stiffness: Annotated[
+        NonNegative | dict[str, NonNegative] | None,
+        about(
+            "[N·m/rad], for all joints or by name or pattern; left out: suited to their inertia",
+            300.0,
+        ),
+    ] = None
+    damping: Annotated[
+        NonNegative | dict[str, NonNegative] | None,
+        about(
+            "[N·m·s/rad], for all joints or by name or pattern; left out: suited to the stiffness",
+            30.0,
+        ),
+    ] = None
+
+
+class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling"):
+    """A motion found by sampling: short plans, one after another, each improved by samples."""
+
+    method: Annotated[
+        Literal["predictive", "cross_entropy"],
+        about("the best sample becomes the plan, or the mean of the best ones", "predictive"),
+    ] = "predictive"
+    plan: Annotated[Positive, about("length of a plan [s]", 0.8)] = 0.8
+    period: Annotated[
+        Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
+    ] = 0.05
+    samples: Annotated[
+        Annotated[int, Meta(ge=2, le=100_000)], about("plans tried in an iteration", 32)
+    ] = 32
+    iterations: Annotated[
+        Annotated[int, Meta(ge=1, le=1000)], about("rounds of samples for each plan", 2)
+    ] = 2
+    elites: Annotated[
+        Annotated[int, Meta(ge=2, le=100_000)],
+        about("best samples whose mean cross_entropy takes", 8),
+    ] = 8
+    knots: Annotated[
+        Annotated[int, Meta(ge=2, le=1000)],
+        about("points in a plan between which a sample's change is linear", 6),
+    ] = 6
+    noise: Annotated[
+        Positive,
+        about("largest standard deviation of a sample, as a share of half a control's range", 0.3),
+    ] = 0.3
+    std: Annotated[
+        Positive | tuple[Positive, ...] | None,
+        about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
+    ] = None
+    ddp_iterations: Annotated[
+        Annotated[int, Meta(ge=0, le=1000)], about("iterations of DDP on each plan", 5)
+    ] = 5
+
+
+class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="demonstration"):
+    """A recorded motion."""
+
+    file: Annotated[
+        Name,
+        about("file with columns time, JOINT/position, JOINT/velocity, JOINT/effort", "walk.csv"),
+    ]
+
+
+class Path(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
+    """Positions over time; they need not be feasible.
+
+    Without keyframes and file the robot stays in the air, or wherever it starts.
+    """
+
+    through: Annotated[
+        tuple[Name | Annotated[int, Meta(ge=0, le=1_000_000)], ...],
+        about("keyframes to pass on straight lines from the start, at even times", ["stand"]),
+    ] = ()
+    file: Annotated[
+        Name | None,
+        about(
+            "or a file with columns time and JOINT/position, also of another robot: joints that it "
+            "lacks stay as they start",
+            "walk.csv",
+        ),
+    ] = None
+    scale: Annotated[
+        Positive, about("of the file's lengths, as the ratio of two robots' sizes", 0.8)
+    ] = 1.0
+
+
+Begin = Zero | Noise | Pd | Sampling | RecordedMotion | Path
+
+
+class TaskFile(Record, frozen=True, kw_only=True):
+    """A control problem for vgps_ros. Units are SI: m, kg, s, rad, N, N·m."""
+
+    model: Annotated[
+        Name,
+        about(
+            "the robot's MJCF: a path from this file's folder, or package://PACKAGE/PATH",
+            "hopper.xml",
+        ),
+    ]
+    changes: Annotated[
+        Changes, about("changes of the model, made in memory", {"option": {"timestep": 0.005}})
+    ] = field(default_factory=Changes)
+    control_period: Annotated[
+        Positive, about("time between controls, a multiple of the simulator's time step [s]", 0.01)
+    ]
+    horizon: Annotated[Positive, about("time that is trained on and scored [s]", 4.0)]
+    lookahead: Annotated[
+        NonNegative, about("time that is optimised beyond the horizon [s]", 0.6)
+    ] = 0.0
+    start: Annotated[Start, about("the start", {"keyframe": "stand"})] = field(
+        default_factory=Start
+    )
+    sensors: Annotated[
+        dict[str, Sensor],
+        about("sensors to add, by name", {"height": {"type": "framepos", "body": "torso"}}),
+    ] = field(default_factory=dict)
+    cost: Annotated[
+        tuple[CostTerm, ...],
+        Meta(
+            description="terms whose sum is the cost of a step",
+            examples=[[{"sensor": "height", "index": "z", "target": 1.2, "weight": 5.0}]],
+            min_length=1,
+        ),
+    ]
+    observe: Annotated[
+        tuple[Name | ObservedEntry, ...],
+        Meta(
+            description="values that the policy reads: joint_positions, joint_velocities, scalars "
+            "by full name, or mappings",
+            examples=[["joint_positions", "joint_velocities", {"sensor": "up"}]],
+            min_length=1,
+        ),
+    ] = ("joint_positions", "joint_velocities")
+    fallen: Annotated[
+        tuple[Limit, ...],
+        about("limits beyond which the robot has fallen", [{"sensor": "height/z", "below": 0.7}]),
+    ] = ()
+    limits: Annotated[
+        tuple[Limit, ...],
+        about(
+            "limits beyond which the executor stops the policy",
+            [{"sensor": "pitch", "beyond": 1.0}],
+        ),
+    ] = ()
+    marginals: Annotated[
+        Marginals, about("limits of the width of q", {"std_limit": {"position": 0.3}})
+    ] = field(default_factory=Marginals)
+    begin: Annotated[
+        Begin, about("motion from which the first solve starts", {"law": "pd", "pose": "stand"})
+    ] = field(default_factory=Zero)
+    optimizer: Annotated[
+        Settings,
+        about("settings of the trajectory optimization", {"ddp.regularization_floor": 0.1}),
+    ] = field(default_factory=dict)
+    search: Annotated[Settings, about("settings of the policy search", {"hidden_units": [10]})] = (
+        field(default_factory=dict)
+    )
+
+
+def flattened(settings: dict[str, Any]) -> dict[str, Any]:
+    """Returns nested settings by their dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            flat |= {f"{name}.{key}": entry for key, entry in value.items()}
+        else:
+            flat[name] = value
+    return flat
