@@ -302,11 +302,12 @@ def test_in_real_time_an_old_command_is_refused_also_after_a_reset(graph, swimme
     robot = Robot(graph, swimmer)
 
     def commanded_after(duration):
-        """Answers the state of a while ago."""
+        """Answers the state of a while ago [simulated s]."""
         first = len(robot.states)
         graph.spin_until(lambda: len(robot.states) > first)
         answered = robot.states[first]
-        graph.spin_for(duration)
+        end = nanoseconds(answered.header.stamp) + round(1e9 * duration)
+        graph.spin_until(lambda: nanoseconds(robot.states[-1].header.stamp) >= end)
         robot.command([1.0, 1.0], answered)
 
     def moves():
