@@ -1,8 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
-Run it in the repository's root after a change of `vgps_ros/tasks/schema.py` or
-`vgps_ros/tasks/schema.py`:
+Run it in the repository's root after a change of `vgps_ros/tasks/schema.py`:
 
     python scripts/write_task_schema.py
 """
@@ -26,7 +25,7 @@ def definition() -> str:
     """Returns the text of the schema."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$comment": "Written by scripts/write_task_schema.py from task_schema.py; do not edit.",
+        "$comment": "Written by scripts/write_task_schema.py from schema.py; do not edit.",
         **_finite(msgspec.json.schema(TaskFile)),
     }
     return json.dumps(schema, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

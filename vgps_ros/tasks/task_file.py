@@ -16,7 +16,7 @@ For example, a pendulum that is swung up:
     begin: {law: noise, std: 1.0}                            # [N·m]
 
 The first line makes editors that know yaml-language-server check the file and show descriptions; it
-names the path of `task.schema.json`, which lies beside this module. `task_schema` has all keys.
+names the path of `task.schema.json`, which lies beside this module. `schema` has all keys.
 """
 
 import importlib.util
