@@ -25,7 +25,8 @@ setup(
         ("share/vgps_ros/config/security/common", sorted(glob("config/security/common/*.xml"))),
         ("share/vgps_ros/launch", sorted(glob("launch/*.launch.py"))),
         # `ros2 run` looks for executables in lib/<package>: each is `vgps` under another name.
-        ("lib/vgps_ros", sorted(glob("scripts/executables/*"))),
+        # An older build may have left links to commands that are gone.
+        ("lib/vgps_ros", [f for f in sorted(glob("scripts/executables/*")) if Path(f).exists()]),
     ],
     # Without an extra nothing is installed along: pip must not touch a ROS installation.
     extras_require={

@@ -28,8 +28,8 @@ from benchmarks.timing import Comparison
 from vgps_ros.core.checks import nearest
 from vgps_ros.simulation.warnings import silence_mujoco
 from vgps_ros.storage.files import write_json
+from vgps_ros.views.console import table_console
 from vgps_ros.views.plots import save
-from vgps_ros.views.table_console import table_console
 
 Benchmark = Callable[[], Iterator[Comparison]]
 

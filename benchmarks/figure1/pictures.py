@@ -38,9 +38,8 @@ from vgps_ros.search.settings import METHOD
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views.plots import draw_motion, save
-from vgps_ros.views.recording import Recording
+from vgps_ros.views.recording import ITERATION, Recording
 from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.rows import ITERATION
 
 _LOWEST = 0.85  # the lowest multiple that is drawn
 # Colour, line and marker of each curve. In grey, lines and markers tell them apart.

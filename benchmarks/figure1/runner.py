@@ -17,7 +17,7 @@ from benchmarks.figure1.cells import Cell, Protocol, remove_unfinished, run_cell
 from benchmarks.figure1.table import write_table
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.storage.files import read_json, write_json
-from vgps_ros.views.table_console import plain_console
+from vgps_ros.views.console import plain_console
 
 FAILURES = "failures.json"
 _PROTOCOL = "experiment.json"

@@ -27,7 +27,7 @@ from benchmarks.figure1.curves import RISING
 from benchmarks.figure1.table import Columns
 from vgps_ros.core.records import Array
 from vgps_ros.search.settings import METHOD
-from vgps_ros.views.table_console import table_console
+from vgps_ros.views.console import table_console
 
 CEILING = 20.0  # costs are counted and drawn up to this multiple of the initial DDP solution's
 CONFIDENCE, RESAMPLES, LAST = 0.95, 2000, 5

@@ -24,7 +24,7 @@ def info(arguments: argparse.Namespace) -> None:
     from rich.table import Column, Table
 
     from vgps_ros.bags import BagReader
-    from vgps_ros.views.table_console import table_console
+    from vgps_ros.views.console import table_console
 
     path = arguments.bag
     with BagReader(path) as bag:

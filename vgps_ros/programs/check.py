@@ -89,7 +89,7 @@ def _show(task: "Task", found: TaskCheck) -> None:
     from rich.table import Column, Table
     from rich.text import Text
 
-    from vgps_ros.views.table_console import table_console
+    from vgps_ros.views.console import table_console
 
     console, dims, freedoms = table_console(), task.dims, task.dynamics.model.nv
     console.print(

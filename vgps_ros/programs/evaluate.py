@@ -154,7 +154,7 @@ def show(result: dict[str, Any], *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     from rich.table import Column, Table
 
-    from vgps_ros.views.table_console import table_console
+    from vgps_ros.views.console import table_console
 
     kind = "stochastic" if result["stochastic"] else "deterministic"
     survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
@@ -176,7 +176,7 @@ def _show_survival(robustness: dict[str, Any]) -> None:
     from rich.table import Table
 
     from vgps_ros.search.robustness import ENOUGH, KINDS
-    from vgps_ros.views.table_console import table_console
+    from vgps_ros.views.console import table_console
 
     table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
     for kind, found in robustness.items():
@@ -261,7 +261,7 @@ def run(arguments: argparse.Namespace) -> None:
                 "--plot draws disturbances, but none is named; add --pushes, --slopes, --payloads "
                 "or --frictions."
             )
-        from vgps_ros.views.robustness import survival_curves
+        from vgps_ros.views.plots import survival_curves
 
         survival_curves({task.name: found}, arguments.rollouts).savefig(arguments.plot, dpi=150)
     if prints:

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.programs.policy_run import PolicyRun
     from vgps_ros.ros_runtime.runner import client_node
     from vgps_ros.tasks import make_task
-    from vgps_ros.views.table_console import plain_console
+    from vgps_ros.views.console import plain_console
 
     console = plain_console()
     task = make_task(arguments.task)

@@ -87,10 +87,10 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.search.training import train
+    from vgps_ros.views.console import TrainingProgress
     from vgps_ros.views.event_log import EventLog
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
-    from vgps_ros.views.training_progress import TrainingProgress
 
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)

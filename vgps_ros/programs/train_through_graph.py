@@ -39,9 +39,9 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.messages.conversions import policy_from_msg, result_from_msgs
     from vgps_ros.programs.training_client import TrainingClient
     from vgps_ros.ros_runtime.runner import client_node
+    from vgps_ros.views.console import TrainingProgress
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import save
-    from vgps_ros.views.training_progress import TrainingProgress
 
     of_learner = (arguments.learner, arguments.lost_timeout, arguments.namespace)
     with client_node(partial(TrainingClient, *of_learner)) as node:

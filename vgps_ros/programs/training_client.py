@@ -19,7 +19,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import progress_from_msg
 from vgps_ros.ros_runtime.qos import STREAM, Liveness
 from vgps_ros.ros_runtime.runner import spin_once
-from vgps_ros.views.training_progress import TrainingProgress
+from vgps_ros.views.console import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # longest wait for a message [s]
 # A request to a learner that was just started again may go to the one that was killed [s].

@@ -30,7 +30,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.parameters import DECLARED
 from vgps_ros.ros_runtime.services import guard_services
 from vgps_ros.simulation.warnings import silence_mujoco
-from vgps_ros.views.table_console import table_console
+from vgps_ros.views.console import table_console
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 

@@ -9,9 +9,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vgps_ros.views.geometry import floor
-from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.rows import TIME
+from vgps_ros.views.recording import TIME
+from vgps_ros.views.robot_shape import RobotShape, floor
 
 _DEPTH = 0.1  # of the ground below a robot that moves in a horizontal plane, in its sizes
 LEARNING_CURVE = "learning_curve"  # entity of the picture

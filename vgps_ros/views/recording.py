@@ -4,7 +4,9 @@
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,32 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.records import Array
 from vgps_ros.storage.disk import Disk
-from vgps_ros.views.rows import Rows, Timeline, iterations, robot_time
+
+TIME = "time"  # timeline of message stamps as the robot's time, which begins at 0 s
+STAMP = "ros2_timestamp"  # the same as dates, named as in Rerun's own MCAP reader
+WALL_TIME = "wall_time"  # timeline of the stamps that are not in the robot's time
+ITERATION = "iteration"  # timeline of the iterations of Algorithm 1
+
+Timeline = Callable[[np.ndarray], list[rr.TimeColumn]]
+
+
+def robot_time(stamps: np.ndarray) -> list[rr.TimeColumn]:
+    """Returns the columns of the robot's times [ns], shape (N,)."""
+    return [
+        rr.TimeColumn(TIME, duration=stamps.astype("timedelta64[ns]")),
+        rr.TimeColumn(STAMP, timestamp=stamps.astype("datetime64[ns]")),
+    ]
+
+
+def iterations(pairs: np.ndarray) -> list[rr.TimeColumn]:
+    """Returns the columns of iterations and their wall-clock times [ns], shape (N, 2)."""
+    return [
+        rr.TimeColumn(ITERATION, sequence=pairs[:, 0]),
+        rr.TimeColumn(WALL_TIME, timestamp=pairs[:, 1].astype("datetime64[ns]")),
+    ]
+
 
 # The rows of each entity are written in pieces. Each piece takes room in the file, and memory until
 # the file is complete, so pieces should be large.
@@ -27,6 +53,36 @@ _PIECE = 2**18  # largest number of bytes that is written to the disk at once
 
 class UnfinishedRecordingError(VgpsError):
     """Raised when a recording lacks its end. The part on the disk can be read."""
+
+
+class _Rows:
+    """The rows of one entity that wait to be sent together, which is much faster than each alone.
+
+    Args:
+        kind: the archetype, such as `rr.Scalars`.
+        timeline: makes the columns of the times.
+    """
+
+    def __init__(self, kind: Any, timeline: Timeline):
+        self._kind, self._timeline = kind, timeline
+        self._times: list[int | tuple[int, int]] = []
+        self._values: dict[str, list[Array]] = defaultdict(list)
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def add(self, time: int | tuple[int, int], values: dict[str, ArrayLike]) -> None:
+        """Adds a row: a copy of the values of each component, one for each instance."""
+        self._times.append(time)
+        for name, value in values.items():
+            self._values[name].append(np.array(value, float))
+
+    def columns(self) -> tuple[list[rr.TimeColumn], rr.ComponentColumnList]:
+        """Returns the columns of the times and of the components."""
+        instances = {name: list(chain(*rows)) for name, rows in self._values.items()}
+        lengths = [len(row) for row in next(iter(self._values.values()))]
+        columns = self._kind.columns(**instances).partition(lengths)
+        return self._timeline(np.array(self._times)), columns
 
 
 class Recording:
@@ -59,7 +115,7 @@ class Recording:
         self.logged: set[str] = set()
         self._file = self.disk.open(path)
         self._stream = rr.RecordingStream("vgps_ros")
-        self._rows: dict[tuple[str, Timeline], Rows] = {}
+        self._rows: dict[tuple[str, Timeline], _Rows] = {}
         self._timeline: Timeline = robot_time
         self._time: int | tuple[int, int] = 0
         # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
@@ -85,7 +141,7 @@ class Recording:
         self.logged.add(entity)
         key = entity, self._timeline
         if (rows := self._rows.get(key)) is None:
-            rows = self._rows[key] = Rows(kind, self._timeline)
+            rows = self._rows[key] = _Rows(kind, self._timeline)
         rows.add(self._time, values)
         if len(rows) >= _LONGEST:
             self._send(key)

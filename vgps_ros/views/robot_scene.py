@@ -6,6 +6,7 @@ recording and one made from a bag look alike.
 """
 
 from collections.abc import Collection
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,10 +22,8 @@ from vgps_ros.simulation.model import (
     state_names,
 )
 from vgps_ros.views.blueprint import PLAN_COST, PLAN_TIME, blueprint, eye, ground
-from vgps_ros.views.geometry import geometries
-from vgps_ros.views.recording import Recording
-from vgps_ros.views.robot_shape import RobotShape
-from vgps_ros.views.rows import robot_time
+from vgps_ros.views.recording import Recording, robot_time
+from vgps_ros.views.robot_shape import RobotShape, floor
 
 _LEARNED, _DDP, _FORCE = (31, 95, 191), (0, 0, 0), (214, 39, 40)
 _Q, _PLAN = (255, 159, 28), (44, 160, 44)
@@ -33,6 +32,8 @@ _PATH_STYLE = rr.LineStrips3D.from_fields(colors=[_LEARNED], radii=[0.015])
 _PLAN_STYLE = rr.LineStrips3D.from_fields(colors=[_PLAN], radii=[0.01])
 _FORCE_STYLE = rr.Arrows3D.from_fields(colors=[_FORCE])
 _FORCE_SCALE = 1e-3  # length of a force's arrow [m/N]
+_WALL = 50.0  # half the side at which an unbounded plane is drawn [m]
+_SLAB = 0.005  # half the thickness at which a plane is drawn [m]
 
 
 class RobotScene:
@@ -58,7 +59,7 @@ class RobotScene:
         self._recording = recording
         self._model = model = compile_model(mjcf)
         self._shape = RobotShape(model)
-        self._geometries = geometries(model)
+        self._geometries = _geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
         self.states = StateMessages(model)
@@ -193,3 +194,51 @@ class RobotScene:
             origins=origins,
             vectors=forces,
         )
+
+
+def _geometries(model: mujoco.MjModel) -> dict[str, tuple[int, Any]]:
+    """Returns the index and the shape of each geometry that can be drawn, by its name.
+
+    The floor is not among them: lines stand for it, which Rerun would hide behind a filled floor.
+    """
+    pictures = {}
+    for i in range(model.ngeom):
+        picture = _picture(model, i) if i != floor(model) else None
+        if picture is not None and model.geom_rgba[i, 3] > 0:
+            pictures[model.geom(i).name or f"geom_{i}"] = (i, picture)
+    return pictures
+
+
+def _picture(model: mujoco.MjModel, i: int) -> Any:
+    a, b, c = model.geom_size[i].tolist()
+    colours = [[round(255 * part) for part in model.geom_rgba[i]]]
+    solid: dict[str, Any] = {"colors": colours, "fill_mode": "solid"}
+    match mujoco.mjtGeom(model.geom_type[i]):
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            sides = [[a or _WALL, b or _WALL, _SLAB]]
+            return rr.Boxes3D(half_sizes=sides, centers=[[0.0, 0.0, -_SLAB]], **solid)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return rr.Ellipsoids3D(half_sizes=[[a, a, a]], **solid)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            # Rerun's capsule starts at its origin; MuJoCo's capsule is centred on it.
+            start = [[0.0, 0.0, -b]]
+            return rr.Capsules3D(lengths=[2 * b], radii=[a], translations=start, **solid)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return rr.Ellipsoids3D(half_sizes=[[a, b, c]], **solid)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return rr.Cylinders3D(lengths=[2 * b], radii=[a], **solid)
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return rr.Boxes3D(half_sizes=[[a, b, c]], **solid)
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return _mesh(model, int(model.geom_dataid[i]), model.geom_rgba[i])
+    return None  # Rerun has no shape for height fields and signed distance functions
+
+
+def _mesh(model: mujoco.MjModel, i: int, rgba: np.ndarray) -> rr.Mesh3D:
+    vertices = model.mesh_vertadr[i] + np.arange(model.mesh_vertnum[i])
+    faces = model.mesh_faceadr[i] + np.arange(model.mesh_facenum[i])
+    return rr.Mesh3D(
+        vertex_positions=model.mesh_vert[vertices],
+        triangle_indices=model.mesh_face[faces],
+        albedo_factor=rgba,
+    )

@@ -57,6 +57,12 @@ class RobotShape:
         mujoco.mj_kinematics(self._model, self.data)
 
 
+def floor(model: mujoco.MjModel) -> int | None:
+    """Returns the index of the floor, which is the model's first plane, or None without one."""
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    return int(planes[0]) if len(planes) else None
+
+
 def _half_axis(model: mujoco.MjModel, i: int) -> Array:
     """Returns half of a geometry's longest axis, in its own frame, shape (3,) [m]."""
     half, size = np.zeros(3), model.geom_size[i]
