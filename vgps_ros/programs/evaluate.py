@@ -6,7 +6,6 @@ Where disturbances are named, it also measures how many rollouts survive each.
 
 import argparse
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Setting
 from vgps_ros.policies.policy_file import open_policy
@@ -25,97 +23,13 @@ from vgps_ros.storage.run_folder import RunFolder
 if TYPE_CHECKING:
     from vgps_ros.core.executed_control import Policy
     from vgps_ros.tasks import Task
-    from vgps_ros.tasks.driver import Driver
-
-STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
-SPREAD: dict[str, Callable[[Array], Any]] = {
-    "mean": np.mean,
-    "median": np.median,
-    "smallest": np.min,
-    "largest": np.max,
-}
-FIGURES = {"time": "time [s]", "distance": "distance [m]", "speed": "speed [m/s]"}
-FIGURES["cost_per_step"] = "cost per step"
 
 
-def evaluate(
-    task: "Task",
-    driver: "Driver",
-    *,
-    seconds: float,
-    rollouts: int,
-    perturbation: float,
-    seed: int,
-    stochastic: bool,
+def _try_disturbances(
+    task: "Task", policy: "Policy", arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Rolls a policy out from perturbed starts.
-
-    Distance, speed and cost are those up to the end, or until a rollout falls or diverges.
-
-    Args:
-        task: dynamics, cost, x_1 and what falling is.
-        driver: the policy, with what it reads.
-        seconds: length of each rollout [s].
-        rollouts: their number.
-        perturbation: standard deviation of the joints' angles in x_1 [rad]; that of their
-            velocities is ten times as large [rad/s]. Slides stay where they are.
-        seed: of all random draws.
-        stochastic: whether the policy's noise is drawn.
-
-    Raises:
-        InvalidInputError: the rollouts have too many steps, or the policy has no noise to draw.
-    """
-    steps = max(1, round(seconds / task.dynamics.time_step))
-    if rollouts * steps > STEPS:
-        raise InvalidInputError(
-            f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
-        )
-    noise_std = driver.policy.noise_std
-    if stochastic and not noise_std.any():
-        raise InvalidInputError("The policy has no noise to draw; leave out --stochastic.")
-    rng = generator(seed, Stream.EVALUATION, 0)
-    starts = _perturbed_starts(task, perturbation, rollouts, rng)
-
-    def control_law(_: int, x: Array) -> Array:
-        mean = driver.mean(x)
-        return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
-
-    states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
-    standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
-    # Steps up to the first state in which a rollout does not stand; 1 at least, for the means.
-    lasted = np.where(standing.all(axis=1), steps, np.maximum(standing.argmin(axis=1), 1))
-    survived = task.survived(states)
-    time = lasted * task.dynamics.time_step
-    last = np.where(survived, lasted, lasted - 1)
-    distance = task.distance(starts, states[np.arange(rollouts), last])
-    costs = task.cost(states[:, :-1], controls)
-    costs = np.where(np.arange(steps) < lasted[:, None], costs, 0.0).sum(axis=1)
-    figures = zip(FIGURES, (time, distance, distance / time, costs / lasted), strict=True)
-    return {
-        "task": task.name,
-        "seconds": steps * task.dynamics.time_step,
-        "rollouts": rollouts,
-        "perturbation": perturbation,
-        "seed": seed,
-        "stochastic": stochastic,
-        "survival": float(survived.mean()),
-        **{name: {key: float(f(values)) for key, f in SPREAD.items()} for name, values in figures},
-    }
-
-
-def _perturbed_starts(
-    task: "Task", perturbation: float, rollouts: int, rng: np.random.Generator
-) -> Array:
-    """Draws initial states, shape (rollouts, n_x); see `evaluate`."""
-    space = task.dynamics.space
-    scale = np.zeros(space.tangent_dim)
-    scale[: len(task.angles)] = perturbation * task.angles
-    scale[task.velocities] = 10.0 * perturbation * task.angles
-    return space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))
-
-
-def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict[str, Any]:
     """Tries the disturbances that the arguments name; returns the survival by kind."""
+    from vgps_ros.search.evaluation import perturbed_starts
     from vgps_ros.search.robustness import KINDS, Trials, robustness
     from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
@@ -129,12 +43,12 @@ def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict
         return {}
     if not isinstance(policy, GaussianPolicy):
         raise InvalidInputError(
-            f"--{next(iter(values))} needs a policy of vgps_ros, but this is a network of others; "
-            "leave it out."
+            f"--{next(iter(values))} needs a policy of vgps_ros, but this is a third-party ONNX "
+            "policy; leave it out."
         )
     steps = max(1, round(arguments.seconds / task.dynamics.time_step))
     rng = generator(arguments.seed, Stream.EVALUATION, 1)
-    starts = _perturbed_starts(task, arguments.perturbation, arguments.rollouts, rng)
+    starts = perturbed_starts(task, arguments.perturbation, arguments.rollouts, rng)
     scale = policy.noise_std if arguments.stochastic else np.zeros_like(policy.noise_std)
     noise = scale * rng.standard_normal((len(starts), steps, len(scale)))
     settings = DisturbanceSettings(
@@ -150,10 +64,11 @@ def tried(task: "Task", policy: "Policy", arguments: argparse.Namespace) -> dict
     return robustness(task, policy, trials, values)
 
 
-def show(result: dict[str, Any], *, can_fall: bool) -> None:
+def _show(result: dict[str, Any], *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     from rich.table import Column, Table
 
+    from vgps_ros.search.evaluation import FIGURES, SPREAD
     from vgps_ros.views.console import table_console
 
     kind = "stochastic" if result["stochastic"] else "deterministic"
@@ -246,14 +161,15 @@ def run(arguments: argparse.Namespace) -> None:
     file = open_policy(path)
     if not (arguments.task or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
+    from vgps_ros.search.evaluation import measure_driving
     from vgps_ros.tasks import make_task, recorded_task
     from vgps_ros.tasks.driver import driver_of
 
     task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
     driver = driver_of(task, file)
-    result = evaluate(task, driver, **{name: getattr(arguments, name) for name in own})
-    if found := tried(task, driver.policy, arguments):
+    result = measure_driving(task, driver, **{name: getattr(arguments, name) for name in own})
+    if found := _try_disturbances(task, driver.policy, arguments):
         result["robustness"] = found
     if arguments.plot:
         if not found:
@@ -267,6 +183,6 @@ def run(arguments: argparse.Namespace) -> None:
     if prints:
         print(json.dumps(result))
         return
-    show(result, can_fall=bool(task.fallen.lowest.size))
+    _show(result, can_fall=bool(task.fallen.lowest.size))
     if arguments.json:
         write_json(arguments.json, result)

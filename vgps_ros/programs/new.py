@@ -6,6 +6,7 @@ Example: vgps new hopper --model package://gymnasium/envs/mujoco/assets/hopper.x
 
 import argparse
 import os
+import shlex
 from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
@@ -49,4 +50,5 @@ def run(arguments: argparse.Namespace) -> None:
     text = first_task_file(reference, model, str(SCHEMA_PATH))
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
-    print(f"Wrote {path}. Next: vgps check {path}, then vgps train --task {path} --output RUN")
+    name = shlex.quote(str(path))
+    print(f"Wrote {path}. Next: vgps check {name}, then vgps train --task {name} --output RUN")

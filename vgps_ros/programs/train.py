@@ -7,10 +7,16 @@ training that was stopped or killed goes on where it was when the same command i
 """
 
 import argparse
+import fcntl
+import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from errno import EDQUOT, ENOSPC
 from pathlib import Path
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
@@ -94,7 +100,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
-    with TrainingProgress(settings.initial_ddp_iterations) as progress:
+    with _claimed(output.path), TrainingProgress(settings.initial_ddp_iterations) as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say)
 
         def show(iteration: SearchIteration) -> None:
@@ -119,5 +125,33 @@ def run(arguments: argparse.Namespace) -> None:
     save(learning_curve(content), output.learning_curve)
     checkpoints.remove()  # when all else is written
     print(
-        f"Wrote {output.file_names()} to {output.path}; `vgps plot {output.path}` draws the rest."
+        f"Wrote {output.file_names()} to {output.path}; `vgps plot "
+        f"{shlex.quote(str(output.path))}` draws the rest."
     )
+
+
+@contextmanager
+def _claimed(folder: Path) -> Iterator[None]:
+    """Keeps a folder for this training alone while it writes there.
+
+    Raises:
+        VgpsError: another training writes there now, or the disk is full.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise InvalidInputError(
+            f"Another training writes to '{folder}' now; wait for its end, or name another "
+            "--output."
+        ) from error
+    except OSError as error:
+        if error.errno not in (ENOSPC, EDQUOT):
+            raise
+        raise VgpsError(
+            f"The disk of '{folder}' is full; free some space, and the same command goes on."
+        ) from error
+    finally:
+        os.close(descriptor)

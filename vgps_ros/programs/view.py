@@ -2,18 +2,28 @@
 """Opens a run's Rerun recording, in the browser where there is no display.
 
 Example: vgps view recordings/mine. Ctrl-C ends it. A demo leaves run.rrd in its folder, and
-`vgps bag rerun BAG` makes a recording of any bag.
+`vgps bag rerun BAG` makes a recording of any bag. All ports are on 127.0.0.1.
 """
 
 import argparse
 import os
+import shlex
+import socket
+import subprocess
 import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.programs.command_line import Parser
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+_PATIENCE = 60.0  # time for the server to answer [s]
+_LAST_WAIT = 5.0  # time for the viewer to end before it is killed [s]
 
 
 def add_arguments(parser: Parser) -> None:
@@ -26,11 +36,9 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Opens the recording until the window is closed, or INT or TERM comes."""
     path = recording_of(arguments.run)
-    from vgps_ros.views.viewer import in_browser, on_screen
-
     try:
         if not arguments.web and any(map(os.environ.get, _DISPLAYS)):
-            with on_screen(path) as viewer:
+            with _running(str(path)) as viewer:
                 viewer.wait()
         else:
             with in_browser(path, arguments.port) as (address, viewer):
@@ -48,7 +56,7 @@ def recording_of(path: Path) -> Path:
     """
     recording = path / "run.rrd" if path.is_dir() else path
     if not recording.is_file():
-        bag = path / "bag" if (path / "bag").is_dir() else "BAG"
+        bag = shlex.quote(str(path / "bag")) if (path / "bag").is_dir() else "BAG"
         raise InvalidInputError(
             f"There is no recording '{recording}'; `vgps bag rerun {bag} --output NAME.rrd` makes "
             "one from a bag, and `vgps view NAME.rrd` opens it."
@@ -68,3 +76,67 @@ def _port(text: str) -> int:
     if port and not 1024 <= port <= 65535:
         raise argparse.ArgumentTypeError(f"{port} must be 0, or from 1024 to 65535")
     return port
+
+
+@contextmanager
+def in_browser(recording: Path, port: int = 0) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Serves a recording until the end; yields the page's address and the server's process.
+
+    Args:
+        recording: the file.
+        port: TCP port of the page; 0 for any that is free.
+
+    Raises:
+        VgpsError: the port is taken, or the server does not answer.
+    """
+    web, data = _free_port(port), _free_port()
+    options = ("--serve-web", "--web-viewer-port", str(web), "--port", str(data))
+    page = f"http://127.0.0.1:{web}"
+    with _running(*options, str(recording)) as viewer:
+        end = time.monotonic() + _PATIENCE
+        while not _answers(page):
+            if viewer.poll() is not None or time.monotonic() > end:
+                raise VgpsError(f"Rerun's server does not answer at {page}; its output is above.")
+            time.sleep(0.1)
+        source = quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
+        yield f"{page}?url={source}", viewer
+
+
+@contextmanager
+def _running(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    import rerun_cli
+
+    # The program itself: what Python has on the path starts it as a child, which would stay.
+    program = Path(str(rerun_cli.__file__)).with_name("rerun")
+    process = subprocess.Popen(
+        [str(program), "--bind", "127.0.0.1", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        env={"RUST_LOG": "error", **os.environ},
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(_LAST_WAIT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _free_port(port: int = 0) -> int:
+    with socket.socket() as found:
+        try:
+            found.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise VgpsError(f"Port {port} is taken; choose another one, or 0 for any.") from error
+        return int(found.getsockname()[1])
+
+
+def _answers(address: str) -> bool:
+    try:
+        urllib.request.urlopen(address, timeout=5).close()
+    except OSError:
+        return False
+    return True

@@ -1,16 +1,29 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The two costs that Figure 1 of the paper plots, on the true dynamics."""
+"""The two costs that Figure 1 of the paper plots, and how far, fast and long a policy drives."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.driver import Driver
+
+STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
+SPREAD: dict[str, Callable[[Array], Any]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "smallest": np.min,
+    "largest": np.max,
+}
+FIGURES = {"time": "time [s]", "distance": "distance [m]", "speed": "speed [m/s]"}
+FIGURES["cost_per_step"] = "cost per step"
 
 
 @dataclass(frozen=True)
@@ -65,3 +78,79 @@ def evaluate(
         deterministic_survived=np.array([each[0] for each in survived]),
         stochastic_survived=np.concatenate([each[1:] for each in survived]),
     )
+
+
+def measure_driving(
+    task: Task,
+    driver: Driver,
+    *,
+    seconds: float,
+    rollouts: int,
+    perturbation: float,
+    seed: int,
+    stochastic: bool,
+) -> dict[str, Any]:
+    """Rolls a policy out from perturbed starts.
+
+    Distance, speed and cost are those up to the end, or until a rollout falls or diverges.
+
+    Args:
+        task: dynamics, cost, x_1 and what falling is.
+        driver: the policy, with what it reads.
+        seconds: length of each rollout [s].
+        rollouts: their number.
+        perturbation: standard deviation of the joints' angles in x_1 [rad]; that of their
+            velocities is ten times as large [rad/s]. Slides stay where they are.
+        seed: of all random draws.
+        stochastic: whether the policy's noise is drawn.
+
+    Raises:
+        InvalidInputError: the rollouts have too many steps, or the policy has no noise to draw.
+    """
+    steps = max(1, round(seconds / task.dynamics.time_step))
+    if rollouts * steps > STEPS:
+        raise InvalidInputError(
+            f"{rollouts} rollouts of {steps} steps are too many: use at most {STEPS} steps in all."
+        )
+    noise_std = driver.policy.noise_std
+    if stochastic and not noise_std.any():
+        raise InvalidInputError("The policy has no noise to draw; leave out --stochastic.")
+    rng = generator(seed, Stream.EVALUATION, 0)
+    starts = perturbed_starts(task, perturbation, rollouts, rng)
+
+    def control_law(_: int, x: Array) -> Array:
+        mean = driver.mean(x)
+        return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
+
+    states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
+    standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
+    # Steps up to the first state in which a rollout does not stand; 1 at least, for the means.
+    lasted = np.where(standing.all(axis=1), steps, np.maximum(standing.argmin(axis=1), 1))
+    survived = task.survived(states)
+    time = lasted * task.dynamics.time_step
+    last = np.where(survived, lasted, lasted - 1)
+    distance = task.distance(starts, states[np.arange(rollouts), last])
+    costs = task.cost(states[:, :-1], controls)
+    costs = np.where(np.arange(steps) < lasted[:, None], costs, 0.0).sum(axis=1)
+    figures = zip(FIGURES, (time, distance, distance / time, costs / lasted), strict=True)
+    return {
+        "task": task.name,
+        "seconds": steps * task.dynamics.time_step,
+        "rollouts": rollouts,
+        "perturbation": perturbation,
+        "seed": seed,
+        "stochastic": stochastic,
+        "survival": float(survived.mean()),
+        **{name: {key: float(f(values)) for key, f in SPREAD.items()} for name, values in figures},
+    }
+
+
+def perturbed_starts(
+    task: Task, perturbation: float, rollouts: int, rng: np.random.Generator
+) -> Array:
+    """Draws initial states, shape (rollouts, n_x); see `measure_driving`."""
+    space = task.dynamics.space
+    scale = np.zeros(space.tangent_dim)
+    scale[: len(task.angles)] = perturbation * task.angles
+    scale[task.velocities] = 10.0 * perturbation * task.angles
+    return space.add(task.initial_state, scale * rng.standard_normal((rollouts, len(scale))))

@@ -33,6 +33,32 @@ _MARKERS = ("o", "s", "^", "D", "v")
 _COLOURS = ("#1f5fbf", "black", "tab:orange", "tab:green", "tab:red")
 
 
+@dataclass(frozen=True)
+class TubeExit:
+    """The place where an executed motion leaves the tube of q(ζ), mean ± 2 sd.
+
+    A policy sees no time. It may go on with the same gait a little earlier or later than q's mean,
+    which takes it out of the tube although nothing is wrong with it.
+
+    Attributes:
+        time: when the first coordinate leaves [s].
+        coordinate: which one it is, an index into the columns that were given.
+        delay: how much later the motion then is than q's mean [s], negative where it is earlier;
+            None if no shift explains why it left.
+    """
+
+    time: float
+    coordinate: int
+    delay: float | None
+
+    def __str__(self) -> str:
+        if self.delay is None:
+            return f"leaves q ± 2 sd at {self.time:.1f} s for another motion"
+        late = "later" if self.delay > 0 else "earlier"
+        same = f"for the same motion, {abs(self.delay):.2f} s {late}"
+        return f"leaves q ± 2 sd at {self.time:.1f} s {same}"
+
+
 def save(figure: Figure, path: Path) -> None:
     """Writes a figure to a file; its ending says in which format."""
     figure.savefig(path, dpi=130, bbox_inches="tight")
@@ -175,32 +201,6 @@ def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
     axes.margins(0.02, 0.35)
     axes.set_xlabel(f"{'xyz'[plane[0]]} [m]")
     axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
-
-
-@dataclass(frozen=True)
-class TubeExit:
-    """The place where an executed motion leaves the tube of q(ζ), mean ± 2 sd.
-
-    A policy sees no time. It may go on with the same gait a little earlier or later than q's mean,
-    which takes it out of the tube although nothing is wrong with it.
-
-    Attributes:
-        time: when the first coordinate leaves [s].
-        coordinate: which one it is, an index into the columns that were given.
-        delay: how much later the motion then is than q's mean [s], negative where it is earlier;
-            None if no shift explains why it left.
-    """
-
-    time: float
-    coordinate: int
-    delay: float | None
-
-    def __str__(self) -> str:
-        if self.delay is None:
-            return f"leaves q ± 2 sd at {self.time:.1f} s for another motion"
-        late = "later" if self.delay > 0 else "earlier"
-        same = f"for the same motion, {abs(self.delay):.2f} s {late}"
-        return f"leaves q ± 2 sd at {self.time:.1f} s {same}"
 
 
 def find_tube_exit(
