@@ -162,6 +162,8 @@ build() {
 if ! build_stands; then
   check_compilers
   rm -f install/.complete
+  # Compiled loops of another version, which numba cannot read once a module has another name.
+  find vgps_ros -name '*.nb[ic]' -delete
   step "colcon build of vgps_ros and its messages" build build
   step "compiling the numerical loops" compile "$venv/bin/python" -c '
 from vgps_ros.search.trajectory_optimization import prepare
