@@ -27,7 +27,8 @@ TUNED = Path(__file__).with_name("tuned.yaml")
 # Of every task: fits and q-steps do not end as they converge, the region of the fit shrinks with α,
 # and vgps never rolls its policy out.
 _SHARED = {
-    "schedule": "paper",
+    "alphas": (1.0, 0.1),
+    "alpha_iterations": (0, 50),
     "visited_limit": 0.0,
     "fit.optimizer": "lbfgs",
     "fit.samples_per_step": 10,

@@ -6,7 +6,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core import policy_fit
-from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.policy_fit import (
@@ -118,16 +117,14 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
 
 @pytest.mark.parametrize("form", ["analytic", "sampled"])
 @pytest.mark.parametrize(
-    ("optimizer", "iterations", "learning_rate", "tolerance"),
+    ("optimizer", "iterations", "tolerance"),
     [
-        ("gauss_newton", 40, 0.01, 1e-5),
-        ("lbfgs", 40, 0.01, 1e-5),
-        ("adam", 600, 0.02, 0.1),
-        ("sgd", 1500, 0.01, 0.1),
+        ("gauss_newton", 40, 1e-5),
+        ("lbfgs", 40, 1e-5),
     ],
 )
 def test_fit_recovers_a_linear_gaussian(
-    linear_target, whole, rng, form, optimizer, iterations, learning_rate, tolerance
+    linear_target, whole, rng, form, optimizer, iterations, tolerance
 ):
     q, gain, bias, std = linear_target
     settings = FitSettings(
@@ -137,7 +134,6 @@ def test_fit_recovers_a_linear_gaussian(
         iterations,
         tolerance=1e-12,
         resample_every=20,
-        learning_rate=learning_rate,
     )
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     policy = fit_policy(start, whole, [q], settings, rng)
@@ -149,7 +145,7 @@ def test_fit_recovers_a_linear_gaussian(
     assert_allclose(policy.noise_std, std, rtol=max(tolerance, 1e-5))
 
 
-@pytest.mark.parametrize("optimizer", ["gauss_newton", "lbfgs", "adam", "sgd"])
+@pytest.mark.parametrize("optimizer", ["gauss_newton", "lbfgs"])
 @pytest.mark.parametrize("bias", [True, False])
 def test_fit_of_a_network_increases_the_objective(
     random_distribution, coordinates, rng, optimizer, bias
@@ -198,11 +194,11 @@ def test_same_generator_gives_the_same_bits(random_distribution, whole):
     assert np.all(fit(1).parameters != fit(2).parameters)
 
 
-@pytest.mark.parametrize(("optimizer", "draws"), [("lbfgs", 3), ("adam", 50), ("sgd", 50)], ids=str)
+@pytest.mark.parametrize(("optimizer", "draws"), [("lbfgs", 3)], ids=str)
 def test_samples_are_drawn_anew_as_often_as_set(
     random_distribution, whole, rng, monkeypatch, optimizer, draws
 ):
-    """LBFGS every 20 iterations, the others every iteration, and once more for the noise."""
+    """LBFGS every 20 iterations, and once more for the noise."""
     q, drawn = random_distribution(), []
 
     def counted(*args) -> Targets:
@@ -228,25 +224,6 @@ def test_a_fit_that_has_converged_draws_no_more_samples(linear_target, whole, rn
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     fit_policy(start, whole, [q], FitSettings(iterations=10_000), rng)
     assert len(drawn) < 20
-
-
-def test_a_learning_rate_that_diverges_is_named(linear_target, whole, rng):
-    q = linear_target[0]
-    start = start_of(Architecture(NAMES, (5,), 2), whole, [q], rng)
-    settings = FitSettings(optimizer="sgd", iterations=2000, learning_rate=1e200)
-    with pytest.raises(DivergenceError, match=r"lower fit\.learning_rate, which is 1e\+200"):
-        fit_policy(start, whole, [q], settings, rng)
-
-
-def test_a_fit_that_finds_nothing_better_keeps_the_policy(linear_target, whole, rng):
-    """A huge step of SGD leaves the optimum; the result is the start, with its best noise."""
-    q = linear_target[0]
-    start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
-    best = fit_policy(start, whole, [q], FitSettings(iterations=40), rng)
-    settings = FitSettings(optimizer="sgd", iterations=1, learning_rate=10.0)
-    worse_or_same = fit_policy(best, whole, [q], settings, rng)
-    targets = draw_targets([q], whole, "analytic", 50, rng)
-    assert objective(worse_or_same, targets) > objective(best, targets) - 1e-3
 
 
 def test_draws_come_as_often_as_they_are_probable(rng):

@@ -66,7 +66,10 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         (["--alphas", "1", "-0.1"], "alphas is -0.1, but it must be from"),
         (["--alphas", "nan", "1"], "alphas is nan"),
         (["--alphas", "1", "--alpha-iterations", "0", "50"], "alphas has 1 values, but"),
-        (["--schedule", "paper", "--alphas=5"], "so --alphas has no effect; leave it out"),
+        (
+            ["--preset", "paper", "--alphas=5"],
+            "but the preset paper sets it to (1.0, 0.1): leave out",
+        ),
         (
             ["--ddp-regularization-floor", "100", "--ddp-regularization-limit", "1"],
             "ddp.regularization_floor is 100, but it must be at most ddp.regularization_limit, 1.",

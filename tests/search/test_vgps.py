@@ -17,13 +17,20 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_fit import draw_targets, objective
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
-from vgps_ros.search.methods import search
+from vgps_ros.search.methods import check_search, search
 from vgps_ros.search.metrics import evaluation_metrics
-from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.settings import (
+    SearchSettings,
+    architecture,
+    search_settings,
+    with_preset,
+)
 from vgps_ros.search.situations import initial_states
-from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.search.vgps import vgps
 from vgps_ros.search.workspace import Workspace
+from vgps_ros.tasks import make_task
 
 QUICK = SearchSettings(
     iterations=2, hidden_units=(3,), initial_ddp_iterations=3, evaluation_rollouts=3
@@ -48,18 +55,13 @@ def test_alpha_rises_exponentially_over_the_run_and_then_stays():
 
 @pytest.mark.parametrize("iterations", [20, 50, 300])
 def test_alpha_of_the_papers_schedule_is_a_tenth_by_the_fiftieth_iteration(iterations):
-    settings = SearchSettings(schedule="paper", alphas=(3.0,), iterations=iterations)
+    settings = SearchSettings(preset="paper", iterations=iterations)
+    settings = with_preset(settings, make_task("swimmer"))
     assert settings.alpha(0) == 1.0
     assert_allclose(settings.alpha(25), np.sqrt(0.1))
     assert_allclose([settings.alpha(k) for k in (50, 51, 200)], 0.1)
     ratios = [settings.alpha(k + 1) / settings.alpha(k) for k in range(50)]
     assert_allclose(ratios, 0.1 ** (1 / 50))
-
-
-def test_the_papers_alpha_has_the_bits_of_the_same_values_listed():
-    listed = SearchSettings(alphas=(1.0, 0.1), alpha_iterations=(0, 50))
-    paper = SearchSettings(schedule="paper")
-    assert [paper.alpha(k) for k in range(60)] == [listed.alpha(k) for k in range(60)]
 
 
 def test_alpha_reaches_its_last_value_at_the_end_of_a_run_of_any_length():
@@ -196,7 +198,7 @@ def test_policy_of_the_paper_s_size_has_the_parameters_it_should(swimmer):
     [
         (replace(QUICK, iterations=0), 0, "iterations is 0"),
         (replace(QUICK, alphas=(-1.0, 0.1)), 0, "alphas is -1"),
-        (replace(QUICK, schedule="falling"), 0, "schedule .*falling.*listed, paper"),
+        (replace(QUICK, preset="papers"), 0, "preset .*papers.*ours, paper"),
         (QUICK, -1, "seed is -1, but it must be at least 0"),
     ],
 )
@@ -273,3 +275,28 @@ def test_the_method_runs_where_there_is_no_ros():
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root)
+
+
+def test_the_papers_preset_is_algorithm_1_as_written_and_learns_to_swim():
+    """Fifteen iterations, judged by DDP that has converged; without its noise the policy swims."""
+    task = make_task("swimmer")
+    settings = replace(search_settings(task), preset="paper", iterations=15)
+    solve_all = partial(optimize_all, task)
+    *_, last = search("vgps", task, settings, 0, solve_all)
+    assert last.alpha == pytest.approx(0.1 ** (15 / 50))
+    converged = optimize(task, first_request(task, 0, 300)).cost
+    assert last.deterministic_cost < 1.15 * converged
+
+
+@pytest.mark.parametrize(
+    ("other", "sentence"),
+    [
+        ({"visited_limit": 1.0}, "visited_limit is 1.0, but the preset paper sets it to 0.0"),
+        ({"alphas": (3.0,)}, "alphas is .*, but the preset paper sets it to"),
+        ({"candidates": 4}, "candidates is 4, but the preset paper sets it to 1"),
+    ],
+)
+def test_what_contradicts_the_preset_is_refused(other, sentence):
+    settings = SearchSettings(preset="paper", **other)
+    with pytest.raises(InvalidInputError, match=sentence):
+        check_search("vgps", make_task("swimmer"), settings, 0)

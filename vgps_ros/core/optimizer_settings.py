@@ -113,7 +113,7 @@ class FitSettings:
     optimizer: str = setting(
         "gauss_newton",
         "optimiser of the network's weights",
-        choices=("gauss_newton", "lbfgs", "adam", "sgd"),
+        choices=("gauss_newton", "lbfgs"),
     )
     samples_per_step: int = setting(
         30, "samples drawn of each step's marginal (M)", minimum=1, maximum=10_000
@@ -130,11 +130,8 @@ class FitSettings:
     )
     resample_every: int = setting(
         25,
-        "LBFGS iterations between new samples, 20 to 50 in the paper; the others draw anew every "
-        "iteration",
+        "LBFGS iterations between new samples, 20 to 50 in the paper; gauss_newton draws anew "
+        "every iteration",
         minimum=1,
         maximum=1_000_000,
-    )
-    learning_rate: float = setting(
-        0.01, "step of sgd and adam, in standardised units", minimum=1e-9, maximum=10.0
     )

@@ -30,7 +30,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
 from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
@@ -38,8 +37,6 @@ from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
-
-_FIRST_ORDER = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
 
 
 @dataclass(frozen=True)
@@ -141,9 +138,6 @@ def fit_policy(
         settings: settings of the fit.
         rng: source of the samples.
         visited: further samples, of the states that the policy itself has visited.
-
-    Raises:
-        DivergenceError: SGD or Adam left the finite numbers.
     """
 
     def samples() -> Iterator[Targets]:
@@ -170,27 +164,17 @@ def fit_to_targets(
         samples: endless; the fit takes the next ones whenever it draws samples anew.
         scaling: units of the fit.
         settings: settings of the fit.
-
-    Raises:
-        DivergenceError: SGD or Adam left the finite numbers.
     """
     theta = scaling.to_standard(policy.parameters)
     losses = (fit_loss(scaling, targets) for targets in samples)
     if settings.optimizer == "gauss_newton":
         iterations, tolerance = settings.iterations, settings.tolerance
         theta = minimize_gauss_newton(theta, losses, iterations, tolerance)
-    elif settings.optimizer == "lbfgs":
-        theta = _fit_lbfgs(theta, losses, settings)
     else:
-        theta = _fit_gradient(theta, losses, settings)
+        theta = _fit_lbfgs(theta, losses, settings)
     parameters = scaling.to_raw(theta)
     if not np.isfinite(parameters).all():
-        if settings.optimizer not in _FIRST_ORDER:  # no setting would help, so the policy stays
-            return with_best_noise(policy, next(samples))
-        raise DivergenceError(
-            f"The M-step diverged with {settings.optimizer}: lower fit.learning_rate, which is "
-            f"{settings.learning_rate:g}."
-        )
+        return with_best_noise(policy, next(samples))  # no setting would help
     targets = next(samples)
     candidates = [
         with_best_noise(candidate, targets)
@@ -211,16 +195,6 @@ def _fit_lbfgs(theta: Array, losses: Iterator[FitLoss], settings: FitSettings) -
         iterations = min(settings.resample_every, settings.iterations - start)
         theta = minimize_lbfgs(theta, next(losses).value_and_gradient, iterations)
     return theta
-
-
-def _fit_gradient(start: Array, losses: Iterator[FitLoss], settings: FitSettings) -> Array:
-    """SGD or Adam with new samples every iteration."""
-    theta = torch.nn.Parameter(torch.from_numpy(start))
-    optimizer = _FIRST_ORDER[settings.optimizer]([theta], lr=settings.learning_rate)
-    for _ in range(settings.iterations):
-        theta.grad = torch.from_numpy(next(losses).at(theta.detach().numpy()).gradient)
-        optimizer.step()
-    return np.asarray(theta.detach())
 
 
 def fit_loss(scaling: Standardization, targets: Targets) -> FitLoss:

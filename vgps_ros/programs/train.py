@@ -16,7 +16,7 @@ from dataclasses import replace
 from errno import EDQUOT, ENOSPC
 from pathlib import Path
 
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
@@ -27,7 +27,7 @@ from vgps_ros.programs.command_line import (
     settings_from,
     with_parameters_of,
 )
-from vgps_ros.search.settings import METHOD, SearchSettings
+from vgps_ros.search.settings import METHOD, PRESETS, SearchSettings, check_preset
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK, task_settings
 
@@ -73,12 +73,10 @@ def run(arguments: argparse.Namespace) -> None:
     settings = settings_from(arguments, SearchSettings())
     optimizer = settings_from(arguments, OptimizerSettings())
     given = [word.partition("=")[0] for word in arguments.parser.words]
-    listed = next((flag for flag in ("--alphas", "--alpha-iterations") if flag in given), "")
-    if settings.schedule == "paper" and listed:
-        raise InvalidInputError(
-            f"The schedule is the paper's, whose alphas are given, so {listed} has no effect; "
-            "leave it out, or give --schedule listed."
-        )
+    chosen = {s.name: s.default for s in settings_of(settings)}
+    for name, value in PRESETS[settings.preset].items():
+        if "--" + name.replace(".", "-").replace("_", "-") in given:
+            check_preset(settings.preset, name, chosen[name], value)
     output = RunFolder(arguments.output)
     if output.is_finished():
         refuse_existing([output.result], overwrite=arguments.overwrite)

@@ -24,7 +24,7 @@ from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
-from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
@@ -63,8 +63,8 @@ METHODS = {
 }
 
 
-def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -> None:
-    """Checks what a search would refuse, before anything is learned.
+def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -> SearchSettings:
+    """Checks what a search would refuse; returns its settings, with those of the preset.
 
     Raises:
         InvalidInputError: the method is unknown, a setting or the seed is out of range, the policy
@@ -72,11 +72,13 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
     """
     chosen = METHODS[one_of("method", method, METHODS)]
     check_settings(settings)
+    settings = with_preset(settings, task)
     if seed < 0:
         raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
     architecture(task, settings)  # a policy that is too large is refused before the first solve
     chosen.check(task, settings)
     check_situations(task, settings, seed)
+    return settings
 
 
 def search(
@@ -104,7 +106,7 @@ def search(
         DivergenceError: the first rollout of line 1 diverges.
         OSError: a checkpoint cannot be written.
     """
-    check_search(method, task, settings, seed)
+    settings = check_search(method, task, settings, seed)
     chosen = METHODS[method]
     run = Run(method, task, settings, seed)
     found = checkpoints.latest(run, chosen.update) if checkpoints else None

@@ -2,16 +2,17 @@
 """Settings of a policy search, which all methods share."""
 
 from bisect import bisect
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
-from vgps_ros.core.settings import Setting, setting, with_values
+from vgps_ros.core.settings import Setting, setting, settings_of, with_values
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 
 if TYPE_CHECKING:
@@ -24,8 +25,18 @@ OF_PAPER = (
 )
 METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "plato"))
 
-# The paper's schedule of α: its values, and the iterations in which they are reached.
-PAPER = ((1.0, 0.1), (0, 50))
+# What each preset sets, by dotted name. That of the paper is Algorithm 1 as written: the policy is
+# fitted to q's marginals alone, by LBFGS, and α falls from 1 to 0.1 by the 50th iteration.
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "ours": {},
+    "paper": {
+        "alphas": (1.0, 0.1),
+        "alpha_iterations": (0, 50),
+        "candidates": 1,
+        "visited_limit": 0.0,
+        "fit.optimizer": "lbfgs",
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -114,15 +125,15 @@ class SearchSettings:
     )
     hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
     output_bias: bool = setting(True, "whether the output layer has bias terms")
-    schedule: str = setting(
-        "listed",
-        "how alpha, the cost's scale, goes; listed: through alphas; paper: from 1 to 0.1 by the "
-        "50th iteration",
-        choices=("listed", "paper"),
+    preset: str = setting(
+        "ours",
+        "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, one "
+        "candidate, no visited states, and LBFGS; ours: all as the other settings say",
+        choices=tuple(PRESETS),
     )
     alphas: tuple[float, ...] = setting(
         (0.3, 20.0),
-        "values of alpha where it is listed; exponential between them, then constant",
+        "values of alpha, the cost's scale; exponential between them, then constant",
         minimum=1e-9,
         maximum=1e9,
     )
@@ -215,8 +226,6 @@ class SearchSettings:
         end at a policy that never fits it (docs/evidence/policies.md).
         """
         alphas, reached = self.alphas, self.alpha_iterations
-        if self.schedule == "paper":
-            alphas, reached = PAPER
         pieces = len(alphas) - 1
         if not pieces:
             return alphas[0]
@@ -240,3 +249,32 @@ def architecture(task: "Task", settings: SearchSettings) -> Architecture:
 def search_settings(task: "Task") -> SearchSettings:
     """Returns the settings that suit the task."""
     return with_values(SearchSettings(), task.search)
+
+
+def with_preset(settings: SearchSettings, task: "Task") -> SearchSettings:
+    """Returns the settings with what their preset sets in place of the task's defaults.
+
+    Raises:
+        InvalidInputError: something else was chosen for one of them.
+    """
+    chosen = PRESETS[settings.preset]
+    given, *usual = (
+        {s.name: s.default for s in settings_of(record)}
+        for record in (settings, search_settings(task), SearchSettings())
+    )
+    for name, value in chosen.items():
+        check_preset(settings.preset, name, given[name], value, *(each[name] for each in usual))
+    return with_values(settings, chosen)
+
+
+def check_preset(preset: str, name: str, given: Any, *allowed: Any) -> None:
+    """Checks that a value is one of those allowed beside a preset, the first of which it sets.
+
+    Raises:
+        InvalidInputError: it is not.
+    """
+    if given not in allowed:
+        raise InvalidInputError(
+            f"{name} is {given}, but the preset {preset} sets it to {allowed[0]}: leave out the "
+            "one or the other."
+        )
