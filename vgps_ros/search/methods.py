@@ -14,15 +14,13 @@ from typing import Any
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import check_settings
-from vgps_ros.search.bound import lost_bound
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
-from vgps_ros.search.coverage import lost_coverage
 from vgps_ros.search.dagger import Imitation, adapted_weighted_dagger, dagger, weighted_dagger
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
-from vgps_ros.search.metrics import measure
+from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations

@@ -4,26 +4,41 @@
 Each number is declared here once, and computed below. The entries of result.json, the message
 LearningProgress (`scripts/write_progress_message.py` writes its definition), the table of an
 experiment and the recording derive from the declaration.
+
+Two things are watched. Each step of an iteration must raise the bound L(q, θ) of `core.bound`. With
+q and θ as iteration k − 1 left them, at the α_k of iteration k,
+
+    m_step_gain = L(q_{k−1}, θ_k) − L(q_{k−1}, θ_{k−1}),
+    q_step_gain = L(q_k, θ_k) − L(q_{k−1}, θ_k)            [nat].
+
+Neither is negative where both steps are exact, and neither mixes values of different α. The horizon
+is the scored one, so where steps are planned beyond it, a q-step may give some of it up for them.
+
+And both steps trust the marginals N(x̄_t, Σ_t) of q, which are linearised (section 4). Where the
+linearisation holds, 95 % of the coordinates of rollouts of π_G, with its noise, lie within two of
+its standard deviations: that is the coverage.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from vgps_ros.core.bound import expected_cost, expected_divergence
 from vgps_ros.core.gaussians import entropy
+from vgps_ros.core.marginals import sample_deviations, sample_rollout_noise
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.policies.policy_file import policy_digest
-from vgps_ros.search.bound import bound_metrics
-from vgps_ros.search.coverage import coverage
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation
     from vgps_ros.search.iteration import SearchState
     from vgps_ros.search.workspace import Update, Workspace
+    from vgps_ros.tasks import Task
 
 
 # E[c] counts no rollout at more than this many times max(initial DDP cost, 1): a mean over rollouts
@@ -182,3 +197,106 @@ def _json_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_json_value(entry) for entry in value]
     return value if isinstance(value, str) or math.isfinite(value) else None
+
+
+Distributions: TypeAlias = Sequence[TrajectoryDistribution]
+
+# A step that loses less than this share of the bound is within the error of averages over samples.
+_TOLERANCE = 1e-3
+_REMEDIES = {
+    "M-step": "raise fit.samples_per_step or lower fit.tolerance",
+    "q-step": "raise policy_samples or ddp_iterations",
+}
+
+
+def bound_metrics(
+    work: "Workspace", before: "SearchState", theta: GaussianPolicy, after: Distributions
+) -> dict[str, float]:
+    """Computes the metrics by name; all are means over the situations.
+
+    Args:
+        work: the run.
+        before: the state at the end of iteration k − 1.
+        theta: π_θ of iteration k.
+        after: q_k over the scored horizon.
+    """
+    task, alpha = work.task, work.settings.alpha(before.k + 1)
+
+    def cost(qs: Distributions) -> float:
+        """Returns α E_q[Σ c]."""
+        pairs = zip(qs, work.tasks, strict=True)
+        return alpha * _mean([expected_cost(q, here.cost) for q, here in pairs])
+
+    def divergence(qs: Distributions, policy: GaussianPolicy) -> float:
+        """Returns Σ_t E_q[KL(q ‖ π_θ)], at the same points for all q and θ of the run."""
+        rngs = (generator(work.seed, Stream.BOUND, i) for i in range(len(qs)))
+        pairs = zip(qs, rngs, strict=True)
+        return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
+
+    # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
+    pairs = [(work.random_policies(1)[0], work.scored(before.initial_solutions))]
+    if before.last:
+        pairs = [(pair.policy, work.scored(pair.solutions)) for pair in before.last.pairs]
+    fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
+    policy, qs = pairs[i]
+    bound = -cost(after) - divergence(after, theta)
+    return {
+        "bound": bound,
+        "m_step_gain": divergence(qs, policy) - fitted,
+        "q_step_gain": bound + cost(qs) + fitted,
+        "policy_kl": fitted / task.horizon,
+    }
+
+
+def lost_bound(metrics: IterationMetrics) -> list[str]:
+    """Returns a sentence for each step of an iteration that has lowered the bound."""
+    gains = {"M-step": metrics.m_step_gain, "q-step": metrics.q_step_gain}
+    return [
+        f"The {step} of iteration {metrics.k} lowered the bound L(q, theta) by {-gain:.3g} nat to "
+        f"{metrics.bound:.5g}, which it should raise: {_REMEDIES[step]} if that goes on."
+        for step, gain in gains.items()
+        if gain < -_TOLERANCE * abs(metrics.bound)
+    ]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
+
+
+_ROLLOUTS = 4  # of each q
+# What two standard deviations cover of a Gaussian that is twice as wide as predicted.
+LEAST_COVERAGE = 0.68
+
+
+def coverage(task: "Task", q: TrajectoryDistribution, rng: np.random.Generator) -> float:
+    """Returns the share of the coordinates that lie within two sd of q's marginals, in [0, 1].
+
+    Those of a rollout that diverged do not, and coordinates without any spread do not count.
+
+    Args:
+        task: the true dynamics.
+        q: the trajectory distribution, over the steps to compare.
+        rng: source of the starts and of the noise.
+    """
+    dynamics, space = task.dynamics, task.dynamics.space
+    starts = space.add(q.mean.states[0], sample_deviations(q, _ROLLOUTS, rng)[:, 0])
+    controls = q.mean.controls + sample_rollout_noise(q, _ROLLOUTS, rng)
+    motions = [
+        motion.states
+        for start, u in zip(starts, controls, strict=True)
+        for motion in dynamics.follow_each(start, [replace(q.mean, controls=u)], q.gains)
+    ]
+    deviations = np.abs(space.subtract(np.stack(motions), q.mean.states))
+    std = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))
+    return float(np.mean((deviations <= 2.0 * std)[:, std > 0.0]))
+
+
+def lost_coverage(metrics: IterationMetrics) -> list[str]:
+    """Returns a sentence if the linearisation no longer holds after an iteration."""
+    if metrics.coverage >= LEAST_COVERAGE:
+        return []
+    return [
+        f"Iteration {metrics.k}: the linear model is inaccurate (its 95 % band covers "
+        f"{100.0 * metrics.coverage:.0f} % of rollouts). Usual in the first iterations; if it "
+        "stays, raise alpha, or the task's std_limit where it cuts the marginals."
+    ]
