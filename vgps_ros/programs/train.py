@@ -16,7 +16,7 @@ from dataclasses import replace
 from errno import EDQUOT, ENOSPC
 from pathlib import Path
 
-from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
