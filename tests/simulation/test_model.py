@@ -9,6 +9,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.simulation.model import (
     actuated_joint_names,
     check_supported,
+    compile_model,
     deviation_names,
     driven_velocities,
     hinge_names,
@@ -91,4 +92,30 @@ def test_a_range_whose_ends_are_exchanged_is_refused_and_not_ignored(joint, moto
         f"<actuator><motor name='m' joint='a' {motor}/></actuator></mujoco>"
     )
     with pytest.raises(InvalidInputError, match=sentence):
+        check_supported(model)
+
+
+HINGE = """<worldbody><body><joint name="a"/><geom size="1"/></body></worldbody>
+<actuator><motor joint="a"/></actuator>"""
+
+
+def sky(size: int) -> str:
+    texture = f'<texture type="skybox" builtin="gradient" width="{size}" height="{size}"/>'
+    return f"<mujoco><asset>{texture}</asset>{HINGE}</mujoco>"
+
+
+def test_a_square_sky_of_800_pixels_is_accepted_also_as_mujoco_writes_it_and_a_huge_one_is_not():
+    spec = mujoco.MjSpec.from_string(sky(800))
+    spec.compile()
+    assert compile_model(spec.to_xml()).nu == compile_model(sky(800)).nu == 1
+    for size in ('width="20000" height="1"', 'width="9000" height="9000"'):
+        text = sky(800).replace('width="800" height="800"', size)
+        with pytest.raises(InvalidInputError, match="numbers in its fields, pictures"):
+            compile_model(text)
+
+
+def test_a_model_whose_bodies_may_sleep_is_refused():
+    option = '<option><flag sleep="enable"/></option>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}{HINGE}</mujoco>")
+    with pytest.raises(InvalidInputError, match="lets resting bodies sleep"):
         check_supported(model)

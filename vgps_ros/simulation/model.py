@@ -3,7 +3,7 @@
 
 import math
 import re
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -56,8 +56,8 @@ def check_supported(model: mujoco.MjModel) -> None:
     """Checks that a state of the model is (qpos, qvel, act) and no more.
 
     Raises:
-        InvalidInputError: the model has no joint or no actuator, or remembers more, or a range's
-            ends are exchanged.
+        InvalidInputError: the model has no joint or no actuator, or remembers more, or lets bodies
+            sleep, or a range's ends are exchanged.
     """
     if not (model.nv and model.nu):
         raise InvalidInputError(
@@ -68,6 +68,11 @@ def check_supported(model: mujoco.MjModel) -> None:
         raise InvalidInputError(
             f"The model has {model.npluginstate} states of plugins and {model.nhistory} delayed "
             "values, but no more than positions, velocities and activations can be optimised."
+        )
+    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        raise InvalidInputError(
+            "The model lets resting bodies sleep, and which ones do is no part of a state; leave "
+            'out `sleep="enable"` in its MJCF.'
         )
     _check_ranges(model)
 
@@ -288,10 +293,10 @@ def _is_level(model: mujoco.MjModel, axis: np.ndarray) -> bool:
 _MOST_ELEMENTS = 10_000  # which take a few seconds
 _MOST_NUMBERS = 2**24  # of height fields, pictures, sensors and users
 _COPIES = ("count", "nkey")  # attributes that are numbers of elements, along one axis or several
-_SIDES = ("nrow", "ncol", "width", "height")  # of what is as large as the square of a side
+_SIDES = (("nrow", "ncol"), ("width", "height"))  # of height fields and pictures
 _SIZES = ("dim", "nuserdata", "nsample", "actdim")
 # What MuJoCo's XML might have where the standard's has nothing, as after <!DOCTYPE.
-_WORDS = re.compile(rf"\b(file|nuser_|{'|'.join((*_COPIES, *_SIDES, *_SIZES))})")
+_WORDS = re.compile(rf"\b(file|nuser_|{'|'.join((*_COPIES, *chain(*_SIDES), *_SIZES))})")
 
 
 def check_self_contained(mjcf: str) -> None:
@@ -340,7 +345,7 @@ def _excess(robot: ElementTree.Element) -> str:
         copies *= math.prod(n for name in _COPIES for n in _numbers(element, name))
         copies = min(copies, 10**12)  # as a number with more digits would take long to multiply
         elements += copies
-        numbers += copies * sum(n * n for name in _SIDES for n in _numbers(element, name))
+        numbers += copies * _area(element)
         numbers += copies * sum(n for name in _SIZES for n in _numbers(element, name))
         names = (name for name in element.attrib if name.startswith("nuser_"))
         users += sum(n for name in names for n in _numbers(element, name))
@@ -353,6 +358,14 @@ def _excess(robot: ElementTree.Element) -> str:
             shown = count if count < 10**10 else "far too many"
             return f"asks for {shown} {what}, but it may have {most} at most; leave some out."
     return ""
+
+
+def _area(element: ElementTree.Element) -> int:
+    """Returns the numbers of a height field or a picture; six squares of a cube, as of a sky."""
+    sides = [[n for name in pair for n in _numbers(element, name)] for pair in _SIDES]
+    area = sum(math.prod(pair) if len(pair) > 1 else sum(n * n for n in pair) for pair in sides)
+    is_cube = element.tag == "texture" and element.get("type", "cube") != "2d"
+    return max([area, *(6 * n * n for n in _numbers(element, "width") if is_cube)])
 
 
 def _numbers(element: ElementTree.Element, name: str) -> list[int]:
