@@ -52,7 +52,9 @@ class System:
         """Begins the next training where the last one has ended."""
         if not self.trainings or not self.trainings[-1][1].running:
             seed, folder = self.rng.randrange(10**6), self.folder / f"run_{len(self.trainings)}"
-            self.trainings.append((seed, start_training(self.graph, SETTINGS, seed, folder)))
+            flags = ("--timeout", "120")  # the machine may be busy
+            program = start_training(self.graph, SETTINGS, seed, folder, *flags)
+            self.trainings.append((seed, program))
 
     def strike(self):
         """Injects a fault; returns its name once the struck node works again."""
