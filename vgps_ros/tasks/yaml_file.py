@@ -1,34 +1,55 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a YAML file as a record, with the line of each entry, so that errors can name it.
 
-The file may come from anybody, so only the plain part of YAML is read: mappings, lists, texts and
-numbers. Tags, anchors, aliases and further documents are refused, and nothing is ever executed.
-Numbers are those of YAML 1.2, in which `1e-4` is a number and `yes` is a text. A key without a
-value counts as left out.
+ruamel.yaml parses the text and knows the lines, msgspec judges the values, and the JSON schema of
+the record says what would be right. The file may be untrusted: no objects are made, and anchors
+and aliases are refused. Numbers are those of YAML 1.2, in which `1e-4` is a number and `yes` is a
+text. A key without a value counts as left out.
 """
 
+import json
 import os
 import re
-import types
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
-from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar
 
 import msgspec
-import yaml
-from msgspec import Meta
-from msgspec.structs import fields
+from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.parser import ParserError
+from ruamel.yaml.scanner import ScannerError
 
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 
 Place = tuple[str | int, ...]  # keys and positions that lead to an entry
+R = TypeVar("R", bound=msgspec.Struct)
 
+LARGEST_FILE = 1_000_000  # [bytes]
 _LONGEST_ERROR = 480
+_WORDS = {  # msgspec's words, and plain ones
+    " | null": "",
+    "null | ": "",
+    " | ": " or ",
+    "`": "",
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "object": "a mapping",
+    "array": "a list",
+    " >= ": " of at least ",
+    " > ": " above ",
+    " <= ": " of at most ",
+    " < ": " below ",
+    "length of at": "length at",
+}
 
 
 @dataclass(frozen=True)
@@ -158,19 +179,6 @@ def place_in_words(place: Place) -> str:
     return text.removeprefix(".")
 
 
-LARGEST_FILE = 1_000_000  # [bytes]
-DEEPEST = 30  # levels of nesting
-_LARGEST_INTEGER = 2**53  # above it, floats do not hold every integer
-
-_NULL = {"", "~", "null", "Null", "NULL"}
-_BOOLEANS = {
-    word: word.lower() == "true" for word in ["true", "True", "TRUE", "false", "False", "FALSE"]
-}
-_INTEGER = re.compile(r"[-+]?[0-9]+")
-_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_INFINITY = re.compile(r"([-+]?)\.(inf|Inf|INF)")
-
-
 def read_document(path: Path) -> Document:
     """Reads a YAML file whose top level is a mapping.
 
@@ -178,22 +186,28 @@ def read_document(path: Path) -> Document:
         InvalidInputError: the file cannot be read, or is no plain YAML.
     """
     document = Document(path, {}, {(): 1})
-    events = _events(document, _text(document))
-    next(events)  # the stream begins
-    if isinstance(next(events), yaml.StreamEndEvent):
-        raise document.error_at(1, "the file is empty; it must begin with a key.")
-    event = next(events)
-    if not isinstance(event, yaml.MappingStartEvent | yaml.AliasEvent):
-        raise document.error_at(
-            _line(event), "the file must hold keys with values, such as `horizon: 4.0`."
-        )
-    document.data.update(_value(document, events, event, ()))
-    next(events)  # the document ends
-    event = next(events)
-    if not isinstance(event, yaml.StreamEndEvent):
-        raise document.error_at(
-            _line(event), "a second document begins; leave only one, without ---."
-        )
+    text = _text(document)
+    try:
+        node = YAML(typ="safe", pure=True).compose(text)
+        if node is None:
+            raise document.error((), "the file is empty; it must begin with a key.")
+        if not isinstance(node, MappingNode):
+            sentence = "the file must hold keys with values, such as `horizon: 4.0`."
+            raise document.error((), sentence)
+        _note_lines(document, node, ())
+        document.data.update(_given(YAML(typ="safe", pure=True).load(text)))
+    except InvalidInputError:
+        raise
+    except MarkedYAMLError as error:
+        mark, hint = error.problem_mark or error.context_mark, ""
+        if isinstance(error, ScannerError | ParserError):
+            hint = "; check the indentation, the brackets, and the colon and space behind each key"
+        sentence = f"this is no plain YAML, {error.problem or error.context}{hint}."
+        raise document.error_at(mark.line + 1 if mark else 1, sentence) from error
+    except RecursionError as error:
+        raise document.error((), "the values are nested too deeply.") from error
+    except (YAMLError, ValueError, OverflowError, TypeError) as error:
+        raise document.error((), f"this is no plain YAML: {error}.") from error
     return document
 
 
@@ -205,14 +219,10 @@ def _text(document: Document) -> str:
             raise InvalidInputError(f"There is no file {quoted(str(path))}; name a YAML file.")
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise InvalidInputError(
-            f"The file {shown(path)} cannot be read: {error.strerror}."
-        ) from error
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(f"The file {shown(path)} cannot be read: {error}.") from error
     if len(data) > LARGEST_FILE:
-        raise document.error_at(
-            1, f"the file is larger than {LARGEST_FILE} bytes; make it shorter."
-        )
+        raise document.error((), f"the file is larger than {LARGEST_FILE} bytes; make it shorter.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -222,109 +232,37 @@ def _text(document: Document) -> str:
         ) from error
 
 
-def _events(document: Document, text: str) -> Iterator[yaml.Event]:
-    """Yields what the parser finds; its errors become sentences."""
-    try:
-        yield from yaml.parse(text, Loader=yaml.SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise document.error_at(
-            mark.line + 1 if mark else 1,
-            f"this is no valid YAML, {error.problem or error.context}; check the indentation, the "
-            "brackets, and the colon and space behind each key.",
-        ) from error
-    except yaml.reader.ReaderError as error:
-        raise document.error_at(
-            text.count("\n", 0, error.position) + 1,
-            f"the character {quoted(chr(error.character))} may not stand in YAML; remove it.",
-        ) from error
-    except (ValueError, OverflowError, RecursionError) as error:  # escapes beyond Unicode
-        raise document.error_at(1, f"this is no valid YAML: {quoted(str(error))}.") from error
-
-
-def _value(
-    document: Document, events: Iterator[yaml.Event], event: yaml.Event, place: Place
-) -> Any:
-    """Returns the value that an event begins."""
-    line = _line(event)
-    if len(place) > DEEPEST:
-        raise document.error_at(line, f"values are nested deeper than {DEEPEST} levels.")
-    if isinstance(event, yaml.AliasEvent) or event.anchor:
+def _note_lines(document: Document, node: Node, place: Place) -> None:
+    """Notes the line of each entry, and refuses anchors and texts that do not print."""
+    document.lines[place] = node.start_mark.line + 1 if place else 1
+    if node.anchor:
+        raise document.error(place, "anchors (&) are not read; write the value out.")
+    if isinstance(node, ScalarNode) and not node.value.isprintable():
         raise document.error(
-            place, "anchors (&) and aliases (*) are not read; write the value out."
+            place, f"the text {quoted(node.value)} must stand on one line, in letters that print."
         )
-    if event.tag:
-        raise document.error(
-            place,
-            f"the tag {quoted(event.tag)} is not read; leave it out, or put quotes around a text.",
-        )
-    if isinstance(event, yaml.ScalarEvent):
-        return _scalar(document, event, place)
-    if isinstance(event, yaml.SequenceStartEvent):
-        items: list[Any] = []
-        while not isinstance(event := next(events), yaml.SequenceEndEvent):
-            here = (*place, len(items))
-            document.lines[here] = _line(event)
-            items.append(_value(document, events, event, here))
-        return items
-    entries: dict[str, Any] = {}
-    while not isinstance(event := next(events), yaml.MappingEndEvent):
-        if not isinstance(event, yaml.ScalarEvent) or event.anchor or event.tag:
-            raise document.error_at(
-                _line(event), "a key must be a plain text, such as `horizon: 4.0`."
-            )
-        here = (*place, _printable(document, event))
-        if here in document.lines:
-            raise document.error(
-                here,
-                f"the key stands twice, here and in line {_line(event)}; leave one of them out.",
-            )
-        document.lines[here] = _line(event)
-        value = _value(document, events, next(events), here)
-        if value is not None:
-            entries[event.value] = value
-    return entries
+    if isinstance(node, SequenceNode):
+        for i, entry in enumerate(node.value):
+            _note_lines(document, entry, (*place, i))
+    elif isinstance(node, MappingNode):
+        for key, entry in node.value:
+            if not isinstance(key, ScalarNode) or key.anchor or not key.value.isprintable():
+                raise document.error_at(
+                    key.start_mark.line + 1, "a key must be a plain text, such as `horizon: 4.0`."
+                )
+            here, line = (*place, key.value), key.start_mark.line + 1
+            if here in document.lines:
+                sentence = f"the key stands twice, here and in line {line}; leave one of them out."
+                raise document.error(here, sentence)
+            _note_lines(document, entry, here)
+            document.lines[here] = line
 
 
-def _scalar(document: Document, event: yaml.ScalarEvent, place: Place) -> Any:
-    """Returns the text, number, truth value or None of a scalar."""
-    text = _printable(document, event)
-    if event.style is not None:  # in quotes
-        return text
-    if text in _NULL:
-        return None
-    if text in _BOOLEANS:
-        return _BOOLEANS[text]
-    if text in {".nan", ".NaN", ".NAN"}:
-        raise document.error(place, f"{text} is no value; write a number.")
-    if found := _INFINITY.fullmatch(text):
-        return float(f"{found[1]}inf")
-    if not _NUMBER.fullmatch(text):
-        return text
-    number = int(text) if _INTEGER.fullmatch(text) and len(text) < 20 else float(text)
-    if not isfinite(number) or (isinstance(number, int) and abs(number) > _LARGEST_INTEGER):
-        raise document.error(place, f"the number {quoted(text)} is too large; write a smaller one.")
-    return number
-
-
-def _printable(document: Document, event: yaml.ScalarEvent) -> str:
-    """Returns a scalar's text."""
-    if not event.value.isprintable():
-        raise document.error_at(
-            _line(event),
-            f"the text {quoted(event.value)} must stand on one line, in letters that print.",
-        )
-    return str(event.value)
-
-
-def _line(event: yaml.Event) -> int:
-    return int(event.start_mark.line) + 1
-
-
-R = TypeVar("R", bound=msgspec.Struct)
-_NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
-_HUGE = 1e9
+def _given(value: Any) -> Any:
+    """Returns a value without the keys that have no value."""
+    if isinstance(value, dict):
+        return {str(key): _given(entry) for key, entry in value.items() if entry is not None}
+    return [_given(entry) for entry in value] if isinstance(value, list) else value
 
 
 def as_record(document: Document, kind: type[R]) -> R:
@@ -336,152 +274,111 @@ def as_record(document: Document, kind: type[R]) -> R:
     try:
         return msgspec.convert(document.data, kind)
     except msgspec.ValidationError as error:
-        place, sentence = _misfit(document.data, kind, (), "")
-        raise document.error(place, sentence) from error
+        raise document.error(*_explained(document.data, kind, str(error))) from error
 
 
-def _misfit(value: Any, kind: Any, place: Place, hint: str) -> tuple[Place, str]:
-    """Returns the innermost entry that does not fit, and a sentence about it.
-
-    Args:
-        value: what does not fit.
-        kind: the type that it should have.
-        place: its place.
-        hint: description and example of the field around it.
-    """
-    for key, child, child_kind in _children(value, kind):
-        if not _fits(child, child_kind):
-            return _misfit(child, child_kind, (*place, key), _hint(str(key), child_kind) or hint)
-    records = [member for member in _members(kind) if _is_record(member)]
-    if not (isinstance(value, dict) and records):
-        choices = [str(each) for member in _members(kind) for each in _choices(member)]
-        return place, (
-            f"it is {_named(value)}, but it must be {_wanted(kind, value)}{hint}."
-            f"{nearest(str(value), choices)}"
+def _explained(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
+    """Returns the place of the entry that msgspec complains about, and a sentence on it."""
+    complaint, _, path = error.partition(" - at `$")
+    place, value = _entry(data, kind, path.rstrip("`"), error)
+    schemas, hint = _schemas(kind, data, place)
+    known = list(dict.fromkeys(key for each in schemas for key in each.get("properties", {})))
+    if found := re.fullmatch("Object contains unknown field `(.*)`", complaint, re.S):
+        return (*place, found[1]), (
+            f"{quoted(found[1])} is no key here; the keys are {', '.join(known)}."
+            f"{nearest(found[1], known)}"
         )
-    record = _member_for(value, kind)
-    if record is None:
-        config = records[0].__struct_config__
-        laws = [member.__struct_config__.tag for member in records]
-        word = value.get(config.tag_field, "")
-        return (*place, config.tag_field), (
-            f"it is {_named(word)}, but it must be one of {', '.join(laws)}{hint}."
-            f"{nearest(str(word), laws)}"
-        )
-    return _wrong_key(value, record, place)
+    if found := re.fullmatch("Object missing required field `(.*)`", complaint, re.S):
+        _, hint = _schemas(kind, data, (*place, found[1]))
+        return place, f"the key {quoted(found[1])} is missing{hint}."
+    choices = list(dict.fromkeys(str(each) for one in schemas for each in one.get("enum", ())))
+    wanted = f"one of {', '.join(choices)}"
+    if not complaint.startswith("Invalid"):
+        wanted = complaint.removeprefix("Expected ").partition(", got ")[0].strip("`")
+        for word, plain in _WORDS.items():
+            wanted = wanted.replace(word, plain)
+        wanted = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):g}", wanted)
+    return place, (
+        f"it is {_named(value)}, but it must be {wanted}{hint}.{nearest(str(value), choices)}"
+    )
 
 
-def _wrong_key(value: dict[str, Any], record: Any, place: Place) -> tuple[Place, str]:
-    """Returns the place of a key that its record lacks, or of a mapping that lacks a key."""
-    known = {field.encode_name: field for field in fields(record)}
-    tag = record.__struct_config__.tag_field
-    names = [*([tag] if tag else []), *known]
-    for key in value:
-        if key not in names:
-            return (*place, key), (
-                f"{quoted(key)} is no key here; the keys are {', '.join(names)}."
-                f"{nearest(key, names)}"
-            )
-    missing = next(name for name in known if known[name].required and name not in value)
-    return place, f"the key {quoted(missing)} is missing{_hint(missing, known[missing].type)}."
+def _entry(data: Any, kind: type[R], path: str, error: str) -> tuple[Place, Any]:
+    """Returns the place and the value of an entry of which msgspec has the path, as `.cost[0]`."""
+    place: Place = ()
+    value = data
+    for name, number in re.findall(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]", path):
+        if number == "...":  # some key of a mapping: the first that has the error by itself
+            keys = [one for one in value if _complaint(data, kind, place, one) == error]
+            key = (keys or list(value))[0]
+        else:
+            key = name or int(number)
+        place, value = (*place, key), value[key]
+    return place, value
 
 
-def _children(value: Any, kind: Any) -> Iterator[tuple[str | int, Any, Any]]:
-    """Yields key, value and type of each entry that a value holds."""
-    member = _member_for(value, kind)
-    if member is None:
-        return
-    if _is_record(member):
-        known = {field.encode_name: field.type for field in fields(member)}
-        yield from ((key, value[key], known[key]) for key in value if key in known)
-    elif isinstance(value, dict):
-        yield from ((key, value[key], get_args(member)[1]) for key in value)
-    else:
-        first, *others = get_args(member)
-        kinds = [first] * len(value) if others[-1:] == [...] else [first, *others]
-        yield from ((i, *pair) for i, pair in enumerate(zip(value, kinds, strict=False)))
-
-
-def _fits(value: Any, kind: Any) -> bool:
+def _complaint(data: Any, kind: type[R], place: Place, key: str) -> str:
+    """Returns what msgspec says of the data if the mapping at a place has only this key."""
+    data = inner = deepcopy(data)
+    for each in place:
+        inner = inner[each]
+    for other in set(inner) - {key}:
+        del inner[other]
     try:
-        msgspec.convert(value, kind)
-    except msgspec.ValidationError:
-        return False
-    return True
+        msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        return str(error)
+    return ""
 
 
-def _is_record(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+def _schemas(kind: type[R], data: Any, place: Place) -> tuple[list[dict[str, Any]], str]:
+    """Returns the JSON schemas that an entry may fit, and the hint of the field around it."""
+    root = _schema_of(kind)
+    schemas, hint = _alternatives(root, root, data), ""
+    for key in place:
+        data = data[key] if isinstance(data, list) else data.get(key)
+        inner = [found for each in schemas if (found := _part(each, key)) is not None]
+        hint = next((_hint(key, each) for each in inner if "description" in each), hint)
+        schemas = [one for each in inner for one in _alternatives(root, each, data)]
+    return schemas, hint
 
 
-def _members(kind: Any) -> list[Any]:
-    """Returns the types of a union, or the type alone, without their annotations."""
-    while get_origin(kind) is Annotated:
-        kind = get_args(kind)[0]
-    if get_origin(kind) in (Union, types.UnionType):
-        return [member for each in get_args(kind) for member in _members(each)]
-    return [kind]
+@lru_cache
+def _schema_of(kind: type[R]) -> dict[str, Any]:
+    return msgspec.json.schema(kind)
 
 
-def _member_for(value: Any, kind: Any) -> Any:
-    """Returns the member of a union that takes a mapping or a list; None if there is none."""
-    for member in _members(kind):
-        if isinstance(value, dict) and _is_record(member):
-            config = member.__struct_config__
-            if config.tag is None or value.get(config.tag_field) == config.tag:
-                return member
-        if isinstance(value, {dict: dict, tuple: list}.get(get_origin(member), ())):
-            return member
-    return None
+def _alternatives(root: Any, schema: Any, value: Any) -> list[dict[str, Any]]:
+    """Returns the schemas of a union, or those that a record's tag picks."""
+    if "discriminator" in schema and isinstance(value, dict):
+        choice = schema["discriminator"]
+        tag = value.get(choice["propertyName"])
+        if isinstance(tag, str) and tag in choice["mapping"]:
+            schema = {"$ref": choice["mapping"][tag]}
+    if "$ref" in schema:
+        return _alternatives(root, root["$defs"][schema["$ref"].rpartition("/")[2]], value)
+    if "anyOf" in schema:
+        return [one for each in schema["anyOf"] for one in _alternatives(root, each, value)]
+    return [schema]
+
+
+def _part(schema: dict[str, Any], key: str | int) -> Any:
+    """Returns the schema of an entry of a mapping or list; None if there is none."""
+    if isinstance(key, int):
+        return [*schema.get("prefixItems", ()), *[schema.get("items") or None] * (key + 1)][key]
+    return schema.get("properties", {}).get(key, schema.get("additionalProperties") or None)
+
+
+def _hint(key: str | int, schema: dict[str, Any]) -> str:
+    """Returns a field's description and example as the end of a sentence."""
+    example = json.dumps(schema["examples"][0], ensure_ascii=False) if "examples" in schema else ""
+    return f": {schema['description']}" + (f"; for example `{key}: {example}`" if example else "")
 
 
 def _named(value: Any) -> str:
     """Returns a value as a sentence names it."""
-    if isinstance(value, bool) or value is None:
-        return {True: "true", False: "false", None: "empty"}[value]
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list):
         return f"a list of {len(value)}"
     return "a mapping" if isinstance(value, dict) else quoted(value)
-
-
-def _choices(kind: Any) -> tuple[Any, ...]:
-    return get_args(kind) if get_origin(kind) is Literal else ()
-
-
-def _wanted(kind: Any, value: Any) -> str:
-    """Returns the values of a type in words: `a number above 0`."""
-    if get_origin(kind) is Annotated:
-        inner, *metas = get_args(kind)
-        return _wanted(inner, value) + "".join(_range(meta, value) for meta in metas)
-    if get_origin(kind) in (Union, types.UnionType):
-        kinds = [each for each in get_args(kind) if each is not types.NoneType]
-        return " or ".join(dict.fromkeys(_wanted(each, value) for each in kinds))
-    if _choices(kind):
-        return f"one of {', '.join(map(str, _choices(kind)))}"
-    if get_origin(kind) is tuple:
-        return "a list" if ... in get_args(kind) else f"a list of {len(get_args(kind))}"
-    return _NAMES.get(kind, "a mapping")
-
-
-def _range(meta: Meta, value: Any) -> str:
-    """Returns the range that an annotation allows; a huge bound matters to a number only."""
-    bounds = {word: getattr(meta, name) for name, word in _BOUNDS.items()}
-    known = {word: bound for word, bound in bounds.items() if bound is not None}
-    matter = isinstance(value, float | int)
-    found = [f"{word} {at:g}" for word, at in known.items() if matter or abs(at) < _HUGE]
-    if meta.max_length is not None:
-        found.append(f"of length {meta.min_length or 0} to {meta.max_length}")
-    elif meta.min_length is not None:
-        found.append("that is not empty")
-    return f" {' and '.join(found)}" if found else ""
-
-
-def _hint(name: str, kind: Any) -> str:
-    """Returns a field's description and example as the end of a sentence; empty without them."""
-    metas = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
-    description = next((meta.description for meta in metas if meta.description), "")
-    example = next((meta.examples[0] for meta in metas if meta.examples), None)
-    if not description:
-        return ""
-    text = yaml.safe_dump({name: example}, default_flow_style=True, sort_keys=False, width=1000)
-    return f": {description}; for example `{text.strip()[1:-1]}`"
