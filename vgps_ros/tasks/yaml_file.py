@@ -333,10 +333,10 @@ def _complaint(data: Any, kind: type[R], place: Place, key: str) -> str:
 
 def _schemas(kind: type[R], data: Any, place: Place) -> tuple[list[dict[str, Any]], str]:
     """Returns the JSON schemas that an entry may fit, and the hint of the field around it."""
-    root = _schema_of(kind)
+    root: dict[str, Any] = _schema_of(kind)
     schemas, hint = _alternatives(root, root, data), ""
     for key in place:
-        data = data[key] if isinstance(data, list) else data.get(key)
+        data = data.get(key) if isinstance(data, dict) else data[key]
         inner = [found for each in schemas if (found := _part(each, key)) is not None]
         hint = next((_hint(key, each) for each in inner if "description" in each), hint)
         schemas = [one for each in inner for one in _alternatives(root, each, data)]
