@@ -25,6 +25,8 @@ from benchmarks.figure1.table import read_table
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
 
+pytestmark = pytest.mark.slow
+
 SMALL = ["--panels", "rotor-3", "--seeds", "2", "--iterations", "3", "--evaluation-rollouts", "4"]
 CELLS = 2 * len(CURVES)
 

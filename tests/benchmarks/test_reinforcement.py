@@ -15,6 +15,8 @@ from benchmarks.reinforcement import learn
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def walker():

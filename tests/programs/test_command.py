@@ -78,7 +78,7 @@ def test_an_unknown_variable_of_make_is_refused(tmp_path):
         (["train", "--tsak", "walker"], "--tsak walker. Did you mean '--task'?"),  # nor an --output
         (["node", "simulatoin"], "Did you mean 'simulation'?"),
         (["evaluate", "--rolouts", "3", "."], "Did you mean '--rollouts'?"),
-        (["figure", ".", "--average", "medain"], "Did you mean 'median'?"),
+        (["train", "--method", "vpgs", "--output", "x"], "Did you mean 'vgps'?"),
         (["evaluate"], "name the folder of a run"),
         ([], "arguments are required: COMMAND"),
     ],

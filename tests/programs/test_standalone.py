@@ -70,6 +70,7 @@ def needed(names, extra=""):
     return found.values()
 
 
+@pytest.mark.slow
 def test_an_installation_that_sees_no_ros(source, tmp_path):
     """As above, but the dependencies are links to those of this checkout: nothing is downloaded."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
