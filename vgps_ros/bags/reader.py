@@ -60,7 +60,6 @@ class BagReader:
         counts: number of messages of each topic.
         start: time at which the first message was received [ns].
         duration: time from the first message to the last one [ns].
-
         files: what was found in each file.
         qos: QoS profiles that the publishers of each topic offered, as in `metadata.yaml`.
         damages: a sentence on each part of the files that is damaged; all the rest is read.
