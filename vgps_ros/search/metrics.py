@@ -112,7 +112,7 @@ class IterationMetrics:
         int, Metric("simulator steps that learning has taken, finite differences included")
     ]
     policy_digest: Annotated[
-        str, Metric("SHA-256 of the policy and of the digest before it; see vgps_ros.policies.policy_file")
+        str, Metric("SHA-256 of the policy and of the digest before it; see policy_file.py")
     ]
 
     def entry(self) -> dict[str, Any]:
