@@ -292,8 +292,11 @@ def coverage(task: "Task", q: TrajectoryDistribution, rng: np.random.Generator) 
 
 
 def lost_coverage(metrics: IterationMetrics) -> list[str]:
-    """Returns a sentence if the linearisation no longer holds after an iteration."""
-    if metrics.coverage >= LEAST_COVERAGE:
+    """Returns a sentence if the linearisation does not hold after an iteration.
+
+    Iteration 1 is passed over: the policy's first noise is wide, and usually too wide for it.
+    """
+    if metrics.k == 1 or metrics.coverage >= LEAST_COVERAGE:
         return []
     return [
         f"Iteration {metrics.k}: the linear model is inaccurate (its 95 % band covers "
