@@ -7,6 +7,7 @@ A block that cannot be written is tried again until it can be, so a full disk on
 import fcntl
 import hashlib
 import os
+import shutil
 import threading
 import time
 from collections import deque
@@ -26,7 +27,6 @@ _NEXT_STEPS = {
     EDQUOT: "free some space there, or raise the quota",
     EFBIG: "files may not grow that large there: raise `ulimit -f`, or record into smaller ones",
 }
-
 
 _Work = tuple[Callable[..., object], tuple[object, ...], int]  # with the bytes that it keeps
 
@@ -110,7 +110,7 @@ class Disk:
             time.sleep(0.005)
         return True
 
-    def abandon(self) -> list["_Work"]:
+    def abandon(self) -> list[_Work]:
         """Returns all work but what is under way, which the thread then no longer does."""
         with self._taking:
             forgotten = list(self._work)
@@ -125,24 +125,13 @@ class Disk:
         self._thread.join(_MOMENT)
         return not self._thread.is_alive()
 
-    def attempt(self, path: Path, write: Callable[[], None]) -> None:
-        """Calls a function until it raises no OSError; for the thread alone.
-
-        Raises:
-            OSError: of the last attempt, once `stop` was called.
-        """
-        while True:
-            try:
-                write()
-            except OSError as error:  # noqa: PERF203
-                # The sentence of a fault does not change while the fault lasts.
-                if not self.fault or self.fault.number != error.errno:
-                    self.fault = _fault(path, error)
-                if self._given_up.wait(_RETRY_PERIOD):
-                    raise
-            else:
-                self.fault = None
-                return
+    def wait(self, path: Path, error: OSError) -> None:
+        """Waits until a file should be tried again; raises the error once `stop` was called."""
+        # The sentence of a fault does not change while the fault lasts.
+        if not self.fault or self.fault.number != error.errno:
+            self.fault = _fault(path, error)
+        if self._given_up.wait(_RETRY_PERIOD):
+            raise error
 
     def _run(self) -> None:
         try:
@@ -196,10 +185,16 @@ class DiskFile:
         Raises:
             OSError: it could not be written until the disk was stopped.
         """
-        if block:
-            self._disk.attempt(self.path, lambda: self._append(block))
-            self.size += len(block)
-            self.sha256.update(block)
+        while block:
+            try:
+                self._append(block)
+            except OSError as error:  # noqa: PERF203
+                self._disk.wait(self.path, error)
+            else:
+                self._disk.fault = None
+                self.size += len(block)
+                self.sha256.update(block)
+                break
         return len(block)
 
     def tell(self) -> int:
@@ -211,9 +206,9 @@ class DiskFile:
 
     def close(self) -> None:
         """Closes the file."""
-        descriptor, self._descriptor = self._descriptor, -1
-        if descriptor >= 0:
-            os.close(descriptor)
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor = -1
 
     def _append(self, block: bytes) -> None:
         if self._descriptor < 0:
@@ -246,14 +241,7 @@ def is_being_written(path: Path) -> bool:
 
 
 def _fault(path: Path, error: OSError) -> DiskFault:
-    try:
-        space = os.statvfs(path.parent)
-        free = f"{space.f_bavail * space.f_frsize * 1e-6:.1f} MB are free there"
-    except OSError as unknown:
-        free = f"free space unknown ({unknown.strerror})"
-    return DiskFault(
-        error.errno or 0,
-        path,
-        f"{error.strerror}, {free}",
-        _NEXT_STEPS.get(error.errno or 0, "check the disk"),
-    )
+    number, reason = error.errno or 0, str(error.strerror)
+    with suppress(OSError):
+        reason += f", {shutil.disk_usage(path.parent).free * 1e-6:.1f} MB are free there"
+    return DiskFault(number, path, reason, _NEXT_STEPS.get(number, "check the disk"))

@@ -60,7 +60,11 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
-    _sync(path.parent)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name outlives a loss of power
+    finally:
+        os.close(folder)
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -112,15 +116,6 @@ def read_archive(path: Path) -> dict[str, NDArray]:
             return {name: file[name] for name in file.files}
     except _MALFORMED as error:
         raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
-
-
-def _sync(folder: Path) -> None:
-    """Takes care that a file's new name outlives a loss of power."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 _LARGEST = 2**24  # [characters]
