@@ -125,7 +125,7 @@ def parameters() -> str:
         lines += ["", f"## {name}", "", about.partition("\n\n")[2].strip(), ""]
         lines += ["| parameter | default | what it does (valid values) |", "| --- | --- | --- |"]
         for row in rows.splitlines()[2:]:
-            if not row.strip():
+            if not row.startswith("  ") or not row.strip():  # what a library says
                 continue
             edges = zip(columns, [*columns[1:], None], strict=True)
             parameter, default, meaning = (row[a:b].strip().replace("|", "\\|") for a, b in edges)
