@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Opens the file of a policy (policy.json, or an ONNX file of ours or of others); digests."""
+"""Opens the file of a policy (policy.json, or an ONNX file, also a third-party one); digests."""
 
 import hashlib
 import json
@@ -18,19 +18,12 @@ Policy = GaussianPolicy | OnnxPolicy
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """A policy that was read from a file.
+    """A policy that was read from a file."""
 
-    Attributes:
-        name: what the sentence of an error calls the file.
-        task: the task that the file names; empty if it names none.
-        gaussian: the policy, if vgps_ros wrote the file; None for a third-party network.
-        content: bytes of an ONNX file; empty for policy.json.
-    """
-
-    name: str
-    task: str
-    gaussian: GaussianPolicy | None
-    content: bytes = b""
+    name: str  # what the sentence of an error calls the file
+    task: str  # that the file names; empty if it names none
+    gaussian: GaussianPolicy | None  # if vgps_ros wrote the file; None: a third-party network
+    content: bytes = b""  # of an ONNX file; empty for policy.json
 
     def policy(self, joints: Sequence[str]) -> Policy:
         """Returns the policy for a robot.

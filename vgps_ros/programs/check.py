@@ -33,23 +33,14 @@ _UNMOVED = 1e-9  # a reading that all controls together move by less does not co
 
 @dataclass
 class TaskCheck:
-    """The findings about a task.
+    """The findings about a task."""
 
-    Attributes:
-        parts: name of each part of the cost with what it costs along the first rollout, and along
-            the optimised one.
-        costs: the cost of the first rollout, then after each iteration of DDP.
-        seconds: wall time of all iterations [s].
-        errors: error of the derivatives of each point, relative to the largest entry.
-        troubles: a sentence on each thing that looks wrong.
-        optimized: the optimised trajectory; None if there is none.
-    """
-
+    # Each part of the cost: its name, what it costs along the first and the optimised motion.
     parts: list[tuple[str, float, float]] = field(default_factory=list)
-    costs: list[float] = field(default_factory=list)
-    seconds: float = 0.0
-    errors: list[float] = field(default_factory=list)
-    troubles: list[str] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)  # at first, and after each iteration of DDP
+    seconds: float = 0.0  # wall time of all iterations
+    errors: list[float] = field(default_factory=list)  # of the derivatives, of the largest entry
+    troubles: list[str] = field(default_factory=list)  # a sentence on each
     optimized: Trajectory | None = None
 
 
@@ -186,7 +177,13 @@ def examine_task(
         return found
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
-    found.troubles += _unmoved(task, first, linear) + _too_hard(found.errors)
+    found.troubles += _unmoved(task, first, linear)
+    if (hardness := float(np.quantile(found.errors, 0.9))) >= _HARD:
+        found.troubles.append(
+            f"The derivatives are off by {100 * hardness:.0f} % in a tenth of the steps: contact "
+            'is too hard; soften it (changes: {geoms: {"*": {solref: [0.04, 1], solimp: [0, 0.95, '
+            "0.02, 0.5, 2]}}})."
+        )
 
     def note(iteration: "Iteration") -> None:
         found.costs.append(iteration.cost)
@@ -198,7 +195,12 @@ def examine_task(
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
-    found.parts = _parts(task, first, found.optimized or first)
+    costs = []
+    for motion in (first, found.optimized or first):
+        readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
+        controls = float((motion.controls**2 @ task.cost.control_weights).sum())
+        costs.append([*readings.tolist(), controls])
+    found.parts = list(zip([*task.cost_names, "controls"], *costs, strict=True))
     if found.optimized:
         found.troubles += _after(task, found.optimized, found.costs)
     return found
@@ -216,17 +218,6 @@ def derivative_errors(task: "Task", trajectory: Trajectory) -> list[float]:
     return list((np.abs(plain - centred).max(axis=(1, 2)) / sizes).tolist())
 
 
-def _parts(task: "Task", first: Trajectory, last: Trajectory) -> list[tuple[str, float, float]]:
-    """Returns what each reading and the controls cost along two trajectories."""
-    rows = []
-    for motion in (first, last):
-        readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
-        controls = float((motion.controls**2 @ task.cost.control_weights).sum())
-        rows.append([*readings.tolist(), controls])
-    names = [*task.cost_names, "controls"]
-    return list(zip(names, *rows, strict=True))
-
-
 def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> list[str]:
     """Names the readings of the cost that no control changes along a motion, by the chain rule."""
     states, controls = motion.states[:-1], motion.controls
@@ -241,17 +232,6 @@ def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> list[s
         "enough?"
         for name, size in zip(task.cost_names, moved, strict=True)
         if size < _UNMOVED
-    ]
-
-
-def _too_hard(errors: list[float]) -> list[str]:
-    error = float(np.quantile(errors, 0.9))
-    if error < _HARD:
-        return []
-    return [
-        f"The derivatives are off by {100 * error:.0f} % in a tenth of the steps: contact is too "
-        'hard; soften it (changes: {geoms: {"*": {solref: [0.04, 1], solimp: [0, 0.95, 0.02, 0.5, '
-        "2]}}})."
     ]
 
 

@@ -69,32 +69,24 @@ def _show(result: dict[str, Any], *, can_fall: bool) -> None:
     from rich.table import Column, Table
 
     from vgps_ros.search.evaluation import FIGURES, SPREAD
+    from vgps_ros.search.robustness import ENOUGH, KINDS
     from vgps_ros.views.console import table_console
 
-    kind = "stochastic" if result["stochastic"] else "deterministic"
+    policy = "stochastic" if result["stochastic"] else "deterministic"
     survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
     table = Table(
         "until it falls or time is up" if can_fall else "until time is up",
         *(Column(column, justify="right") for column in SPREAD),
-        title=f"{result['task']}, {kind} policy, {result['rollouts']} rollouts of "
+        title=f"{result['task']}, {policy} policy, {result['rollouts']} rollouts of "
         f"{result['seconds']:g} s{survival}",
     )
     for key, name in FIGURES.items():
         table.add_row(name, *(f"{value:.3f}" for value in result[key].values()))
     table_console().print(table)
-    if "robustness" in result:
-        _show_survival(result["robustness"])
-
-
-def _show_survival(robustness: dict[str, Any]) -> None:
-    """Prints how many rollouts survive each disturbance."""
-    from rich.table import Table
-
-    from vgps_ros.search.robustness import ENOUGH, KINDS
-    from vgps_ros.views.console import table_console
-
+    if "robustness" not in result:
+        return
     table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
-    for kind, found in robustness.items():
+    for kind, found in result["robustness"].items():
         borne = found["borne"]
         table.add_row(
             KINDS[kind],
@@ -108,10 +100,7 @@ def _show_survival(robustness: dict[str, Any]) -> None:
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    parser.add_argument(
-        "run", type=Path, nargs="?", help="folder of a run, a policy.json or an ONNX file"
-    )
-    parser.add_argument("--policy", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("run", type=Path, help="folder of a run, a policy.json or an ONNX file")
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     perturbation = (
         "standard deviation of the first joint angles [rad]; that of their velocities is ten times "
@@ -150,15 +139,10 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Evaluates the policy that the arguments name."""
-    path = arguments.run or arguments.policy
-    if path is None:
-        arguments.parser.error("name the folder of a run, a policy.json or an ONNX file")
-    prints = arguments.json == Path("-")
     files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
     refuse_existing(files, overwrite=arguments.overwrite)
-    if path.is_dir():
-        path = RunFolder(path).policy
-    file = open_policy(path)
+    path = arguments.run
+    file = open_policy(RunFolder(path).policy if path.is_dir() else path)
     if not (arguments.task or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
     from vgps_ros.search.evaluation import measure_driving
@@ -180,7 +164,7 @@ def run(arguments: argparse.Namespace) -> None:
         from vgps_ros.views.plots import survival_curves
 
         survival_curves({task.name: found}, arguments.rollouts).savefig(arguments.plot, dpi=150)
-    if prints:
+    if arguments.json == Path("-"):
         print(json.dumps(result))
         return
     _show(result, can_fall=bool(task.fallen.lowest.size))

@@ -33,19 +33,12 @@ _Work = tuple[Callable[..., object], tuple[object, ...], int]  # with the bytes 
 
 @dataclass(frozen=True)
 class DiskFault:
-    """The reason why nothing can be written now.
+    """The reason why nothing can be written now."""
 
-    Attributes:
-        number: the system's error number.
-        path: the file that could not be written.
-        reason: what the system says, and the space that is free.
-        next_step: what to do.
-    """
-
-    number: int
-    path: Path
-    reason: str
-    next_step: str
+    number: int  # of the system's error
+    path: Path  # the file that could not be written
+    reason: str  # what the system says, and the space that is free
+    next_step: str  # what to do
 
     @property
     def sentence(self) -> str:
@@ -60,11 +53,10 @@ class Disk:
     """A thread that does work on files, in the order in which it was handed over.
 
     Args:
-        min_space: bytes to leave free on the disk.
+        min_space: bytes to leave free on the disk; may be changed.
         idle: called in the thread about every 50 ms.
 
     Attributes:
-        min_space: as above; may be changed.
         fault: why nothing can be written now; None if it can.
     """
 

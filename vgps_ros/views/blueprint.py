@@ -81,7 +81,24 @@ def blueprint(
         eye_controls=eye,
         line_grid=ground,
     )
-    below = [*_learning(logged), *_plans(logged)]
+    below: list[rrb.View] = []
+    if logged is None or LEARNING_CURVE in logged:
+        # All but the first are blank until the reader chooses the timeline of iterations.
+        below += [
+            rrb.Spatial2DView(origin=LEARNING_CURVE, name="learning curve"),
+            _series("cost by iteration", contents=[f"learning/{c}" for c in _COSTS]),
+            _series("alpha", contents=["learning/alpha"]),
+            _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
+            _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
+            _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
+            _series("policy noise [N·m]", origin="policy/noise_std"),
+            _series("modified cost of the DDP solves", origin="solves"),
+        ]
+    if logged is None or PLAN_COST in logged:
+        below += [
+            _series("cost of the plans", contents=[PLAN_COST], legend=False),
+            _series("solve time of the plans [s]", contents=[PLAN_TIME], legend=False),
+        ]
     tabs = [rrb.Tabs(*below)] if below else []
     left = rrb.Vertical(robot, *tabs, row_shares=[1] * (1 + len(tabs)))
     tubes = [
@@ -102,35 +119,6 @@ def blueprint(
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]), panel, collapse_panels=True
     )
-
-
-def _learning(logged: Collection[str] | None) -> list[rrb.View]:
-    """Returns the views of a training, if there was one.
-
-    All but the first are blank until the reader chooses the timeline of iterations.
-    """
-    if logged is not None and LEARNING_CURVE not in logged:
-        return []
-    return [
-        rrb.Spatial2DView(origin=LEARNING_CURVE, name="learning curve"),
-        _series("cost by iteration", contents=[f"learning/{c}" for c in _COSTS]),
-        _series("alpha", contents=["learning/alpha"]),
-        _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
-        _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
-        _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
-        _series("policy noise [N·m]", origin="policy/noise_std"),
-        _series("modified cost of the DDP solves", origin="solves"),
-    ]
-
-
-def _plans(logged: Collection[str] | None) -> list[rrb.View]:
-    """Returns the views of the planner's figures, if it made plans."""
-    if logged is not None and PLAN_COST not in logged:
-        return []
-    return [
-        _series("cost of the plans", contents=[PLAN_COST], legend=False),
-        _series("solve time of the plans [s]", contents=[PLAN_TIME], legend=False),
-    ]
 
 
 def _series(name: str, *, legend: bool = True, **shown: Any) -> rrb.TimeSeriesView:

@@ -6,6 +6,7 @@ The package tensorboardX, which requirements/tensorboard.txt pins, writes them.
 
 import math
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,13 @@ class EventLog:
                 f"--tensorboard needs the package {error.name}: pip install -r "
                 "requirements/tensorboard.txt."
             ) from error
-        self._make, self._folder = SummaryWriter, folder
+        self._open = partial(SummaryWriter, str(folder))
         self._writer: Any = None
 
     def iteration(self, metrics: IterationMetrics) -> None:
         """Writes an iteration's metrics, and has them on disk when it returns."""
         if self._writer is None:
-            self._writer = self._make(str(self._folder), purge_step=metrics.k)
+            self._writer = self._open(purge_step=metrics.k)
         for field in fields(IterationMetrics):
             value = getattr(metrics, field.name)
             many = isinstance(value, tuple)

@@ -118,7 +118,12 @@ class GraphScene:
         if self._robot:
             self._robot.log_tubes()
         if self._history:
-            self._draw_learning_curve()
+            # As a picture: a viewer has one timeline, and that of the robot has no iterations.
+            history = [self._history[k] for k in sorted(self._history)]
+            picture = io.BytesIO()
+            learning_curve(result_from_msgs(history, self._policy)).savefig(picture, dpi=130)
+            image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
+            self.recording.log_static(LEARNING_CURVE, image)
         if self._robot:
             self._robot.lay_out(self.recording.logged)
         self.recording.close()
@@ -162,17 +167,6 @@ class GraphScene:
             self._history.clear()
         if message.iteration in self._history or len(self._history) < _LONGEST:
             self._history[message.iteration] = message
-
-    def _draw_learning_curve(self) -> None:
-        """Draws the last training's learning curve as a picture: all of it shows at any time.
-
-        A viewer has one timeline for all of its views, and that of the robot has no iterations.
-        """
-        history = [self._history[k] for k in sorted(self._history)]
-        picture = io.BytesIO()
-        learning_curve(result_from_msgs(history, self._policy)).savefig(picture, dpi=130)
-        image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
-        self.recording.log_static(LEARNING_CURVE, image)
 
     def _show_policy(self, message: Any) -> None:
         policy = policy_from_msg(message)

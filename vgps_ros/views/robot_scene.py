@@ -41,11 +41,8 @@ class RobotScene:
 
     Attributes:
         states: the messages of the robot's states, and the names of its joints.
-        state_names: name of each coordinate of a state.
-        deviation_names: name of each coordinate of a deviation.
+        state_names, deviation_names: of each coordinate.
         actuated_joint_names: names of the joints with a motor, in the order of the controls.
-        hinge_names: names of the joints that turn.
-        has_contacts: whether parts of the model can touch something.
 
     Args:
         recording: the recording to draw into.
@@ -102,32 +99,26 @@ class RobotScene:
         The efforts are the forces at the hinges and slides [N·m, N], if they are known.
         """
         self._recording.set_time(stamp)
-        self._recording.log("joint_states/position", rr.Scalars, scalars=state[self._joints])
-        self._recording.log("joint_states/velocity", rr.Scalars, scalars=state[self._rates])
+        log = self._recording.log
+        log("joint_states/position", rr.Scalars, scalars=state[self._joints])
+        log("joint_states/velocity", rr.Scalars, scalars=state[self._rates])
         if efforts is not None:
-            self._recording.log("joint_states/effort", rr.Scalars, scalars=efforts)
+            log("joint_states/effort", rr.Scalars, scalars=efforts)
         for name in self.hinge_names:
             angle = state[self.state_names.index(f"{name}/position")]
-            executed = f"trajectory_distribution/{name}/executed"
-            self._recording.log(executed, rr.Scalars, scalars=[angle])
+            log(f"trajectory_distribution/{name}/executed", rr.Scalars, scalars=[angle])
         if self.states.base:
             position, (w, *xyz), *_ = self.states.base.parts(state)
             turned = [[*xyz, w]]
-            self._recording.log(
-                "world/odom", rr.Transform3D, translation=[position], quaternion=turned
-            )
-            self._recording.log("odom/position", rr.Scalars, scalars=position)
+            log("world/odom", rr.Transform3D, translation=[position], quaternion=turned)
+            log("odom/position", rr.Scalars, scalars=position)
         centre, data = self._shape.centre_of_mass(state), self._shape.data
         for name, (i, _) in self._geometries.items():
             rotation, part = data.geom_xmat[i].reshape(3, 3), f"world/robot/{name}"
-            self._recording.log(
-                part, rr.Transform3D, translation=[data.geom_xpos[i]], mat3x3=[rotation]
-            )
+            log(part, rr.Transform3D, translation=[data.geom_xpos[i]], mat3x3=[rotation])
         if self._centre is not None:
             step = [[self._centre, centre]]
-            self._recording.log(
-                "world/centre_of_mass", rr.LineStrips3D, style=_PATH_STYLE, strips=step
-            )
+            log("world/centre_of_mass", rr.LineStrips3D, style=_PATH_STYLE, strips=step)
         self._centre = centre
         if self.has_contacts:
             self._log_contacts(state, efforts)
@@ -186,14 +177,8 @@ class RobotScene:
             origins[i] = data.contact.pos[i]
             # The rows of the frame are the contact's axes. The force acts on the second geometry.
             vectors[i] = data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
-        forces = _FORCE_SCALE * vectors
-        self._recording.log(
-            "world/contact_forces",
-            rr.Arrows3D,
-            style=_FORCE_STYLE,
-            origins=origins,
-            vectors=forces,
-        )
+        arrows = {"origins": origins, "vectors": _FORCE_SCALE * vectors}
+        self._recording.log("world/contact_forces", rr.Arrows3D, style=_FORCE_STYLE, **arrows)
 
 
 def _geometries(model: mujoco.MjModel) -> dict[str, tuple[int, Any]]:
