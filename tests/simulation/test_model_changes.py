@@ -259,7 +259,7 @@ def test_a_sensor_reads_what_it_says(compiled):
         (
             {},
             {"s": {"type": "jointpos", "joint": "tail_ball"}},
-            "changes: the model does not compile",
+            "model: the model, as it is changed, does not compile",
         ),
     ],
 )

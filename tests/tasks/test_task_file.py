@@ -12,7 +12,7 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.builder import model_spec
+from vgps_ros.tasks.builder import load_task, model_spec
 from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd, flattened
 from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, read_task_file
 from vgps_ros.tasks.yaml_file import read_document
@@ -47,7 +47,7 @@ def sentence(folder):
         text = TASK.replace(old, new, 1) if text is None else text
         (folder / "task.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
         with pytest.raises(InvalidInputError) as caught:
-            model_spec(*read_task_file(folder / "task.yaml"))
+            load_task(folder / "task.yaml", "hopper")
         found = str(caught.value)
         assert "\n" not in found
         assert found.endswith((".", "?"))
@@ -162,13 +162,14 @@ FAULTS = [
     ("sensor: velocity, index: x", "index: x",
      r"line 25, cost\[0\]: exactly one of sensor, control"),
     ("index: x, target: 1.0", "index: q",
-     r"line 25, cost\[0\]: .* has the parts x, y, z, but not 'q'"),
-    ("index: x, target: 1.0", "index: 3", r"line 25, cost\[0\]: .* but not 3"),
+     r"line 25, cost\[0\].index: .* has the parts x, y, z, but not 'q'"),
+    ("index: x, target: 1.0", "index: 3", r"line 25, cost\[0\].index: .* but not 3"),
     ("index: x, target: 1.0", "target: [1, 2]",
      r"line 25, cost\[0\].target: it has 2 values, but .* 3"),
     ("norm: smooth_abs, ", "", r"line 26, cost\[1\].width: only smooth_abs has a width"),
     ("sensor: com/z", "sensor: hip/velocity, index: x", r"cost\[2\].index: .* is one number"),
-    ("sensor: com/z", "sensor: height/u", r"line 27, cost\[2\]: .* parts x, y, z, but not 'u'"),
+    ("sensor: com/z", "sensor: height/u",
+     r"line 27, cost\[2\]: .* no reading 'height/u'.* Did you mean 'height/[xyz]'"),
     ("reference.csv,", "reference.csv, target: 1,",
      r"cost\[2\].target: .* a target or a reference"),
     ("reference.csv", "../hopper/../x",
@@ -180,8 +181,9 @@ FAULTS = [
     ("control: all,", "control: all, norm: quadratic,",
      r"cost\[3\].norm: this belongs to a term with"),
     ("as: sin_cos", "index: z", r"line 32, observe\[2\].index: this belongs beside sensor"),
-    ("- joint_velocities", "- {sensor: up}", r"line 33, observe\[3\]: this entry stands twice"),
-    (", index: z, below", ", below", r"line 35, fallen\[0\]: the sensor 'height' has 3 parts"),
+    ("- joint_velocities", "- {sensor: up}", r"line 33, observe\[3\]: 'up/x' is read twice"),
+    (", index: z, below", ", below",
+     r"line 35, fallen\[0\]: it has the parts height/x, height/y, height/z"),
     ("below: 0.7", "below: 0.7, above: 2",
      r"line 35, fallen\[0\]: exactly one of below, above, bey"),
     ("{law: pd,", "{law: demonstration, file: ../w.csv} #", "begin.file: there is no file"),

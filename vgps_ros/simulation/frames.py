@@ -107,32 +107,16 @@ def _to_zero(model: mujoco.MjModel, joint: int) -> tuple[Array, Array]:
 class MovingLinks:
     """The poses of the links that joints move, in their parents' frames, for any state.
 
-    With the position q of a joint, every pose is linear in q, cos(q/2) and sin(q/2): a slide goes
-    along its axis, and a hinge's quaternion is that of the link times (cos(q/2), sin(q/2) axis).
-
     Attributes:
         links: the links, in the order of the poses.
     """
 
     def __init__(self, model: mujoco.MjModel):
         self.links = [link for link in links(model) if link.joint != FIXED]
-        joints = np.array([link.joint for link in self.links], dtype=np.intp)
-        kinds = model.jnt_type[joints]
-        self._places = model.jnt_qposadr[joints].astype(np.intp)
-        self._single = np.flatnonzero(kinds >= int(_JOINT.mjJNT_SLIDE))
-        self._several = np.flatnonzero(kinds < int(_JOINT.mjJNT_SLIDE)).tolist()
-        self._free = (kinds == int(_JOINT.mjJNT_FREE)).tolist()
-        self._positions = np.array([link.position for link in self.links]).reshape(-1, 3)
-        self._rotations = np.array([link.rotation for link in self.links]).reshape(-1, 4)
-        slides, hinges = ((kinds == int(k)) for k in (_JOINT.mjJNT_SLIDE, _JOINT.mjJNT_HINGE))
-        axes = model.jnt_axis[joints]
-        turned = zip(axes, self._rotations, strict=True)
-        self._along = slides[:, None] * np.array([rotated(*each) for each in turned]).reshape(-1, 3)
-        about = np.c_[np.zeros(len(joints)), axes]
-        products = zip(self._rotations, about, strict=True)
-        self._about = hinges[:, None] * np.array([product(*each) for each in products])
-        self._about = self._about.reshape(-1, 4)
-        self._half = 0.5 * hinges
+        self._joints = [
+            (_JOINT(model.jnt_type[i]), int(model.jnt_qposadr[i]), model.jnt_axis[i])
+            for i in (link.joint for link in self.links)
+        ]
 
     def poses(self, state: Array) -> tuple[Array, Array]:
         """Returns positions, shape (L, 3) [m], and quaternions (w, x, y, z), shape (L, 4).
@@ -140,15 +124,21 @@ class MovingLinks:
         Args:
             state: x, or its positions qpos, shape (n_q,) at least.
         """
-        q = state[self._places]
-        half = q * self._half
-        positions = self._positions + q[:, None] * self._along
-        rotations = np.cos(half)[:, None] * self._rotations + np.sin(half)[:, None] * self._about
-        for i in self._several:  # free joints and balls, whose positions are poses
-            place = self._places[i] + 3 * self._free[i]
-            if self._free[i]:
-                positions[i] = state[self._places[i] : place]
-            rotations[i] = product(self._rotations[i], state[place : place + 4])
+        positions = np.array([link.position for link in self.links]).reshape(-1, 3)
+        rotations = np.array([link.rotation for link in self.links]).reshape(-1, 4)
+        for i, (kind, place, axis) in enumerate(self._joints):
+            turn = _UPRIGHT
+            match kind:
+                case _JOINT.mjJNT_SLIDE:
+                    positions[i] += rotated(state[place] * axis, rotations[i])
+                case _JOINT.mjJNT_HINGE:
+                    turn = np.empty(4)
+                    mujoco.mju_axisAngle2Quat(turn, axis, state[place])
+                case _JOINT.mjJNT_BALL:
+                    turn = state[place : place + 4]
+                case _JOINT.mjJNT_FREE:
+                    positions[i], turn = np.split(state[place : place + 7], [3])
+            rotations[i] = product(rotations[i], turn)
         return positions, rotations
 
 

@@ -4,7 +4,6 @@
 import math
 import re
 from itertools import chain, product
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -290,20 +289,17 @@ def _is_level(model: mujoco.MjModel, axis: np.ndarray) -> bool:
     return True
 
 
-_MOST_ELEMENTS = 10_000  # which take a few seconds
-_MOST_NUMBERS = 2**24  # of height fields, pictures, sensors and users
-_COPIES = ("count", "nkey")  # attributes that are numbers of elements, along one axis or several
-_SIDES = (("nrow", "ncol"), ("width", "height"))  # of height fields and pictures
-_SIZES = ("dim", "nuserdata", "nsample", "actdim")
-# What MuJoCo's XML might have where the standard's has nothing, as after <!DOCTYPE.
-_WORDS = re.compile(rf"\b(file|nuser_|{'|'.join((*_COPIES, *chain(*_SIDES), *_SIZES))})")
+_MOST = 5_000  # of what one attribute asks for
+# Attributes that make a short text a large model: copies, height fields, pictures, users' numbers.
+_SIZES = ("count", "nkey", "nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample")
+_WORDS = re.compile(rf"\b(file|nuser_|{'|'.join(_SIZES)})")
 
 
 def check_self_contained(mjcf: str) -> None:
-    """Refuses references to files, which are private, and models that would become too large.
+    """Refuses references to files, which are private, and a model that asks for a huge size.
 
     Raises:
-        InvalidInputError: the text has one, would become too large, or cannot be checked.
+        InvalidInputError: the text has one, asks for too much, or cannot be checked.
     """
     try:
         if "<!DOCTYPE" in mjcf:  # within which MuJoCo's XML begins earlier than the standard's
@@ -316,61 +312,15 @@ def check_self_contained(mjcf: str) -> None:
                 f"{found[0]} cannot be checked; mend the text there."
             ) from error
         return  # MuJoCo has the better message for it
-    for element in robot.iter():
-        files = [value for name, value in element.items() if name.startswith("file")]
-        if files:
+    for name, value in chain.from_iterable(element.items() for element in robot.iter()):
+        if name.startswith("file"):
             raise InvalidInputError(
-                f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
+                f"The robot's MJCF refers to the file {quoted(value)}, but its text must "
                 "hold all of the robot; leave out meshes, textures and includes."
             )
-    if excess := _excess(robot):
-        raise InvalidInputError(f"The robot's MJCF {excess}")
-
-
-def excess_of_file(path: Path) -> str:
-    """Returns what is too much in a file's own text, without what it includes; "" if nothing is."""
-    try:
-        excess = _excess(ElementTree.parse(path).getroot())
-    except (OSError, ElementTree.ParseError, ValueError, LookupError):
-        return ""  # MuJoCo has the better message for it
-    return excess and f"the model {excess}"
-
-
-def _excess(robot: ElementTree.Element) -> str:
-    """Returns the end of a sentence on what a model has too much of; "" if it is not too large."""
-    elements, numbers, users = 0, 0, 1
-    waiting = [(robot, 1)]
-    while waiting:
-        element, copies = waiting.pop()
-        copies *= math.prod(n for name in _COPIES for n in _numbers(element, name))
-        copies = min(copies, 10**12)  # as a number with more digits would take long to multiply
-        elements += copies
-        numbers += copies * _area(element)
-        numbers += copies * sum(n for name in _SIZES for n in _numbers(element, name))
-        names = (name for name in element.attrib if name.startswith("nuser_"))
-        users += sum(n for name in names for n in _numbers(element, name))
-        waiting += ((inner, copies) for inner in element)
-    for count, most, what in (
-        (elements, _MOST_ELEMENTS, "elements, copies (count) included"),
-        (numbers + elements * users, _MOST_NUMBERS, "numbers in its fields, pictures and sensors"),
-    ):
-        if count > most:
-            shown = count if count < 10**10 else "far too many"
-            return f"asks for {shown} {what}, but it may have {most} at most; leave some out."
-    return ""
-
-
-def _area(element: ElementTree.Element) -> int:
-    """Returns the numbers of a height field or a picture; six squares of a cube, as of a sky."""
-    sides = [[n for name in pair for n in _numbers(element, name)] for pair in _SIDES]
-    area = sum(math.prod(pair) if len(pair) > 1 else sum(n * n for n in pair) for pair in sides)
-    is_cube = element.tag == "texture" and element.get("type", "cube") != "2d"
-    return max([area, *(6 * n * n for n in _numbers(element, "width") if is_cube)])
-
-
-def _numbers(element: ElementTree.Element, name: str) -> list[int]:
-    """Returns the whole numbers of an attribute, at least 0; MuJoCo refuses what is no number."""
-    try:
-        return [max(int(word), 0) for word in element.get(name, "").split()]
-    except ValueError:
-        return []
+        sizes = re.findall(r"\d+", value) if name in _SIZES or name.startswith("nuser_") else []
+        if any(len(size) > 9 for size in sizes) or math.prod(map(int, sizes)) > _MOST:
+            raise InvalidInputError(
+                f"The robot's MJCF has {name} {quoted(value)}, but it may ask for {_MOST} at most; "
+                "make it smaller."
+            )

@@ -20,8 +20,7 @@ import numpy as np
 
 from vgps_ros.core.checks import one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.simulation.model import excess_of_file
-from vgps_ros.simulation.names import DIRECTIONS, SENSOR_TYPES, known, matching
+from vgps_ros.simulation.names import DIRECTIONS, OBJECTS, SENSOR_TYPES, known, matching
 
 Place = tuple[str | int, ...]
 
@@ -76,15 +75,18 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     Raises:
         InvalidChangeError: the model does not compile, or a change does not suit it.
     """
-    if excess := excess_of_file(path):
-        raise InvalidChangeError(("model",), excess)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except _ERRORS as error:
         raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
     name_all(spec)
     if changes.get("floor"):
-        _add_floor(spec)
+        if spec.geom("floor") is not None:
+            raise InvalidChangeError(
+                ("changes", "floor"), "the model has a geom of this name already; leave floor out."
+            )
+        plane = mujoco.mjtGeom.mjGEOM_PLANE  # as large as it has to be, and drawn in grey
+        spec.worldbody.add_geom(name="floor", type=plane, size=[0, 0, 1], rgba=[0.8, 0.8, 0.8, 1])
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
         for actuator in _matching(spec.actuators, "actuator", pattern, "remove_actuators", i):
             spec.delete(actuator)
@@ -100,35 +102,17 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
     for name, sensor in sensors.items():
-        add_sensor(spec, name, sensor)
-    model = _compiled(spec, path)
-    for name, sensor in sensors.items():
-        check_directions(model, name, sensor)
-    return spec
-
-
-def _add_floor(spec: mujoco.MjSpec) -> None:
-    """Adds a plane that is as large as it has to be, and drawn in grey."""
-    if spec.geom("floor") is not None:
-        raise InvalidChangeError(
-            ("changes", "floor"), "the model has a geom of this name already; leave floor out."
-        )
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(name="floor", type=plane, size=[0, 0, 1], rgba=[0.8, 0.8, 0.8, 1])
-
-
-def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+        _add_sensor(spec, name, sensor)
     try:
         with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
             warnings.simplefilter("ignore")
-            return spec.compile()
+            model = spec.compile()
     except _ERRORS as error:
-        place = "changes"
-        try:
-            mujoco.MjSpec.from_file(str(path)).compile()
-        except _ERRORS:
-            place = "model"
-        raise InvalidChangeError((place,), f"the model does not compile: {error}.") from error
+        sentence = f"the model, as it is changed, does not compile: {error}."
+        raise InvalidChangeError(("model",), sentence) from error
+    for name, sensor in sensors.items():
+        _check_directions(model, name, sensor)
+    return spec
 
 
 def name_all(spec: mujoco.MjSpec) -> None:
@@ -257,17 +241,8 @@ def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:
             spec.delete(sensor)
 
 
-def add_sensor(spec: mujoco.MjSpec, name: str, sensor: Mapping[str, Any]) -> None:
-    """Adds a sensor of one object, which may be relative to another one.
-
-    Args:
-        spec: the model.
-        name: the sensor's name.
-        sensor: its type, its object, such as `body: torso`, and what else it needs.
-
-    Raises:
-        InvalidChangeError: the model lacks the object, or has such a sensor already.
-    """
+def _add_sensor(spec: mujoco.MjSpec, name: str, sensor: Values) -> None:
+    """Adds a sensor of one object, which may be relative to another one."""
     place = ("sensors", name)
     if name in {other.name for other in spec.sensors}:
         raise InvalidChangeError(
@@ -284,14 +259,10 @@ def add_sensor(spec: mujoco.MjSpec, name: str, sensor: Mapping[str, Any]) -> Non
         added.cutoff = sensor["cutoff"]
 
 
-def check_directions(model: mujoco.MjModel, name: str, sensor: Mapping[str, Any]) -> None:
+def _check_directions(model: mujoco.MjModel, name: str, sensor: Values) -> None:
     """Refuses directions of a body's principal axes, which are hardly ever meant.
 
-    MuJoCo's `body` stands for the body's inertial frame. Its axes are sorted by inertia, so the
-    z-axis of a long torso is its long axis, wherever that points.
-
-    Raises:
-        InvalidChangeError: a direction is that of principal axes that are not the body's own axes.
+    MuJoCo's `body` stands for the body's inertial frame, whose axes are sorted by inertia.
     """
     frames = {"relative_to": sensor.get("relative_to", {})}
     if sensor["type"] in DIRECTIONS:
@@ -306,22 +277,11 @@ def check_directions(model: mujoco.MjModel, name: str, sensor: Mapping[str, Any]
             )
 
 
-def _object(
-    spec: mujoco.MjSpec, record: Mapping[str, Any], place: Place
-) -> tuple[mujoco.mjtObj, str]:
+def _object(spec: mujoco.MjSpec, record: Values, place: Place) -> tuple[mujoco.mjtObj, str]:
     """Returns kind and name of the object that a record names."""
-    elements = {
-        "body": spec.bodies,
-        "xbody": spec.bodies,
-        "geom": spec.geoms,
-        "site": spec.sites,
-        "camera": spec.cameras,
-        "joint": spec.joints,
-        "tendon": spec.tendons,
-        "actuator": spec.actuators,
-    }
-    kind = next(kind for kind in elements if kind in record)
-    names = [element.name for element in elements[kind] if element.name]
+    kind = next(kind for kind in OBJECTS if kind in record)
+    several = {"body": "bodies", "xbody": "bodies"}.get(kind, f"{kind}s")
+    names = [element.name for element in getattr(spec, several) if element.name]
     with change_at(*place, kind):
         return getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), known(kind, record[kind], names)
 
@@ -337,17 +297,12 @@ def self_contained(spec: mujoco.MjSpec) -> str:
     """
     with warnings.catch_warnings():  # the same as when it was first compiled
         warnings.simplefilter("ignore")
-        return _written(spec)
-
-
-def _written(spec: mujoco.MjSpec) -> str:
-    model = spec.compile()
-    for hfield in spec.hfields:
-        if hfield.file:
-            raise InvalidInputError(
-                f"The height field '{hfield.name}' is in a file, which is not supported: write its "
-                "heights into the model, as the attribute elevation."
-            )
+        model = spec.compile()
+    if in_files := [hfield.name for hfield in spec.hfields if hfield.file]:
+        raise InvalidInputError(
+            f"The height field '{in_files[0]}' is in a file, which is not supported: write its "
+            "heights into the model, as the attribute elevation."
+        )
     for mesh in spec.meshes:
         if mesh.file:
             _write_in(model, mesh)

@@ -57,6 +57,7 @@ def _unknown(complaint: str, name: str, names: Sequence[str]) -> InvalidInputErr
 
 XYZ, WXYZ = tuple("xyz"), tuple("wxyz")
 FRAMES = ("body", "xbody", "geom", "site", "camera")
+OBJECTS = (*FRAMES, "joint", "tendon", "actuator")
 
 
 @dataclass(frozen=True)

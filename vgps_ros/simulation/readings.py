@@ -31,6 +31,7 @@ class Readings:
         names: name of each number.
         space: space of the states.
         needs_controls: whether a reading depends on the control too, as a contact force does.
+        plan: how compiled loops compute the readings.
 
     Args:
         simulations: simulations of the model.
@@ -43,9 +44,9 @@ class Readings:
     def __init__(self, simulations: Simulations, names: Sequence[str]):
         self.names, self.space = tuple(names), simulations.space
         self._simulations = simulations
-        self._plan = _plan(simulations, self.names)
-        self.needs_controls = self._plan.needs == compiled.EVERYTHING
-        self._is_linear = bool((self._plan.kinds == compiled.COORDINATE).all())
+        self.plan = _plan(simulations, self.names)
+        self.needs_controls = self.plan.needs == compiled.EVERYTHING
+        self._is_linear = bool((self.plan.kinds == compiled.COORDINATE).all())
 
     def __call__(self, states: Array, controls: Array | None = None) -> Array:
         """Returns the numbers, shape (..., r); NaN where a state is not finite.
@@ -55,12 +56,12 @@ class Readings:
             controls: shape (..., n_u); zero if they are left out.
         """
         if self._is_linear:
-            return np.take(states, self._plan.places, axis=-1)
+            return np.take(states, self.plan.places, axis=-1)
         x, u = self._rows(states, controls)
         out = np.empty((len(x), len(self.names)))
         self._simulations.in_threads(
             len(x),
-            lambda sim, part: compiled.read_each(sim, self._plan, x[part], u[part], out[part]),
+            lambda sim, part: compiled.read_each(sim, self.plan, x[part], u[part], out[part]),
         )
         return out.reshape(*states.shape[:-1], -1)
 
@@ -75,20 +76,14 @@ class Readings:
         n, r, n_dx = len(x), len(self.names), self.space.tangent_dim
         leading = states.shape[:-1]
         if self._is_linear:
-            one = np.eye(n_dx)[self._plan.tangent]
-            shape = (*leading, r)
-            return (
-                self(states),
-                np.broadcast_to(one, (*shape, n_dx)),
-                np.zeros((*shape, u.shape[1])),
-            )
-        out = np.empty((n, r))
-        by_state = np.empty((n, r, n_dx))
-        by_control = np.empty((n, r, u.shape[1]))
+            one = np.eye(n_dx)[self.plan.tangent]
+            by_control = np.zeros((*leading, r, u.shape[1]))
+            return self(states), np.broadcast_to(one, (*leading, r, n_dx)), by_control
+        out, by_state, by_control = (np.empty((n, r, *m)) for m in ((), (n_dx,), (u.shape[1],)))
         self._simulations.in_threads(
             n,
             lambda sim, part: compiled.differentiate_each(
-                *(sim, self._plan, _EPS, x[part], u[part]),
+                *(sim, self.plan, _EPS, x[part], u[part]),
                 *(out[part], by_state[part], by_control[part]),
             ),
         )
@@ -100,21 +95,15 @@ class Readings:
             found: Array = jacobians @ self.linearize(states)[1]
             return found
         full = np.zeros((*jacobians.shape[:-1], self.space.tangent_dim))
-        full[..., self._plan.tangent] = jacobians
+        full[..., self.plan.tangent] = jacobians
         return full
-
-    @property
-    def plan(self) -> compiled.ReadingPlan:
-        """The plan by which compiled loops compute the readings."""
-        return self._plan
 
     def _rows(self, states: Array, controls: Array | None) -> tuple[Array, Array]:
         """Returns states and controls one a row, as compiled loops take them."""
         x = np.ascontiguousarray(states, dtype=float).reshape(-1, states.shape[-1])
         n_u = self._simulations.model.nu
-        if controls is None:
-            return x, np.zeros((len(x), n_u))
-        return x, np.ascontiguousarray(controls, dtype=float).reshape(-1, n_u)
+        u = np.zeros((len(x), n_u)) if controls is None else controls
+        return x, np.ascontiguousarray(u, dtype=float).reshape(-1, n_u)
 
 
 def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingPlan:
@@ -141,7 +130,7 @@ def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingP
                 f"coordinate, such as {', '.join(known[:3])}.{nearest(name, known)}"
             )
     needs, columns = compiled.NOTHING, np.zeros(0, dtype=np.int64)
-    if any(needs_everything(model, sensor) for sensor in sensors):
+    if any(_needs_everything(model, sensor) for sensor in sensors):
         n_dx = space.tangent_dim
         needs, columns = compiled.EVERYTHING, np.arange(n_dx + model.nu)[::-1].copy()
     elif sensors:
@@ -154,7 +143,14 @@ def _columns_felt(model: mujoco.MjModel, sensors: list[int]) -> NDArray[np.int64
     """Returns the coordinates of a deviation that sensors may depend on, positions last."""
     positions, velocities = np.zeros((2, model.nv), dtype=bool)
     for sensor in sensors:
-        felt = velocities_felt(model, sensor)
+        bodies = [
+            _body_of(model, model.sensor_objtype[sensor], model.sensor_objid[sensor]),
+            _body_of(model, model.sensor_reftype[sensor], model.sensor_refid[sensor]),
+        ]
+        if _SENSOR(model.sensor_type[sensor]) in _OF_SUBTREES:
+            bodies = [i for i in range(model.nbody) if bodies[0] in _ancestors(model, i)]
+        moving = {each for body in bodies for each in _ancestors(model, body)}
+        felt = np.isin(model.dof_bodyid, list(moving))
         if model.sensor_needstage[sensor] == mujoco.mjtStage.mjSTAGE_VEL:
             velocities |= felt
             felt[cyclic_positions(model)] = False  # how fast it goes is the same everywhere
@@ -180,7 +176,7 @@ _OF_JOINTS = {
 }
 
 
-def needs_everything(model: mujoco.MjModel, sensor: int) -> bool:
+def _needs_everything(model: mujoco.MjModel, sensor: int) -> bool:
     """Returns whether a sensor needs more than the positions and velocities of bodies."""
     if _SENSOR(model.sensor_type[sensor]) not in {*_OF_FRAMES, *_OF_SUBTREES, *_OF_JOINTS}:
         return True
@@ -188,24 +184,8 @@ def needs_everything(model: mujoco.MjModel, sensor: int) -> bool:
     return int(_OBJECT.mjOBJ_CAMERA) in frames
 
 
-def velocities_felt(model: mujoco.MjModel, sensor: int) -> NDArray[np.bool_]:
-    """Returns the mask of the degrees of freedom, (n_v,), that such a sensor may depend on."""
-    felt = np.zeros(model.nv, dtype=bool)
-    bodies = [
-        _body_of(model, model.sensor_objtype[sensor], model.sensor_objid[sensor]),
-        _body_of(model, model.sensor_reftype[sensor], model.sensor_refid[sensor]),
-    ]
-    if _SENSOR(model.sensor_type[sensor]) in _OF_SUBTREES:
-        bodies = [i for i in range(model.nbody) if bodies[0] in _ancestors(model, i)]
-    for body in bodies:
-        for each in _ancestors(model, body):
-            first = model.body_dofadr[each]
-            felt[first : first + model.body_dofnum[each]] = True
-    return felt
-
-
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """Returns a body, and all between it and the world, which is left out unless it is asked of."""
+    """Returns a body, and all between it and the world."""
     found = [body]
     while model.body_parentid[found[-1]] > 0:
         found.append(int(model.body_parentid[found[-1]]))

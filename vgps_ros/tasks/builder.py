@@ -39,9 +39,6 @@ from vgps_ros.tasks.task import Conditions, Task
 from vgps_ros.tasks.task_file import find_model, read_task_file
 from vgps_ros.tasks.yaml_file import Document, Entries, Place
 
-# What a policy may read of all joints at once, and what that is of each.
-_OF_ALL_JOINTS = {"joint_positions": "position", "joint_velocities": "velocity"}
-
 
 def load_task(path: Path, name: str) -> Task:
     """Returns the task that a file describes.
@@ -90,6 +87,7 @@ class _Reader:
     def __init__(self, dynamics: Dynamics, document: Document):
         self.dynamics, self.document = dynamics, document
         self.model: mujoco.MjModel = dynamics.model
+        self.joints = joint_names(self.model)
 
     def readings(self, names: Sequence[str], place: Place) -> Readings:
         """Returns the readings of these names; an error has the line of the place."""
@@ -128,12 +126,12 @@ class _Reader:
         for i, entry in enumerate(entries):
             place = ("observe", i)
             with self.document.at(place):
-                names += self._observed(entry, place)
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise self.document.error(
-                ("observe",), f"{quoted(twice[0])} is read twice; leave one of them out."
-            )
+                found = self._observed(entry, place)
+            for name in found:
+                self.document.refuse(
+                    name in names, place, f"{quoted(name)} is read twice; leave it out."
+                )
+            names += found
         self.document.refuse(
             not names,
             ("observe",),
@@ -150,26 +148,24 @@ class _Reader:
 
     def _observed(self, entry: str | ObservedEntry, place: Place) -> list[str]:
         if isinstance(entry, str):
-            if entry not in _OF_ALL_JOINTS:
+            kind = {"joint_positions": "position", "joint_velocities": "velocity"}.get(entry)
+            if kind is None:
                 return self.names(entry, None, place)
-            return [f"{joint}/{_OF_ALL_JOINTS[entry]}" for joint in self._joints()]
+            return [f"{joint}/{kind}" for joint in self.joints]
         if entry.sensor is not None:
             return self.names(entry.sensor, entry.index, place)
         if entry.joint is not None:
             forms = {"sin_cos": ("sin", "cos")}.get(entry.form, (entry.form,))
-            joints = matching("hinge or slide", entry.joint, self._joints())
+            joints = matching("hinge or slide", entry.joint, self.joints)
             return [f"{joint}/{form}" for joint in joints for form in forms]
         kind = "position" if entry.joint_positions else "velocity"
         excluded = entry.joint_positions or entry.joint_velocities
         out = {
             joint
             for pattern in (excluded.excluded if excluded else ())
-            for joint in matching("hinge or slide", pattern, self._joints())
+            for joint in matching("hinge or slide", pattern, self.joints)
         }
-        return [f"{joint}/{kind}" for joint in self._joints() if joint not in out]
-
-    def _joints(self) -> list[str]:
-        return joint_names(self.model)
+        return [f"{joint}/{kind}" for joint in self.joints if joint not in out]
 
     def by_coordinate(self, spread: StateSpread | SpreadLimit, place: Place) -> Array:
         """Returns a value for each coordinate of a deviation, shape (n_dx,)."""
@@ -205,15 +201,14 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         if term.reference is not None:
             path = read.document.file((*place, "reference"), term.reference)
             with read.document.at((*place, "reference")):
-                target = read_columns(
-                    path, found, file.control_period * np.arange(steps, dtype=float)
-                )
+                times = file.control_period * np.arange(steps, dtype=float)
+                target = read_columns(path, found, times)
         targets.append(np.broadcast_to(target, (steps, size)))
         smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
     return FeatureCost(
         features=read.readings(names, ("cost",)),
-        targets=_constant(_joined(targets, steps)),
-        weights=_constant(_joined(weights, steps)),
+        targets=_joined(targets, steps),
+        weights=_joined(weights, steps),
         smooth=np.concatenate([np.empty(0), *smooth]),
         control_weights=controls,
     )
@@ -228,9 +223,8 @@ def _add_controls(weights: Array, term: CostTerm, read: _Reader, place: Place) -
             for pattern in given
             for name in matching("actuator", "*" if pattern == "all" else pattern, actuators)
         ]
-    for name, weight in zip(
-        chosen, _each(term.weight, len(chosen), "weight", read, place), strict=True
-    ):
+    each = _each(term.weight, len(chosen), "weight", read, place)
+    for name, weight in zip(chosen, each, strict=True):
         weights[actuators.index(name)] += weight
 
 
@@ -245,11 +239,8 @@ def _each(values: Any, size: int, key: str, read: _Reader, place: Place) -> Arra
 
 
 def _joined(columns: Iterable[Array], steps: int) -> Array:
-    return np.concatenate([np.empty((steps, 0)), *columns], axis=1)
-
-
-def _constant(values: Array) -> Array:
-    """Returns the first row of values that never change, shape (m,); else all, shape (T, m)."""
+    """Returns columns side by side, (T, m), or their first row (m,) where they never change."""
+    values = np.concatenate([np.empty((steps, 0)), *columns], axis=1)
     return values[0] if (values == values[0]).all() else values
 
 
@@ -302,25 +293,22 @@ def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Arra
     if start.keyframe is not None:
         number = keyframe(model, start.keyframe, document, ("start", "keyframe"))
         mujoco.mj_resetDataKeyframe(model, data, number)
+    names = [model.joint(i).name for i in range(model.njnt)]
     for key, values, addresses in (
         ("positions", data.qpos, model.jnt_qposadr),
         ("velocities", data.qvel, model.jnt_dofadr),
     ):
         for name, given in getattr(start, key).items():
-            _put(model, name, given, values, addresses, document, ("start", key, name))
+            place = ("start", key, name)
+            with document.at(place):
+                i = names.index(known("joint", name, names))
+            end = [*addresses[1:], len(values)][i]
+            numbers, size = np.atleast_1d(np.array(given, dtype=float)), end - addresses[i]
+            document.refuse(
+                numbers.size != size,
+                place,
+                f"{quoted(name)} has {size} numbers, but {numbers.size} are given.",
+            )
+            values[addresses[i] : end] = numbers
     mujoco.mj_normalizeQuat(model, data.qpos)
     return np.concatenate([data.qpos, data.qvel, data.act])
-
-
-def _put(model, name, given, values, addresses, document, place):  # type: ignore[no-untyped-def]
-    """Writes a joint's values."""
-    names = [model.joint(i).name for i in range(model.njnt)]
-    with document.at(place):
-        i = names.index(known("joint", name, names))
-    ends = [*addresses[1:], len(values)]
-    numbers, size = np.atleast_1d(np.array(given, dtype=float)), ends[i] - addresses[i]
-    if numbers.size != size:
-        raise document.error(
-            place, f"{quoted(name)} has {size} numbers, but {numbers.size} are given."
-        )
-    values[addresses[i] : ends[i]] = numbers

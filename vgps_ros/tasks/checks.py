@@ -7,11 +7,9 @@ from math import isfinite
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
-from vgps_ros.simulation.names import DIRECTIONS, FRAMES, SENSOR_TYPES, listed, scalar_names
+from vgps_ros.simulation.names import OBJECTS, SENSOR_TYPES, listed
 from vgps_ros.tasks.schema import (
     CostTerm,
-    Indices,
-    Limit,
     ObservedEntry,
     Path,
     Record,
@@ -35,15 +33,15 @@ def check_task_file(task: TaskFile, document: Document) -> None:
     """
     _check_times(task, document)
     for name, sensor in task.sensors.items():
-        check_sensor(name, sensor, document)
+        _check_sensor(name, sensor, document)
     for i, term in enumerate(task.cost):
-        _check_term(term, task, document, ("cost", i))
+        _check_term(term, document, ("cost", i))
     for i, entry in enumerate(task.observe):
-        _check_observation(entry, task, document, ("observe", i))
-    _refuse_repeats(task.observe, document, "observe")
+        if isinstance(entry, ObservedEntry):
+            _check_observation(entry, document, ("observe", i))
     for key, limits in (("fallen", task.fallen), ("limits", task.limits)):
         for i, limit in enumerate(limits):
-            _check_limit(limit, task, document, (key, i))
+            _check_one_of(limit, ("below", "above", "beyond"), document, (key, i))
     if isinstance(task.begin, RecordedMotion | Path) and task.begin.file is not None:
         document.file(("begin", "file"), task.begin.file)
         document.refuse(
@@ -81,9 +79,9 @@ def _check_times(task: TaskFile, document: Document) -> None:
     )
 
 
-def _check_term(term: CostTerm, task: TaskFile, document: Document, place: Place) -> None:
-    """Checks a term of the cost: its kind, its number of values, its files."""
-    check_one_of(term, ("sensor", "control"), document, place)
+def _check_term(term: CostTerm, document: Document, place: Place) -> None:
+    """Checks a term of the cost: its kind and its file."""
+    _check_one_of(term, ("sensor", "control"), document, place)
     if term.sensor is None:
         for key in _OF_SENSORS:
             document.refuse(
@@ -92,10 +90,12 @@ def _check_term(term: CostTerm, task: TaskFile, document: Document, place: Place
                 "this belongs to a term with a sensor; a term of controls has a weight only.",
             )
         names = (term.control,) if isinstance(term.control, str) else term.control or ()
-        _refuse_repeats(names, document, *place, "control")
-        count = None if "all" in names else len(names)
-    else:
-        count = scalar_count(term.sensor, term.index, task, document, place)
+        for i, name in enumerate(names):
+            document.refuse(
+                name in names[:i],
+                (*place, "control", i),
+                "this entry stands twice; leave one of them out.",
+            )
     document.refuse(
         (*place, "width") in document.lines and term.norm != "smooth_abs",
         (*place, "width"),
@@ -105,55 +105,20 @@ def _check_term(term: CostTerm, task: TaskFile, document: Document, place: Place
         both = (*place, "target")
         document.refuse(both in document.lines, both, "a term has a target or a reference.")
         document.file((*place, "reference"), term.reference)
-    for key, values in (("target", term.target), ("weight", term.weight)):
-        given = len(values) if isinstance(values, tuple) else count
-        document.refuse(
-            count is not None and given != count,
-            (*place, key),
-            f"it has {given} values, but the term has {count}; write one for each, or one for all.",
-        )
 
 
-def _check_observation(
-    entry: str | ObservedEntry, task: TaskFile, document: Document, place: Place
-) -> None:
-    if isinstance(entry, str):
-        scalar_count(entry, None, task, document, place)
-        return
+def _check_observation(entry: ObservedEntry, document: Document, place: Place) -> None:
     owners = ("joint", "sensor", "joint_positions", "joint_velocities")
-    check_one_of(entry, owners, document, place)
+    _check_one_of(entry, owners, document, place)
     for key, owner in (("as", "joint"), ("index", "sensor")):
         document.refuse(
             (*place, key) in document.lines and getattr(entry, owner) is None,
             (*place, key),
             f"this belongs beside {owner}; leave it out here.",
         )
-    if entry.sensor is not None:
-        scalar_count(entry.sensor, entry.index, task, document, place)
 
 
-def _check_limit(limit: Limit, task: TaskFile, document: Document, place: Place) -> None:
-    check_one_of(limit, ("below", "above", "beyond"), document, place)
-    count = scalar_count(limit.sensor, limit.index, task, document, place)
-    document.refuse(
-        count not in (None, 1),
-        place,
-        f"the sensor {quoted(limit.sensor)} has {count} parts; pick one by its index.",
-    )
-
-
-def _refuse_repeats(entries: Sequence[object], document: Document, *place: str | int) -> None:
-    for i, entry in enumerate(entries):
-        document.refuse(
-            entry in entries[:i], (*place, i), "this entry stands twice; leave one of them out."
-        )
-
-
-JOINT_SCALARS = ("position", "velocity", "sin", "cos")  # of each hinge and slide
-_OBJECTS = (*FRAMES, "joint", "tendon", "actuator")
-
-
-def check_sensor(name: str, sensor: Sensor, document: Document) -> None:
+def _check_sensor(name: str, sensor: Sensor, document: Document) -> None:
     """Checks that an added sensor has a type of MuJoCo's, and the objects that it needs."""
     place, what = ("sensors", name), f"a {sensor.type}"
     document.refuse(
@@ -177,11 +142,6 @@ def check_sensor(name: str, sensor: Sensor, document: Document) -> None:
         f"{what} needs relative_to and cutoff, the farthest distance seen [m], for example "
         "`relative_to: {geom: wall}, cutoff: 1.0`.",
     )
-    document.refuse(
-        sensor.cutoff is not None and sensor.type in DIRECTIONS,
-        (*place, "cutoff"),
-        "a direction has no largest value; leave it out.",
-    )
 
 
 def _check_object(
@@ -189,17 +149,17 @@ def _check_object(
 ) -> None:
     """Checks that a record names one object, of a kind that fits."""
     allowed = f"one of {', '.join(kinds)}" if kinds else "nothing, since it is of the whole model"
-    for kind in _OBJECTS:
+    for kind in OBJECTS:
         document.refuse(
             getattr(record, kind, None) is not None and kind not in kinds,
             (*place, kind),
             f"{what} may name {allowed}, but not {kind}.",
         )
     if kinds:
-        check_one_of(record, kinds, document, place)
+        _check_one_of(record, kinds, document, place)
 
 
-def check_one_of(record: Record, names: Sequence[str], document: Document, place: Place) -> None:
+def _check_one_of(record: Record, names: Sequence[str], document: Document, place: Place) -> None:
     """Checks that a record has a value for exactly one of some fields."""
     given = [name for name in names if getattr(record, name) is not None]
     document.refuse(
@@ -208,21 +168,3 @@ def check_one_of(record: Record, names: Sequence[str], document: Document, place
         f"exactly one of {', '.join(names)} must be given, but here is "
         f"{' and '.join(given) or 'none'}.",
     )
-
-
-def scalar_count(
-    sensor: str, index: Indices | None, task: TaskFile, document: Document, place: Place
-) -> int | None:
-    """Returns how many scalars a sensor and an index pick; None if only the model can say."""
-    owner, _, part = sensor.rpartition("/")
-    with document.at(place):
-        if sensor in task.sensors:
-            return len(scalar_names(sensor, SENSOR_TYPES[task.sensors[sensor].type].parts, index))
-        if owner in task.sensors:
-            scalar_names(owner, SENSOR_TYPES[task.sensors[owner].type].parts, part)
-        elif not (owner and part in JOINT_SCALARS):
-            return None
-    document.refuse(
-        index is not None, (*place, "index"), f"{quoted(sensor)} is one number; leave it out."
-    )
-    return 1

@@ -78,10 +78,7 @@ class DisturbanceSettings:
     )
     body: str = setting("", "body that is pushed and bears a payload; empty: the heaviest one")
     push: float = setting(
-        0.0,
-        "horizontal impulse in a random direction [N*s]",
-        minimum=0.0,
-        maximum=1e6,
+        0.0, "horizontal impulse in a random direction [N*s]", minimum=0.0, maximum=1e6
     )
     push_before: float = setting(
         0.0,

@@ -47,15 +47,7 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
             "disturb.friction or --frictions."
         )
     if disturbance.changes_model:
-        model = disturbed_model(
-            task.mjcf,
-            body_names(task.mjcf)[body],
-            disturbance.payload,
-            disturbance.friction,
-            disturbance.slope,
-            disturbance.ridges,
-            disturbance.ridges_seed,
-        )
+        model = disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
     push = _push(disturbance, body, task.dynamics.time_step)
     dynamics = Dynamics(model, task.dynamics.substeps, push=push)
 
@@ -151,44 +143,38 @@ _RADIUS = 0.5  # of a ridge's round top [m]
 _SPACING = 0.6  # between two ridges, on average [m]
 _REACH = (-5.0, 50.0)  # where there are ridges, ahead of the origin [m]
 _HALF_WIDTH = 20.0  # of a ridge, across the way [m]
+# What a ridge has of the floor.
+_OF_FLOOR = (
+    *("contype", "conaffinity", "condim", "priority", "solmix", "margin", "gap"),
+    *("friction", "solref", "solimp", "rgba"),
+)
 
 
-def disturbed_model(
-    mjcf: str,
-    body: str,
-    payload: float = 0.0,
-    friction: float = 1.0,
-    slope: tuple[float, float] = (0.0, 0.0),
-    ridges: float = 0.0,
-    seed: int = 0,
-) -> mujoco.MjModel:
-    """Returns a robot's model with changes.
+def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
+    """Returns a robot's model with a disturbance's load, friction and ground.
 
     Args:
         mjcf: its MJCF.
         body: name of the body that bears the payload.
-        payload: mass that is added at the body's centre of mass [kg].
-        friction: factor on the friction of all contacts.
-        slope: angles by which the ground rises along x and along y [rad].
-        ridges: largest height of the ridges [m].
-        seed: seed of the ridges' places and heights.
+        disturbance: what changes.
 
     Raises:
         InvalidInputError: ridges are wanted, but there is no level floor.
     """
     spec = _named(mjcf)
     model = spec.compile()
-    if payload:
+    if payload := disturbance.payload:
         place, small = model.body(body).ipos, payload * np.full(3, 1e-6)
         load = spec.body(body).add_body(name=f"{body}_payload", pos=place, mass=payload)
         load.inertia, load.explicitinertial = small, True
     for geom in spec.geoms:
-        geom.friction[0] *= friction
+        geom.friction[0] *= disturbance.friction
     for pair in spec.pairs:
-        pair.friction[:2] *= friction
-    spec.option.gravity = _turned(model.opt.gravity, slope)
-    if ridges:
-        _add_ridges(spec, ridges, np.random.default_rng(seed))
+        pair.friction[:2] *= disturbance.friction
+    spec.option.gravity = _turned(model.opt.gravity, disturbance.slope)
+    if disturbance.ridges:
+        rng = np.random.default_rng(disturbance.ridges_seed)
+        _add_ridges(spec, disturbance.ridges, rng)
     return spec.compile()
 
 
@@ -200,19 +186,14 @@ def body_names(mjcf: str) -> list[str]:
 
 
 def may_rub(model: mujoco.MjModel) -> bool:
-    """Returns whether two geoms of a model may ever touch with friction."""
+    """Returns whether two geoms of a model may touch with friction by their bits."""
     if model.opt.disableflags & (_DISABLED.mjDSBL_CONTACT | _DISABLED.mjDSBL_CONSTRAINT):
         return False
     first, second = np.triu_indices(model.ngeom, 1)
     mask = model.geom_contype[first] & model.geom_conaffinity[second]
     mask |= model.geom_contype[second] & model.geom_conaffinity[first]
     rubs = np.maximum(model.geom_condim[first], model.geom_condim[second]) > 1
-    # Bodies without a joint between are one; one that hangs on another does not touch it.
-    body = model.body_weldid[model.geom_bodyid]
-    carrier = np.where(body > 0, model.body_weldid[model.body_parentid[body]], 0)
-    carried = (carrier[first] == body[second]) & (body[second] > 0)
-    carried |= (carrier[second] == body[first]) & (body[first] > 0)
-    touch = (mask != 0) & rubs & (body[first] != body[second]) & ~carried
+    touch = (mask != 0) & rubs
     return bool(touch.any() or (model.pair_dim > 1).any())
 
 
@@ -245,7 +226,5 @@ def _add_ridges(spec: mujoco.MjSpec, height: float, rng: np.random.Generator) ->
             [x + _SPACING * rng.uniform(-0.4, 0.4), 0.0, top - _RADIUS]
         )
         ridge.quat = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
-        for name in ("contype", "conaffinity", "condim", "priority", "solmix", "margin", "gap"):
-            setattr(ridge, name, getattr(floor, name))
-        for name in ("friction", "solref", "solimp", "rgba"):
+        for name in _OF_FLOOR:
             setattr(ridge, name, getattr(floor, name))

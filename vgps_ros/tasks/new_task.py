@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a first task file for a robot, with comments that say what to change."""
 
+import re
 from dataclasses import dataclass
 
 import mujoco
@@ -15,29 +16,18 @@ _WEAKEST = 0.5  # height in which a robot has fallen, as a share of the one it s
 
 @dataclass(frozen=True)
 class _Robot:
-    """Facts about a model from which its first task file is written.
-
-    Attributes:
-        root: the body that carries all others.
-        goes: whether it can travel, as along a floor.
-        is_free: whether it has a free joint, named `joint`.
-        height: of the root at the start [m]; 0 if it cannot rise or fall.
-        up: the vertical in the root's frame at the start, shape (3,).
-        leans: the numbers of `up` that change when the robot leans, such as x and y.
-        prefix: of the names of new sensors, so that the model has none of them.
-        balls: the ball joints, with the quaternion of each at the start.
-    """
+    """Facts about a model from which its first task file is written."""
 
     model: mujoco.MjModel
-    root: str
-    goes: bool
-    is_free: bool
+    root: str  # the body that carries all others
+    goes: bool  # whether it can travel, as along a floor
+    is_free: bool  # whether it has a free joint, named `joint`
     joint: str
-    height: float
-    up: np.ndarray
-    leans: list[int]
-    prefix: str
-    balls: dict[str, list[float]]
+    height: float  # of the root at the start [m]; 0 if it cannot rise or fall
+    up: np.ndarray  # the vertical in the root's frame at the start, shape (3,)
+    leans: list[int]  # the numbers of `up` that change when the robot leans, such as x and y
+    prefix: str  # of the names of new sensors, so that the model has none of them
+    balls: dict[str, list[float]]  # the ball joints, with the quaternion of each at the start
 
 
 def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
@@ -104,7 +94,12 @@ def _robot(model: mujoco.MjModel) -> _Robot:
     goes = bool(is_free or cyclic_positions(model))
     falls = goes and abs(model.opt.gravity[2]) > 0
     up = data.xmat[body].reshape(3, 3)[2]
-    balls = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
+    taken = " ".join(model.sensor(i).name for i in range(model.nsensor))
+    balls = {}
+    for i in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
+        first_of_ball = model.jnt_qposadr[i]
+        quaternion = data.qpos[first_of_ball : first_of_ball + 4]
+        balls[model.joint(i).name] = [round(float(value), 4) for value in quaternion]
     turning = np.abs(np.cross(_axes(model, body), up)).max(axis=0, initial=0.0)
     return _Robot(
         model=model,
@@ -114,23 +109,10 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         joint=model.joint(first).name,
         height=float(data.xpos[body][2]) if falls else 0.0,
         up=up,
-        prefix=_prefix(model),
+        prefix="root_" if re.search(r"\b(velocity|height|up|\w+_turn)\b", taken) else "",
         leans=[int(i) for i in np.flatnonzero(turning > 1e-6)] if falls else [],
-        balls={model.joint(i).name: _quaternion(model, data, int(i)) for i in balls},
+        balls=balls,
     )
-
-
-def _quaternion(model: mujoco.MjModel, data: mujoco.MjData, joint: int) -> list[float]:
-    first = model.jnt_qposadr[joint]
-    return [round(float(value), 4) for value in data.qpos[first : first + 4]]
-
-
-def _prefix(model: mujoco.MjModel) -> str:
-    taken, prefix = {model.sensor(i).name for i in range(model.nsensor)}, ""
-    turns = [f"{model.joint(i).name}_turn" for i in range(model.njnt)]
-    while taken & {prefix + name for name in ("velocity", "height", "up", *turns)}:
-        prefix += "root_"
-    return prefix
 
 
 def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -162,11 +144,8 @@ def _changes(model: mujoco.MjModel) -> list[str]:
     if not model.nu:
         lines.append("  actuators:                             # motors [N·m]; the model has none")
         lines += [f"    {name}: {{joint: {name}, limit: 20.0}}" for name in _driven(model)]
-    return (
-        ["changes:                    # made in memory, the model's file stays", *lines]
-        if lines
-        else []
-    )
+    heading = "changes:                    # made in memory, the model's file stays"
+    return [heading, *lines] if lines else []
 
 
 def _driven(model: mujoco.MjModel) -> list[str]:
@@ -220,12 +199,9 @@ def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
             target = ", ".join(f"{robot.up[i] + 0.0:.3g}" for i in robot.leans)
             lines.append(of + f"up, index: [{index}], target: [{target}], weight: 5.0}}")
     else:
-        lines += [
-            f"  - {{sensor: {name}/position, target: 0.0}}" for name in joint_names(robot.model)
-        ]
-        lines += [
-            f"  - {{sensor: {name}/velocity, weight: 0.1}}" for name in joint_names(robot.model)
-        ]
+        joints = joint_names(robot.model)
+        lines += [f"  - {{sensor: {name}/position, target: 0.0}}" for name in joints]
+        lines += [f"  - {{sensor: {name}/velocity, weight: 0.1}}" for name in joints]
         for name, turn in robot.balls.items():
             lines.append(f"  - {{sensor: {robot.prefix}{name}_turn, target: {turn}}}")
             lines += [f"  - {{sensor: {rate}, weight: 0.1}}" for rate in _rates(name)]

@@ -6,10 +6,10 @@ through which other packages offer tasks. An entry point is a function that retu
 task's settings are read without its model, so that help which shows them takes no MuJoCo.
 """
 
-import importlib.util
-import sys
+import runpy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -59,14 +59,12 @@ def task_function_of(reference: str) -> Callable[[], Any] | None:
     if reference in BUILT_IN:
         if not (_FOLDER / reference / "task.py").is_file():
             return None
-        found: Callable[[], Any] = import_module(f"vgps_ros.tasks.{reference}.task").task
-        return found
+        found: Any = import_module(f"vgps_ros.tasks.{reference}.task")
+        return found.task  # type: ignore[no-any-return]
     if function := _function_of(reference):
         return _loaded(*function)
-    if point := _installed(reference):
-        made: Callable[[], Any] = point.load()
-        return made
-    return None
+    point = _installed(reference)
+    return point.load() if point else None
 
 
 def runs_code(reference: str) -> bool:
@@ -84,31 +82,20 @@ def _installed(name: str) -> EntryPoint | None:
     return next(iter(found), None)
 
 
+@cache  # a file is run once
 def _loaded(path: Path, name: str) -> Callable[[], Any]:
     """Runs a file, and returns a function of it."""
     if not path.is_file():
         raise InvalidInputError(f"There is no file {quoted(str(path))}; name {_FORMS}.")
-    key = f"vgps_ros_task_{path.resolve()}"
-    if key not in sys.modules:
-        spec = importlib.util.spec_from_file_location(key, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[key] = module
-        try:
-            spec.loader.exec_module(module)
-        except Exception as error:
-            del sys.modules[key]
-            raise InvalidInputError(
-                f"{path} does not run: {type(error).__name__}: {error}."
-            ) from error
-    module = sys.modules[key]
-    function = getattr(module, name, None)
+    try:
+        found = runpy.run_path(str(path))
+    except Exception as error:
+        raise InvalidInputError(f"{path} does not run: {type(error).__name__}: {error}.") from error
+    function: Any = found.get(name)
     if not callable(function):
-        known = [key for key, value in vars(module).items() if callable(value)]
+        known = [key for key, value in found.items() if callable(value)]
         raise InvalidInputError(f"{path} has no function {quoted(name)}.{nearest(name, known)}")
-    made: Callable[[], Any] = function
-    return made
+    return function
 
 
 @dataclass(frozen=True)

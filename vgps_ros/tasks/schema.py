@@ -30,13 +30,14 @@ NonNegative = Annotated[float, Meta(ge=0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=1_000_000)]
 Bits = Annotated[int, Meta(ge=0, lt=2**31)]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
+Keyframe = Name | Count
 Vector = tuple[Number, Number, Number]
 Coordinates = Number | tuple[Number, ...]
 
 
-def about(description: str, *examples: Any) -> Meta:
-    """Returns a field's description and examples of its value."""
-    return Meta(description=description, examples=list(examples) or None)
+def about(description: str, *examples: Any, **bounds: Any) -> Meta:
+    """Returns a field's description, examples of its value, and bounds such as ge=2."""
+    return Meta(description=description, examples=list(examples) or None, **bounds)
 
 
 Index = str | Annotated[int, Meta(ge=0, le=10_000)]
@@ -330,7 +331,7 @@ class Start(Record, frozen=True, kw_only=True):
     """The state from which a task starts: a keyframe, or the model's first state, and changes."""
 
     keyframe: Annotated[
-        Name | Annotated[int, Meta(ge=0, le=1_000_000)] | None,
+        Keyframe | None,
         about("a keyframe of the model, by name or number", "stand"),
     ] = None
     positions: Annotated[
@@ -363,9 +364,9 @@ class Start(Record, frozen=True, kw_only=True):
 class SpreadLimit(Record, frozen=True, kw_only=True):
     """Holds the largest standard deviations of a state; those left out have no limit (.inf)."""
 
-    position: Annotated[Annotated[float, Meta(gt=0)], about("[m, rad]", 0.3)] = inf
-    velocity: Annotated[Annotated[float, Meta(gt=0)], about("[m/s, rad/s]", 4.0)] = inf
-    activation: Annotated[Annotated[float, Meta(gt=0)], about("of an actuator", 1.0)] = inf
+    position: Annotated[float, about("[m, rad]", 0.3, gt=0)] = inf
+    velocity: Annotated[float, about("[m/s, rad/s]", 4.0, gt=0)] = inf
+    activation: Annotated[float, about("of an actuator", 1.0, gt=0)] = inf
     overrides: Annotated[
         dict[str, Annotated[float, Meta(gt=0)]],
         about(
@@ -401,7 +402,7 @@ class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
     """Torques that hold a pose: stiffness · (pose − position) − damping · velocity."""
 
     pose: Annotated[
-        Name | Annotated[int, Meta(ge=0, le=1_000_000)] | None,
+        Keyframe | None,
         about("a keyframe, by name or number; left out: the start", "stand"),
     ] = None
     stiffness: Annotated[
@@ -431,19 +432,13 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
     period: Annotated[
         Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
     ] = 0.05
-    samples: Annotated[
-        Annotated[int, Meta(ge=2, le=100_000)], about("plans tried in an iteration", 32)
-    ] = 32
-    iterations: Annotated[
-        Annotated[int, Meta(ge=1, le=1000)], about("rounds of samples for each plan", 2)
-    ] = 2
+    samples: Annotated[int, about("plans tried in an iteration", 32, ge=2, le=100_000)] = 32
+    iterations: Annotated[int, about("rounds of samples for each plan", 2, ge=1, le=1000)] = 2
     elites: Annotated[
-        Annotated[int, Meta(ge=2, le=100_000)],
-        about("best samples whose mean cross_entropy takes", 8),
+        int, about("best samples whose mean cross_entropy takes", 8, ge=2, le=100_000)
     ] = 8
     knots: Annotated[
-        Annotated[int, Meta(ge=2, le=1000)],
-        about("points in a plan between which a sample's change is linear", 6),
+        int, about("points in a plan between which a sample's change is linear", 6, ge=2, le=1000)
     ] = 6
     noise: Annotated[
         Positive,
@@ -453,9 +448,7 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Positive | tuple[Positive, ...] | None,
         about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
     ] = None
-    ddp_iterations: Annotated[
-        Annotated[int, Meta(ge=0, le=1000)], about("iterations of DDP on each plan", 5)
-    ] = 5
+    ddp_iterations: Annotated[int, about("iterations of DDP on each plan", 5, ge=0, le=1000)] = 5
 
 
 class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="demonstration"):
@@ -474,7 +467,7 @@ class Path(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
     """
 
     through: Annotated[
-        tuple[Name | Annotated[int, Meta(ge=0, le=1_000_000)], ...],
+        tuple[Keyframe, ...],
         about("keyframes to pass on straight lines from the start, at even times", ["stand"]),
     ] = ()
     file: Annotated[
