@@ -60,7 +60,7 @@ def task_function_of(reference: str) -> Callable[[], Any] | None:
         if not (_FOLDER / reference / "task.py").is_file():
             return None
         found: Any = import_module(f"vgps_ros.tasks.{reference}.task")
-        return found.task  # type: ignore[no-any-return]
+        return found.task
     if function := _function_of(reference):
         return _loaded(*function)
     point = _installed(reference)
