@@ -5,9 +5,6 @@ Links and joints are those of `frames`, so that a joint's position in URDF is it
 MuJoCo. Free joints and balls are `floating`: their poses come by tf, since no number of
 `joint_states` tells them. What URDF has no shape for is drawn as others: a capsule as a cylinder
 with two spheres, an ellipsoid or a mesh as its box; planes are left out.
-
-No package does this: mjcf-urdf-simple-converter (0.7.3) draws nothing but meshes, turns slides and
-free joints into fixed ones, fixes hinges without limits, and misplaces a body's third joint.
 """
 
 from collections.abc import Iterator

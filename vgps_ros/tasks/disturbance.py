@@ -106,14 +106,9 @@ class DisturbanceSettings:
 def check_push_ends(
     settings: DisturbanceSettings, seconds: float, what: str, shorten: str, otherwise: str
 ) -> None:
-    """Checks that each push that may be drawn is over before a motion is.
+    """Checks that each push that may be drawn is over before a motion of so many seconds is.
 
-    Args:
-        settings: when a push begins, and how long it lasts.
-        seconds: length of the motion [s].
-        what: the motion, in words.
-        shorten: the settings to make smaller, in words.
-        otherwise: what else there is to do, in words.
+    The texts name the motion, the settings to make smaller, and what else there is to do.
 
     Raises:
         InvalidInputError: a push may come too late, or last too long.

@@ -113,13 +113,7 @@ def _push(disturbance: Disturbance, body: int, time_step: float) -> BodyPush:
 
 
 def _direction(task: Task, body: int, share: float) -> Array:
-    """Returns a horizontal direction in which a body can be pushed, shape (2,).
-
-    Args:
-        task: the robot.
-        body: the body's number.
-        share: draws the direction, from 0 to 1.
-    """
+    """Returns a horizontal direction in which a body can be pushed, drawn by a share of 1."""
     model = task.dynamics.model
     data, jacobian = mujoco.MjData(model), np.zeros((3, model.nv))
     data.qpos[:] = task.initial_state[: model.nq]

@@ -40,6 +40,7 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
     """
     robot = _robot(model)
     limits = control_range(model)[1]
+    strengths = limits[limits < 1e6]
     period = _whole(_PERIOD, model.opt.timestep)
     lines = [
         f"# yaml-language-server: $schema={schema}",
@@ -54,14 +55,8 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         f"horizon: {_whole(2.0, period):<5g}             # [s], trained on and scored",
     ]
     if robot.goes:
-        lookahead = _whole(0.5, period)
-        lines.append(
-            f"lookahead: {lookahead:<5g}           # [s], optimised beyond it, to end well"
-        )
-    lines += _start(model, robot)
-    lines += _sensors(robot)
-    lines += _cost(robot, limits)
-    lines += _observed(robot)
+        lines.append(f"lookahead: {_whole(0.5, period):<5g}           # [s], optimised beyond it")
+    lines += [*_start(model), *_sensors(robot), *_cost(robot, strengths), *_observed(robot)]
     if robot.height:
         lowest = _WEAKEST * robot.height
         lines += [
@@ -70,8 +65,8 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         ]
     if robot.leans and robot.up[2] > 0.9:
         lines.append(f"  - {{sensor: {robot.prefix}up, index: z, below: 0.5}}    # leans by 60°")
-    lines += _begin(model, robot, limits)
     lines += [
+        *_begin(robot, strengths),
         "search:                     # a smaller network learns faster, and may miss a contact",
         "  {hidden_units: [32], ddp_iterations: 5}",
     ]
@@ -156,7 +151,7 @@ def _driven(model: mujoco.MjModel) -> list[str]:
     return [name for name in joint_names(model) if name not in carried]
 
 
-def _start(model: mujoco.MjModel, robot: _Robot) -> list[str]:
+def _start(model: mujoco.MjModel) -> list[str]:
     names = deviation_names(model)
     exact = [names[i] for i in cyclic_positions(model)]
     overrides = f", overrides: {{{', '.join(f'{n}: 0.0' for n in exact)}}}" if exact else ""
@@ -187,7 +182,7 @@ def _sensors(robot: _Robot) -> list[str]:
     return lines
 
 
-def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
+def _cost(robot: _Robot, strengths: np.ndarray) -> list[str]:
     lines = ["cost:                       # what is wanted, and what it may cost"]
     if robot.goes:
         of = f"  - {{sensor: {robot.prefix}"
@@ -205,8 +200,7 @@ def _cost(robot: _Robot, limits: np.ndarray) -> list[str]:
         for name, turn in robot.balls.items():
             lines.append(f"  - {{sensor: {robot.prefix}{name}_turn, target: {turn}}}")
             lines += [f"  - {{sensor: {rate}, weight: 0.1}}" for rate in _rates(name)]
-    strength = limits[limits < 1e6]
-    weight = _STRONG / float(strength.max()) ** 2 if strength.size else 1e-3
+    weight = _STRONG / float(strengths.max()) ** 2 if strengths.size else 1e-3
     lines.append(f"  - {{control: all, weight: {weight:.1e}}}")
     return lines
 
@@ -229,11 +223,10 @@ def _rates(joint: str) -> list[str]:
     return [f"{joint}/{rate}" for rate in ("wx", "wy", "wz")]
 
 
-def _begin(model: mujoco.MjModel, robot: _Robot, limits: np.ndarray) -> list[str]:
+def _begin(robot: _Robot, strengths: np.ndarray) -> list[str]:
     if robot.height:
         return ["begin: {law: pd}            # the first motion holds the start"]
-    strength = limits[limits < 1e6]
-    std = 0.2 * float(strength.min()) if strength.size else 1.0
+    std = 0.2 * float(strengths.min()) if strengths.size else 1.0
     return [f"begin: {{law: noise, std: {std:.2g}, time_constant: 0.3}}   # smooth noise"]
 
 
