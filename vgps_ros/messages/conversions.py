@@ -148,14 +148,7 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
 
 
 def plan_to_msg(plan: Plan, task: Task, solve_time: float, stamp: Time) -> PlanMsg:
-    """Returns a plan as a message, without its gains.
-
-    Args:
-        plan: the plan.
-        task: its task.
-        solve_time: the time that it took [s].
-        stamp: that of the state from which it begins.
-    """
+    """Returns a plan that took a time [s] as a message, stamped as the state it begins from."""
     states, controls = plan.trajectory.states, plan.trajectory.controls
     sizes = {"n_x": states.shape[1], "n_u": controls.shape[1]}
     return PlanMsg(
@@ -195,12 +188,9 @@ def _sizes(message: TrajectoryMsg) -> tuple[int, int, int]:
 
 
 def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> LearningProgress:
-    """Returns one iteration's metrics as a message.
+    """Returns the metrics of an iteration that has ended as a message.
 
-    Args:
-        metrics: the iteration.
-        stamp: when it ended.
-        run: task, method, seed, iterations and remaining_seconds of the run.
+    `run` has the run's task, method, seed, iterations and remaining_seconds.
     """
     header = Header(stamp=stamp)
     return to_message(LearningProgress, metrics, header=header, iteration=metrics.k, **run)
@@ -241,17 +231,16 @@ def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
         InvalidInputError: a joint is missing, or a value is missing or not finite.
     """
     order = name_order(tuple(message.name), tuple(joint_names))
-    names = ("joint_states.position", "joint_states.velocity")
-    values = [message.position, message.velocity]
-    for name, given in zip(names, values, strict=True):
+    parts = []
+    for name in ("position", "velocity"):
+        given = np.asarray(getattr(message, name), dtype=float)
         if len(given) != len(message.name):
             raise InvalidInputError(
-                f"{name} has {len(given)} values, but the message names {len(message.name)} joints."
+                f"joint_states.{name} has {len(given)} values, but the message names "
+                f"{len(message.name)} joints."
             )
-    ordered = [np.asarray(given, dtype=float)[order] for given in values]
-    return np.concatenate(
-        [finite_array(*each, order.shape) for each in zip(names, ordered, strict=True)]
-    )
+        parts.append(finite_array(f"joint_states.{name}", given[order], order.shape))
+    return np.concatenate(parts)
 
 
 def command_to_msg(control: Array, joint_names: Sequence[str], stamp: Time) -> JointState:

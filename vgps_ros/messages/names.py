@@ -17,11 +17,8 @@ MJCF, URDF = "mjcf_description", "robot_description"
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
 PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  # keys of values
-OWNS = "owns"  # key of a value: the topics that this node alone may publish
 POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
 SAFE_ACTION = "safe action active"  # key of a value: True while it drives, and not the controller
-# In bags of old versions a sentence said so, which begins with these words.
-SAFE_ACTION_DRIVES = "Not the controller drives, but the safe action"
 
 
 def is_mjcf(topic: str, text: str) -> bool:
@@ -39,12 +36,7 @@ def is_mjcf(topic: str, text: str) -> bool:
 
 
 def driver(message: str, values: Mapping[str, str]) -> str | None:
-    """Returns who drives the robot and why, by a node's status; None if it is no controller.
-
-    Args:
-        message: the status's sentences.
-        values: its values by key.
-    """
+    """Returns who drives the robot and why, by a node's status; None if it is no controller."""
     if COMMANDS_SENT not in values:
         return None
     if values.get(IS_ACTIVE) != "True":

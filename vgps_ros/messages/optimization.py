@@ -131,10 +131,8 @@ def result_to_msg(
 
 def _sentence(result: OptimizationResult) -> str:
     """Says how a solve ended, and what helps where it did not end well."""
-    words = [
-        f"The solve ended after {len(result.iterations)} iterations: "
-        f"{result.status.value.replace('_', ' ')}."
-    ]
+    status = result.status.value.replace("_", " ")
+    words = [f"The solve ended after {len(result.iterations)} iterations: {status}."]
     if result.status in TROUBLE:
         words.append(TROUBLE[result.status])
     if result.simulator_warnings:
@@ -146,11 +144,6 @@ def result_from_msg(
     message: OptimizeTrajectory.Response, request: OptimizationRequest, task: Task
 ) -> OptimizationResult:
     """Returns the response's result.
-
-    Args:
-        message: the answer.
-        request: what was asked for.
-        task: the task.
 
     Raises:
         DivergenceError: the solve left the finite numbers.
@@ -184,10 +177,10 @@ def _settings_from(message: OptimizeTrajectory.Response) -> OptimizerSettings:
     """
     given = {one.name: Parameter.from_parameter_msg(one).value for one in message.settings}
     settings = OptimizerSettings()
-    missing = [s.name for s in settings_of(settings) if s.name not in given]
-    if missing:
-        raise InvalidInputError(
-            f"The trajectory optimizer does not say by which {missing[0]} it has solved: start one "
-            "of this version."
-        )
+    for setting in settings_of(settings):
+        if setting.name not in given:
+            raise InvalidInputError(
+                f"The trajectory optimizer does not say by which {setting.name} it has solved: "
+                "start one of this version."
+            )
     return with_values(settings, given)

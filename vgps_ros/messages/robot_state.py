@@ -40,13 +40,8 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.simulation.model import joint_names, state_names
 
-ODOMETRY, BODIES, ACTIVATIONS, JOINTS = (
-    "odom",
-    "multi_dof_joint_states",
-    "activations",
-    "joint_states",
-)
-TOPICS = (ODOMETRY, BODIES, ACTIVATIONS, JOINTS)
+TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
+ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
 _PATIENCE = 1000  # incomplete states that are kept
 
 
@@ -94,10 +89,9 @@ class StateMessages:
 
     def is_complete(self, messages: Mapping[str, Any]) -> bool:
         """Returns whether messages of one stamp, by topic, can be joined to a state."""
-        there = messages.keys()
-        if not self.topics.keys() <= there:
-            return False
-        return ODOMETRY in there or not self.lacks_base(messages[JOINTS])
+        return self.topics.keys() <= messages.keys() and (
+            ODOMETRY in messages or not self.lacks_base(messages[JOINTS])
+        )
 
     def subscribe(
         self,
@@ -105,13 +99,7 @@ class StateMessages:
         take: Callable[[dict[str, Any]], object],
         qos: Any,
     ) -> None:
-        """Calls a function with the messages of each state by topic, once all of them are there.
-
-        Args:
-            create_subscription: subscribes to one topic, as a node's function of this name does.
-            take: the function.
-            qos: quality of service of each subscription.
-        """
+        """Calls a function with the messages of each state by topic, once all of them are there."""
         collector = StateCollector(self.is_complete)
 
         def receive(topic: str, message: Any) -> None:
@@ -135,10 +123,9 @@ class StateMessages:
             several.joint_names = [body.name for body in self._bodies]
             several.transforms = [Transform() for _ in self._bodies]
             several.twist = [Twist() for _ in self._bodies]
-            for body, at, twist in zip(
-                self._bodies, several.transforms, several.twist, strict=True
-            ):
-                body.write(x, at.translation, at.rotation, twist)
+            for i, body in enumerate(self._bodies):
+                at = several.transforms[i]
+                body.write(x, at.translation, at.rotation, several.twist[i])
         if self._actuators:
             activations = messages[ACTIVATIONS]
             activations.name = self._actuators
@@ -186,11 +173,9 @@ class StateMessages:
                 body.read(x, BODIES, at.translation, at.rotation, several.twist[i])
         if self._actuators:
             activations = messages[ACTIVATIONS]
-            order = name_order(tuple(activations.name), tuple(self._actuators))
-            values = finite_array(
-                "activations.position", activations.position, (len(activations.name),)
-            )
-            x[self._first_activation :] = values[order]
+            names = tuple(activations.name)
+            values = finite_array("activations.position", activations.position, (len(names),))
+            x[self._first_activation :] = values[name_order(names, tuple(self._actuators))]
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
 
 
@@ -198,9 +183,6 @@ class StateCollector:
     """Collects messages until those of one stamp make a state, in any order.
 
     A state that is sent again is complete again once all of its messages came again.
-
-    Args:
-        is_complete: returns True if messages by topic make a state.
     """
 
     def __init__(self, is_complete: Callable[[Mapping[str, Any]], bool]):

@@ -113,10 +113,7 @@ class Mpc(Controller):
 def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
     """Declares the cost's targets and weights as parameters, where it has any that can be changed.
 
-    Args:
-        node: the node.
-        cost: the task's cost.
-        take: called with the cost, now and after each change.
+    `take` is called with the cost, now and after each change.
     """
     changed = adjustable(cost)
     if not changed.names:

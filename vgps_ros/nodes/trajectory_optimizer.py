@@ -89,10 +89,8 @@ class TrajectoryOptimizerNode(Node):
             self._solving.clear()
             self._places.release()
         if self._shutting_down.is_set():
-            return OptimizeTrajectory.Response(
-                status=SHUTTING_DOWN,
-                message="The node ends, so that the solve is to be done elsewhere.",
-            )
+            sentence = "The node ends, so that the solve is to be done elsewhere."
+            return OptimizeTrajectory.Response(status=SHUTTING_DOWN, message=sentence)
         return response
 
     def _solve(self, message: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:

@@ -1,15 +1,12 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A lifecycle node that answers each state with torques, which all controllers share.
 
-Where its law must not drive, the safe action does; `safety.supervisor` decides. `Controller` is the
-node, `TrainingResults` takes its policy and the trajectory distributions, `AnswerTimes` shows
-whether its torques come in time.
+Where its law must not drive, the safe action does; `safety.supervisor` decides.
 """
 
 import time
 from abc import abstractmethod
 from array import array
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +114,7 @@ class Controller(LifecycleNode):
         when_alone = self._start if declare(self, AUTOSTART) else lambda: None
         low, high = self.task.dynamics.control_limits
         limits = tuple(np.maximum(-low, high).clip(0.0, CONTROL_BOUND).tolist())
-        self._settings = declare_settings(self, SafetySettings(torque_limits=limits))
+        self._settings = settings = declare_settings(self, SafetySettings(torque_limits=limits))
         topic = "commands" if self._plain else "joint_command"
         self.health = Health(self, owns=(topic,), when_alone=when_alone)
         self._set_active(False)
@@ -126,20 +123,16 @@ class Controller(LifecycleNode):
         time_step = self.task.dynamics.time_step
         self._times = AnswerTimes(self.health, time_step)
         velocities = driven_velocities(self.task.dynamics.model)
-        self._supervisor = Supervisor(
-            self._settings,
-            self._settings.torque_range((low, high)),
-            velocities,
-            time_step,
-            self.task.limits.broken,
-        )
+        torques, broken = settings.torque_range((low, high)), self.task.limits.broken
+        self._supervisor = Supervisor(settings, torques, velocities, time_step, broken)
         # A policy that comes before activation is kept for it.
         self.training = TrainingResults(
             self,
             self.task,
             self.health,
-            self._supervisor.marginals.__setitem__ if self._settings.needs_distribution else None,
+            self._supervisor.marginals,
             needs_policy=needs_policy,
+            needs_distribution=settings.needs_distribution,
         )
         self._states = StateMessages(self.task.dynamics.model)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
@@ -216,29 +209,26 @@ class Controller(LifecycleNode):
             self._watchdog.reset()
         began = time.monotonic()
         try:
-            command = self._answer(messages)
+            state = self._states.join(messages)
+            stamp = nanoseconds(messages[JOINTS].header.stamp)
+            if self._is_real and stamp == 0:
+                raise InvalidInputError(
+                    "the state's stamp is 0, but it must be the time of the measurement; let the "
+                    "robot's driver set it."
+                )
+            command = self._supervisor.answer(
+                state,
+                stamp,
+                lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
+                time.monotonic(),
+                lambda: self.law(state, stamp),
+            )
         except InvalidInputError as error:
             command = self._supervisor.refuse(str(error), time.monotonic())
         self._send(command)
         if command and not self._supervisor.fault:
             self._times.answered(command.stamp, time.monotonic() - began)
         self._report()
-
-    def _answer(self, messages: dict[str, Any]) -> Command | None:
-        state = self._states.join(messages)
-        stamp = nanoseconds(messages[JOINTS].header.stamp)
-        if self._is_real and stamp == 0:
-            raise InvalidInputError(
-                "the state's stamp is 0, but it must be the time of the measurement; let the "
-                "robot's driver set it."
-            )
-        return self._supervisor.answer(
-            state,
-            stamp,
-            lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
-            time.monotonic(),
-            lambda: self.law(state, stamp),
-        )
 
     def _watch(self) -> None:
         """Sends the safe action where it is due without a state, once a control period."""
@@ -247,16 +237,16 @@ class Controller(LifecycleNode):
             self._report()
 
     def _send(self, command: Command | None) -> None:
-        if command:
-            self._sent += 1
-            self.health.set_value(COMMANDS_SENT, self._sent)
-            self._commands.publish(
-                Float64MultiArray(data=pack(command.torques))
-                if self._plain
-                else command_to_msg(
-                    command.torques, self.task.actuated_joint_names, stamp_of(command.stamp)
-                )
-            )
+        if not command:
+            return
+        self._sent += 1
+        self.health.set_value(COMMANDS_SENT, self._sent)
+        torques, names = command.torques, self.task.actuated_joint_names
+        self._commands.publish(
+            Float64MultiArray(data=pack(torques))
+            if self._plain
+            else command_to_msg(torques, names, stamp_of(command.stamp))
+        )
 
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
@@ -282,9 +272,9 @@ class TrainingResults:
         node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
         task: the task that the results must be for.
         health: the node's diagnostics.
-        take_marginals: called with the trajectory's index and its marginals; None if they are not
-            needed.
+        marginals: is given the training marginals by trajectory index.
         needs_policy: whether the node waits for a policy, which may be a third-party ONNX policy.
+        needs_distribution: whether the node waits for a distribution.
 
     Attributes:
         policy: the latest one, ready to drive, or None.
@@ -299,20 +289,18 @@ class TrainingResults:
         node: Node,
         task: Task,
         health: Health,
-        take_marginals: Callable[[int, TrainingMarginals], None] | None,
+        marginals: dict[int, TrainingMarginals],
         *,
         needs_policy: bool,
+        needs_distribution: bool,
     ):
         self.policy: ExecutedPolicy | None = None
         self.observation = task.observation
-        self._node = node
-        self._task = task
-        self._health = health
-        self._take_marginals = take_marginals or (lambda *_: None)
-        self._needs_policy = needs_policy
-        self._waits_for_distribution = take_marginals is not None
+        self._node, self._task, self._health = node, task, health
+        self._marginals = marginals
+        self._needs_policy, self._waits_for_distribution = needs_policy, needs_distribution
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
-        if take_marginals:
+        if needs_distribution:
             topic, take = "trajectory_distribution", self._take_distribution
             node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
         if policy_file := value(node, POLICY_FILE):
@@ -335,12 +323,10 @@ class TrainingResults:
         try:
             one_of("the policy's task", message.task, [self._task.name])
             file = PolicyFile("The policy", message.task, policy_from_msg(message))
-            driver = driver_of(self._task, file)
+            self._drive_by(driver_of(self._task, file), message.iteration)
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
             self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
-            return
-        self._drive_by(driver, message.iteration)
 
     def _drive_by(self, driver: Driver, iteration: int) -> None:
         self.policy, self.observation = ExecutedPolicy(driver.policy), driver.observation
@@ -354,8 +340,8 @@ class TrainingResults:
         except InvalidInputError as error:
             sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
             self._health.report("distribution", error=sentence)
-            return
-        self._health.clear("distribution")
+        else:
+            self._health.clear("distribution")
 
     def _publish_policy(self, path: Path) -> None:
         file = open_policy(path)
@@ -392,7 +378,7 @@ class TrainingResults:
         """Hands on the marginals of the steps that a policy is trained on."""
         one_of("the distribution's task", task, [self._task.name])
         trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
-        self._take_marginals(index, TrainingMarginals(trained, self._task.observation, n_u))
+        self._marginals[index] = TrainingMarginals(trained, self._task.observation, n_u)
         self._waits_for_distribution = False
         self._health.arrived(_DISTRIBUTION)
 
@@ -400,14 +386,8 @@ class TrainingResults:
 class AnswerTimes:
     """Shows on /diagnostics how often a controller answers, how fast, and what it missed.
 
-    The figures are those of ros2_control's controller_manager.
-
-    A state is missed where the next one comes while an earlier one is still being answered: the
-    stamps of the states that are answered then have a gap.
-
-    Args:
-        health: the node's diagnostics.
-        period: the control period [s].
+    The figures are those of ros2_control's controller_manager. A state is missed where the stamps
+    of the states that are answered have a gap; the control period is in seconds.
     """
 
     def __init__(self, health: Health, period: float):
@@ -422,10 +402,10 @@ class AnswerTimes:
 
     def answered(self, stamp: int, seconds: float) -> None:
         """Notes the stamp [ns] of a state that was answered, and the time that it took [s]."""
-        gap = 0 if self._stamp is None else (stamp - self._stamp) // self._period - 1
+        gap = 0 if self._stamp is None else max(0, (stamp - self._stamp) // self._period - 1)
         self._stamp = stamp
-        self._missed += max(0, gap)
-        self._states += 1 + max(0, gap)
+        self._missed += gap
+        self._states += 1 + gap
         self._count += 1
         self._spent += seconds
         self._longest = max(self._longest, seconds)

@@ -4,7 +4,6 @@
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -29,12 +28,6 @@ WAIT_TIMEOUT = Setting(
     minimum=0.1,
     maximum=86400.0,
 )
-
-
-@dataclass
-class _Wait:
-    since: float  # [s], by the steady clock
-    is_late: bool = False
 
 
 class Health:
@@ -64,7 +57,8 @@ class Health:
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
         self._over: set[str] = set()  # faults that are shown once more
         self._said: dict[str, tuple[str, float]] = {}  # last line in the log, and when
-        self._waiting: dict[str, _Wait] = {}
+        self._waiting: dict[str, float] = {}  # since when [s]
+        self._late: set[str] = set()  # of these, since longer than wait_timeout
         self._values: dict[str, str] = {}
         self._owns = owns
         self._when_alone = when_alone
@@ -74,23 +68,24 @@ class Health:
     def wait_for(self, what: str) -> None:
         """Notes that the node waits for something, and says so once: 'Waiting for …'."""
         if what not in self._waiting:
-            self._waiting[what] = _Wait(time.monotonic())
+            self._waiting[what] = time.monotonic()
             self._node.get_logger().info(f"Waiting for {what}.")
 
     def arrived(self, what: str) -> None:
         """Notes that the node no longer waits for it, since it came."""
-        wait = self._waiting.pop(what, None)
-        if wait and wait.is_late:
+        if self.is_late(what):
             self._node.get_logger().info(f"Here now: {what}.")
+        self.stop_waiting(what)
 
     def is_late(self, what: str) -> bool:
         """Returns whether the node has waited for it longer than `wait_timeout`."""
-        return what in self._waiting and self._waiting[what].is_late
+        return what in self._late
 
     def stop_waiting(self, *whats: str) -> None:
         """Notes that the node no longer needs these."""
         for what in whats:
             self._waiting.pop(what, None)
+            self._late.discard(what)
 
     def sentence_of(self, error: Exception) -> str:
         """Returns what an error says; of one that was not foreseen the traceback is in the log."""
@@ -162,9 +157,9 @@ class Health:
 
     def _tick(self) -> None:
         timeout = value(self._node, WAIT_TIMEOUT)
-        for what, wait in list(self._waiting.items()):
-            if time.monotonic() - wait.since > timeout and not wait.is_late:
-                wait.is_late = True
+        for what, since in list(self._waiting.items()):
+            if time.monotonic() - since > timeout and what not in self._late:
+                self._late.add(what)
                 self._node.get_logger().error(
                     f"Still waiting for {what} after {timeout:g} s; is it running?"
                 )
@@ -177,28 +172,23 @@ class Health:
         self._over = set()
 
     def _publish(self) -> None:
-        level, message = self._summary()
+        """Publishes the worst level, and all sentences on what is wrong, the worst first."""
+        well, said = DiagnosticStatus.OK, list(self._faults.values())
+        for what in list(self._waiting):
+            if what in self._late:
+                sentence = f"Still waiting for {what}; is it running?"
+                said.append((DiagnosticStatus.ERROR, sentence))
+            else:
+                said.append((well, f"Waiting for {what}."))
+        said = sorted(said, key=itemgetter(0), reverse=True) or [(well, "Running.")]
+        worst = said[0][0]
         status = DiagnosticStatus(
-            level=level,
+            level=worst,
             name=self._node.get_fully_qualified_name(),
-            message=message,
+            message=" ".join(words for level, words in said if level != well or worst == well),
             hardware_id=HARDWARE_ID,
             values=[KeyValue(key=k, value=v) for k, v in sorted(self._values.items())],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-    def _summary(self) -> tuple[bytes, str]:
-        """Returns the worst level, and all sentences on what is wrong, the worst first."""
-        said = list(self._faults.values())
-        for what, wait in list(self._waiting.items()):
-            if wait.is_late:
-                sentence = f"Still waiting for {what}; is it running?"
-                said.append((DiagnosticStatus.ERROR, sentence))
-            else:
-                said.append((DiagnosticStatus.OK, f"Waiting for {what}."))
-        well = DiagnosticStatus.OK
-        said = sorted(said, key=itemgetter(0), reverse=True) or [(well, "Running.")]
-        worst = said[0][0]
-        return worst, " ".join(words for level, words in said if level != well or worst == well)

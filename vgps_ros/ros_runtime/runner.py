@@ -64,7 +64,13 @@ def run(
         node = make_node()
         guard_services(node)
         try:
-            _spin(node, executor)
+            is_ending = threading.Event()
+            _on_signals(lambda *_: is_ending.set())  # from here on they interrupt nothing
+            executor.add_node(node)
+            while not (is_ending.is_set() or _failures):
+                executor.spin_once(timeout_sec=_TURN)
+            if _failures:
+                raise _failures.pop()
         finally:
             close(node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -83,21 +89,6 @@ def run(
     del node, executor
     gc.collect()  # a node whose constructor failed leaves the graph, too
     return code
-
-
-def _spin(node: Node, executor: Executor) -> None:
-    """Runs a node's callbacks until INT or TERM, which no longer interrupt anything from here on.
-
-    Raises:
-        VgpsError: `end_with` was called with it.
-    """
-    is_ending = threading.Event()
-    _on_signals(lambda *_: is_ending.set())
-    executor.add_node(node)
-    while not (is_ending.is_set() or _failures):
-        executor.spin_once(timeout_sec=_TURN)
-    if _failures:
-        raise _failures.pop()
 
 
 def _on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
@@ -188,8 +179,7 @@ def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
 def _show_help(make_node: Callable[[], Node], name: str) -> None:
     """Prints a node's description and parameters.
 
-    The node is built with its defaults, in a graph that nobody discovers and in an empty folder, so
-    that its parameters need not be listed a second time.
+    The node is built with its defaults, in a graph that nobody discovers and in an empty folder.
     """
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
     with TemporaryDirectory(prefix="vgps_ros_help_") as folder, chdir(folder):

@@ -29,12 +29,7 @@ _STATES = {
 
 
 class SimulationClient:
-    """Calls the services; a sentence tells what became of each call.
-
-    Args:
-        node: the node that calls.
-        simulation: name of the simulation.
-        tell: called with each sentence.
+    """Calls the services; `tell` is called with what became of each call.
 
     Attributes:
         state: how the simulation ran when `look` asked last, in a word.
@@ -72,17 +67,17 @@ class SimulationClient:
         """Asks how the simulation runs; `state` tells it once the answer has come."""
         if not self._get.service_is_ready():
             self.state = ""
-        else:  # also where the last question has no answer: it may have been lost
-            question = self._get.call_async(GetSimulationState.Request())
-            question.add_done_callback(self._take_state)
+            return
 
-    def _take_state(self, done: Future) -> None:
-        self.state = _STATES.get(done.result().state.state, "")
+        def take(done: Future) -> None:
+            self.state = _STATES.get(done.result().state.state, "")
+
+        # Also where the last question has no answer: it may have been lost.
+        self._get.call_async(GetSimulationState.Request()).add_done_callback(take)
 
     def _set_state(self, wanted: int) -> None:
-        state = SimulationState(state=wanted)
-        what = _STATES[wanted].capitalize()
-        self._call(self._set, SetSimulationState.Request(state=state), what)
+        request = SetSimulationState.Request(state=SimulationState(state=wanted))
+        self._call(self._set, request, _STATES[wanted].capitalize())
 
     def _call(self, client: Any, request: Any, what: str) -> None:
         if not client.service_is_ready():
@@ -101,19 +96,12 @@ class SimulationClient:
 class CostClient:
     """Reads and sets the targets and weights of a planner's cost, which are its parameters.
 
-    Args:
-        node: the node that asks.
-        planner: name of the node that has the parameters.
-        show: called with the readings, their targets and their weights.
-        tell: called with a sentence on each change.
+    `show` is called with the readings, their targets and their weights; `tell` with a sentence on
+    each change.
     """
 
     def __init__(
-        self,
-        node: Node,
-        planner: str,
-        show: Callable[..., object],
-        tell: Callable[[str], object],
+        self, node: Node, planner: str, show: Callable[..., object], tell: Callable[[str], object]
     ):
         self._client = AsyncParameterClient(node, planner)
         self._show, self._tell = show, tell
@@ -131,15 +119,16 @@ class CostClient:
         """Sets all values at once."""
         values = {_TARGETS: list(map(float, targets)), _WEIGHTS: list(map(float, weights))}
         parameters = [Parameter(name, value=value) for name, value in values.items()]
+
+        def answer(done: Future) -> None:
+            self._changing -= 1
+            result = done.result().result
+            self._tell("The next plan has the new cost." if result.successful else result.reason)
+
         self._changing += 1
-        self._client.set_parameters_atomically(parameters).add_done_callback(self._answer)
+        self._client.set_parameters_atomically(parameters).add_done_callback(answer)
 
     def _take(self, done: Future) -> None:
         values = [parameter_value_to_python(value) for value in done.result().values]
         if self._changing == 0:  # else the visitor's values are newer
             self._show(*values if all(v is not None for v in values) else ((), (), ()))
-
-    def _answer(self, done: Future) -> None:
-        self._changing -= 1
-        result = done.result().result
-        self._tell("The next plan has the new cost." if result.successful else result.reason)

@@ -60,7 +60,13 @@ class Live(Node):
         self._simulation = SimulationClient(self, simulation, self._tell)
         self.play, self.pause = self._simulation.play, self._simulation.pause
         self.step, self.reset = self._simulation.step, self._simulation.reset
-        self._page = _open_page(port, self)
+        try:
+            from vgps_ros.nodes.live.page import LivePage
+        except ModuleNotFoundError as error:
+            raise VgpsError(
+                f"The page needs the package {error.name}: pip install -r requirements/live.txt."
+            ) from error
+        self._page = LivePage(port, self)
         self._cost = CostClient(self, planner, self._page.show_cost, self._tell)
         self.set_cost = self._cost.set
         self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
@@ -144,16 +150,6 @@ class Live(Node):
         if message.iteration in self._history or len(self._history) < _LONGEST:
             self._history[message.iteration] = progress_from_msg(message)
             self._is_drawn = False
-
-
-def _open_page(port: int, node: Live) -> Any:
-    try:
-        from vgps_ros.nodes.live.page import LivePage
-    except ModuleNotFoundError as error:
-        raise VgpsError(
-            f"The page needs the package {error.name}: pip install -r requirements/live.txt."
-        ) from error
-    return LivePage(port, node)
 
 
 def main() -> int:

@@ -61,8 +61,9 @@ class LivePage:
         self._texts["driver"] = gui.add_html("Waiting for a robot.")
         with gui.add_folder("Simulation"):
             self._texts["run"] = gui.add_html("")
-            run = {"Play": actions.play, "Pause": actions.pause, "Reset": actions.reset}
-            self._add_buttons(run)
+            self._add_buttons(
+                {"Play": actions.play, "Pause": actions.pause, "Reset": actions.reset}
+            )
             self._steps = gui.add_number("Steps", 1, min=1, max=1_000_000, step=1)
             self._add_buttons({"Step": lambda: actions.step(int(self._steps.value))})
             self._texts["answer"] = gui.add_html("")
@@ -96,14 +97,15 @@ class LivePage:
         Returns:
             A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).
         """
-        if self._robot is None or (grab := self._robot.grabbed()) is None:
+        if self._robot is None or (grabbed := self._robot.grabbed()) is None:
             return None
-        force = _at_most(float(self._pull.value) * grab.pull, self._strongest)
-        wrench = np.concatenate([force, np.cross(_at_most(grab.point, self._size), force)])
+        body, point, pull = grabbed
+        force = _at_most(float(self._pull.value) * pull, self._strongest)
+        wrench = np.concatenate([force, np.cross(_at_most(point, self._size), force)])
         if not np.isfinite(wrench).all():
             return None
-        self.tell(push=f"Last push: {grab.body} with {np.linalg.norm(force):.3g} N.")
-        return grab.body, wrench
+        self.tell(push=f"Last push: {body} with {np.linalg.norm(force):.3g} N.")
+        return body, wrench
 
     def tell(self, **texts: str) -> None:
         """Shows sentences, which may come from anybody: none is read as HTML.

@@ -23,20 +23,6 @@ _AWAY = 1.4  # distance of the eye, in that of a picture without controls beside
 _PUSH = (214, 39, 40)
 
 
-class Grab(NamedTuple):
-    """A drag of a body.
-
-    Attributes:
-        body: its name.
-        point: where it is held, in the frame of the body, shape (3,) [m].
-        pull: from there to the pointer, along the axes of the body's frame, shape (3,) [m].
-    """
-
-    body: str
-    point: Array
-    pull: Array
-
-
 class _Drag(NamedTuple):
     """A drag by a client: the body, where it is held, in its frame, and where the pointer is."""
 
@@ -47,12 +33,7 @@ class _Drag(NamedTuple):
 
 
 class LiveRobot:
-    """Draws one robot.
-
-    Args:
-        server: the page.
-        model: the robot.
-    """
+    """Draws one robot."""
 
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
         self._server, self._model = server, model
@@ -67,11 +48,12 @@ class LiveRobot:
             cell_size=max(0.1, round(0.25 * model.stat.extent, 1)),
             position=(0.0, 0.0, -0.1 * model.stat.extent if self._shape.plane == (0, 1) else 0.01),
         )
-        self._parts = {i: self._add(i, mesh) for i, mesh in _meshes(model).items()}
+        seen = np.flatnonzero(model.geom_rgba[:, 3] > 0).tolist()
+        self._parts = {i: self._add(i, mesh) for i in seen if (mesh := _mesh(model, i)) is not None}
         self._centre = np.zeros(3)
         self.show(np.concatenate([model.qpos0, np.zeros(model.nv)]))
-        server.initial_camera.look_at = seen = self._centre * (0.0, 0.0, 1.0)
-        server.initial_camera.position = seen + _AWAY * self._shape.viewpoint
+        server.initial_camera.look_at = eye_on = self._centre * (0.0, 0.0, 1.0)
+        server.initial_camera.position = eye_on + _AWAY * self._shape.viewpoint
 
     def show(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
@@ -83,8 +65,13 @@ class LiveRobot:
                 mujoco.mju_mat2Quat(turned, self._data.geom_xmat[i])
                 part.position, part.wxyz = self._data.geom_xpos[i], turned
 
-    def grabbed(self) -> Grab | None:
-        """Returns the drag that is under way, and draws it; it ends with the page it came from."""
+    def grabbed(self) -> tuple[str, Array, Array] | None:
+        """Draws the drag that is under way; it ends with the page it came from.
+
+        Returns:
+            Name of the body, where it is held, and the way from there to the pointer, along the
+            axes of the body's frame, shapes (3,) [m].
+        """
         if (drag := self._drag) is None or drag.client not in self._server.get_clients():
             self._drag = None
             if self._arrow is not None:
@@ -103,7 +90,7 @@ class LiveRobot:
             head_radius=2.5 * size,
             head_length=5 * size,
         )
-        return Grab(self._model.body(body).name, held, (pointer - start) @ axes)
+        return self._model.body(body).name, held, (pointer - start) @ axes
 
     @property
     def _offset(self) -> Array:
@@ -142,13 +129,8 @@ class LiveRobot:
         return follow
 
 
-def _meshes(model: mujoco.MjModel) -> dict[int, trimesh.Trimesh]:
-    """Returns the mesh of each geometry that can be drawn, by its number."""
-    found = {i: _mesh(model, i) for i in range(model.ngeom) if model.geom_rgba[i, 3] > 0}
-    return {i: mesh for i, mesh in found.items() if mesh is not None}
-
-
 def _mesh(model: mujoco.MjModel, i: int) -> trimesh.Trimesh | None:
+    """Returns the mesh of a geometry, if it can be drawn."""
     a, b, c = model.geom_size[i].tolist()
     make = trimesh.creation
     match mujoco.mjtGeom(model.geom_type[i]):

@@ -31,7 +31,7 @@ from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.search.checkpoints import Checkpoints, Run
-from vgps_ros.search.iteration import RemainingTime, SearchIteration, SearchState
+from vgps_ros.search.iteration import RemainingTime, SearchState
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.search.trajectory_optimization import prepare
@@ -173,8 +173,26 @@ class PolicyLearner(Node):
         ):
             if is_cancelled():
                 raise CancelledError("The training was cancelled.")
-            left = remaining.after(iteration)
-            self._publish(goal, result, iteration, seed, settings.iterations, left)
+            stamp = self.get_clock().now().to_msg()
+            said = {
+                "task": self._task.name,
+                "method": self._method,
+                "seed": seed,
+                "iterations": settings.iterations,
+                "remaining_seconds": remaining.after(iteration),
+            }
+            # More than one where the training goes on from a checkpoint.
+            figures = iteration.history[len(result.history) :]
+            news = [progress_to_msg(each, stamp=stamp, **said) for each in figures]
+            result.policy = policy_to_msg(iteration.policy, self._task.name, iteration.k, stamp)
+            result.num_parameters = iteration.policy.architecture.num_parameters
+            result.history = [*result.history, *news]
+            self._await_readers()
+            self._policies.publish(result.policy)
+            self._progress.publish(news[-1])
+            goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
+            self._health.set_value(_TRAINING, f"iteration {iteration.k} of {settings.iterations}")
+            self._health.report("iteration", warning=" ".join(iteration.warnings))
             if iteration.warnings:
                 troubled.append(f"iteration {iteration.k}: {' '.join(iteration.warnings)}")
         result.message = f"Trained for {len(result.history)} iterations."
@@ -186,39 +204,6 @@ class PolicyLearner(Node):
         end = time.monotonic() + _PATIENCE
         while time.monotonic() < end and not self._policies.wait_for_all_acked(Duration()):
             time.sleep(0.002)
-
-    def _publish(
-        self,
-        goal: ServerGoalHandle,
-        result: TrainPolicy.Result,
-        iteration: SearchIteration,
-        seed: int,
-        iterations: int,
-        remaining: float,
-    ) -> None:
-        stamp = self.get_clock().now().to_msg()
-        policy = policy_to_msg(iteration.policy, self._task.name, iteration.k, stamp)
-        news = [  # more than one where the training goes on from a checkpoint
-            progress_to_msg(
-                figures,
-                task=self._task.name,
-                method=self._method,
-                seed=seed,
-                iterations=iterations,
-                remaining_seconds=remaining,
-                stamp=stamp,
-            )
-            for figures in iteration.history[len(result.history) :]
-        ]
-        result.policy = policy
-        result.num_parameters = iteration.policy.architecture.num_parameters
-        result.history = [*result.history, *news]
-        self._await_readers()
-        self._policies.publish(policy)
-        self._progress.publish(news[-1])
-        goal.publish_feedback(TrainPolicy.Feedback(progress=news[-1]))
-        self._health.set_value(_TRAINING, f"iteration {iteration.k} of {iterations}")
-        self._health.report("iteration", warning=" ".join(iteration.warnings))
 
 
 def main() -> int:

@@ -73,9 +73,7 @@ class OptimizerPool:
     """
 
     def __init__(self, node: Node, task: Task, health: Health):
-        self._node = node
-        self._task = task
-        self._health = health
+        self._node, self._task, self._health = node, task, health
         names = value(node, OPTIMIZERS)
         self._awaited = "the service of " + " or ".join(names)
         group = ReentrantCallbackGroup()
@@ -124,8 +122,12 @@ class OptimizerPool:
                     )
                 for optimizer in ready:
                     if waiting and not optimizer.future:
-                        index = waiting.popleft()
-                        self._send(optimizer, index, requests[index], wake)
+                        optimizer.index = waiting.popleft()
+                        optimizer.losses = optimizer.life.losses
+                        stamp = self._node.get_clock().now().to_msg()
+                        message = request_to_msg(requests[optimizer.index], self._task, stamp)
+                        optimizer.future = optimizer.client.call_async(message)
+                        optimizer.future.add_done_callback(lambda _: wake.set())
                 wake.wait(_POLL)
         finally:
             self._abandon()
@@ -148,15 +150,6 @@ class OptimizerPool:
             sentence = f"{optimizer.name} is lost with a solve, which is done again."
             self._node.get_logger().warning(sentence)
         return None
-
-    def _send(
-        self, optimizer: _Optimizer, index: int, request: OptimizationRequest, wake: threading.Event
-    ) -> None:
-        optimizer.index = index
-        optimizer.losses = optimizer.life.losses
-        stamp = self._node.get_clock().now().to_msg()
-        optimizer.future = optimizer.client.call_async(request_to_msg(request, self._task, stamp))
-        optimizer.future.add_done_callback(lambda _: wake.set())
 
     def _is_well(self, optimizer: _Optimizer) -> bool:
         """Returns whether an optimizer is alive, and its answers reach this node.

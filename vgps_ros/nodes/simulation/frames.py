@@ -31,10 +31,6 @@ TF_RATE = Setting(
 class FrameBroadcaster:
     """Publishes the frames of a node's robot, at most as often as the parameter `tf_rate` says.
 
-    Args:
-        node: the node.
-        model: its robot.
-
     Attributes:
         topics: topics that no other node may publish for its robot; none where `tf_rate` is 0.
     """
@@ -77,12 +73,7 @@ class Transforms:
                 self.fixed.transforms.append(transform)
 
     def at(self, state: Array, stamp: Time) -> TFMessage:
-        """Returns the transforms that joints change, for `/tf`; the next call changes the message.
-
-        Args:
-            state: x, shape (n_x,).
-            stamp: its time.
-        """
+        """Returns the transforms of a state that joints change; the next call changes them."""
         poses = (values.tolist() for values in self._moving.poses(state))
         for transform, *pose in zip(self._message.transforms, *poses, strict=True):
             transform.header.stamp = stamp

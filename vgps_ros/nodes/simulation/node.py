@@ -111,8 +111,7 @@ class SimulationNode(Node):
         self._torque_age = TorqueAge(self._health, age_limit)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
-        self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
-        self._held_stamp, self._held_since = 0, float("nan")
+        self._held_stamp = 0  # of the state that the held torques answer [ns]
         self._seen_stamp = -1  # of the state at the last look, once a second
 
         self._states = {
@@ -135,7 +134,7 @@ class SimulationNode(Node):
         model = self._task.dynamics.model
         for topic, text in ((MJCF, self._task.mjcf), (URDF, urdf(model))):
             self.create_publisher(String, topic, LATEST).publish(String(data=text))
-        self._publish()
+        self.begin()
 
     def _to_state(self, values: tuple[float, ...]) -> Array:
         """Returns the state; joining its messages checks that its quaternions are rotations."""
@@ -176,7 +175,11 @@ class SimulationNode(Node):
 
     def _take_command(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
-        in_time = self._oldest_answered() <= stamp <= self.robot.stamp
+        oldest = self.robot.stamp  # of a state that may still be answered [ns]
+        if not self._lock_step:
+            timeout = round(value(self, COMMAND_TIMEOUT) * self._factor * 1e9)
+            oldest = max(self._held_stamp, self.robot.stamp - timeout)
+        in_time = oldest <= stamp <= self.robot.stamp
         if not in_time and stamp == self.robot.previous_stamp:
             return  # the second answer to a state that was sent twice
         try:
@@ -206,13 +209,6 @@ class SimulationNode(Node):
         else:
             self._health.clear("push")
 
-    def _oldest_answered(self) -> int:
-        """The oldest stamp of a state that a command may still answer [ns]."""
-        if self._lock_step:
-            return self.robot.stamp
-        timeout = round(value(self, COMMAND_TIMEOUT) * self._factor * 1e9)
-        return max(self._held_stamp, self.robot.stamp - timeout)
-
     def _step_in_real_time(self) -> None:
         if not self.control.running:
             return
@@ -234,21 +230,17 @@ class SimulationNode(Node):
         """Sends a state again that has stood for a while: whoever must answer it may be new."""
         if self.robot.stamp == self._seen_stamp:
             if self._lock_step and self.control.running:
-                self._wait_for_command()
+                self._health.wait_for(_COMMAND)
+                if self._health.is_late(_COMMAND) and self.control.is_stepping:
+                    self._health.stop_waiting(_COMMAND)  # but a client waits for its steps
+                    self.control.interrupt(
+                        f"No joint_command answers the state of {self.robot.stamp * 1e-9:g} s: "
+                        "start policy_executor, or start the simulation with mode:=real_time, in "
+                        "which it moves without torques."
+                    )
             self._publish()
         self._seen_stamp = self.robot.stamp
         self._health.set_value("simulated time", f"{self.robot.stamp * 1e-9:g} s")
-
-    def _wait_for_command(self) -> None:
-        """Waits for ever while the simulation plays, but ends steps, for which a client waits."""
-        self._health.wait_for(_COMMAND)
-        if self._health.is_late(_COMMAND) and self.control.is_stepping:
-            self._health.stop_waiting(_COMMAND)
-            self.control.interrupt(
-                f"No joint_command answers the state of {self.robot.stamp * 1e-9:g} s: start "
-                "policy_executor, or start the simulation with mode:=real_time, in which it moves "
-                "without torques."
-            )
 
     # For the services
 
@@ -266,7 +258,7 @@ class SimulationNode(Node):
 
     def begin(self) -> None:
         """Waits for a new command, and publishes the state that it is to answer."""
-        self._held = np.zeros_like(self._held)
+        self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._health.stop_waiting(_COMMAND)
         self._health.clear("command")
@@ -274,16 +266,10 @@ class SimulationNode(Node):
 
 
 class TorqueAge:
-    """Shows on /diagnostics for how many control steps each torque was held; one is right.
-
-    Args:
-        health: the node's diagnostics.
-        limit: number of steps from which on that is an error.
-    """
+    """Shows on /diagnostics for how many control steps each torque was held; one is right."""
 
     def __init__(self, health: Health, limit: int):
-        self._health = health
-        self._limit = limit
+        self._health, self._limit = health, limit  # steps from which on it is an error
         self._overruns = self._steps = 0
         self._begin()
 

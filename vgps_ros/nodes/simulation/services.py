@@ -173,12 +173,7 @@ class RunControl:
 
 
 class SimulationServices:
-    """Serves the standard.
-
-    Args:
-        node: the node; the names of the services are below its own.
-        task: its task.
-    """
+    """Serves the standard below the node's name."""
 
     def __init__(self, node: "SimulationNode", task: Task):
         self._node, self._task = node, task
@@ -197,9 +192,8 @@ class SimulationServices:
             SetSimulationState: self._set_simulation_state,
             StepSimulation: self._step,
         }.items():
-            name = f"~/{_name(kind)}"
             call = partial(_answered, answer)
-            answer_later(node.create_service(kind, name, call, qos_profile=CALLS))
+            answer_later(node.create_service(kind, f"~/{_name(kind)}", call, qos_profile=CALLS))
         ActionServer(
             node,
             SimulateSteps,
@@ -213,8 +207,8 @@ class SimulationServices:
         )
 
     def _tell_features(self, _: Any, response: GetSimulatorFeatures.Response) -> None:
-        can_move = [_HAS.ENTITY_STATE_SETTING] if self._entity.base else []
-        response.features.features = sorted([*_FEATURES, *can_move])
+        can_move = (_HAS.ENTITY_STATE_SETTING,) if self._entity.base else ()
+        response.features.features = sorted(_FEATURES + can_move)
         response.features.custom_info = (
             f"vgps_ros simulates the task {self._task.name} in MuJoCo {mujoco.__version__}. "
             "Entities can be filtered by name, category and spheres."
@@ -263,26 +257,26 @@ class SimulationServices:
             feedback = SimulateSteps.Feedback(completed_steps=done, remaining_steps=left)
             goal.publish_feedback(feedback)
 
+        def end(result: Result) -> None:
+            def finish(_: ServerGoalHandle) -> SimulateSteps.Result:
+                if result.result == Result.RESULT_OK:  # a wish to cancel may have come too late
+                    goal.succeed()
+                elif goal.is_cancel_requested:
+                    goal.canceled()
+                else:
+                    goal.abort()
+                return SimulateSteps.Result(result=result)
+
+            self._goal = None
+            goal.execute(finish)
+
         try:
-            self._control.begin_steps(goal.request.steps, partial(self._end_goal, goal), tell)
+            self._control.begin_steps(goal.request.steps, end, tell)
         except RefusedError as error:
-            self._end_goal(goal, error.result)
+            end(error.result)
         else:
             self._goal = goal
             self._node.begin()
-
-    def _end_goal(self, goal: ServerGoalHandle, result: Result) -> None:
-        def end(goal: ServerGoalHandle) -> SimulateSteps.Result:
-            if result.result == Result.RESULT_OK:  # the wish to cancel it may have come too late
-                goal.succeed()
-            elif goal.is_cancel_requested:
-                goal.canceled()
-            else:
-                goal.abort()
-            return SimulateSteps.Result(result=result)
-
-        self._goal = None
-        goal.execute(end)
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if self._goal is not None and self._goal.goal_id == goal.goal_id:
@@ -337,11 +331,10 @@ def _answered(answer: Callable[[Any, Any], Future | None], request: Any, respons
     """Returns the response, or a future of it, with the outcome."""
     result = Result(result=Result.RESULT_OK)
     try:
-        later = answer(request, response)
+        if later := answer(request, response):
+            return later
     except RefusedError as error:
-        later, result = None, error.result
-    if later is not None:
-        return later
+        result = error.result
     if hasattr(response, "result"):
         response.result = result
     return response
