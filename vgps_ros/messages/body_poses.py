@@ -47,7 +47,7 @@ class BodyJoint:
         _put(twist.angular, "xyz", angular)
         if self.is_free:
             _put(position, "xyz", at)
-            _put(twist.linear, "xyz", rotated(linear, rotation * [1.0, -1.0, -1.0, -1.0]))
+            _put(twist.linear, "xyz", rotated(linear, rotation * _BACK))
 
     def read(self, x: Array, topic: str, position: Any, orientation: Any, twist: Any) -> None:
         """Writes what the parts of a message say to x.

@@ -23,6 +23,7 @@ from vgps_ros.views.recording import UnfinishedRecordingError
 OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist")
 
 _STATES, _SOLVES = "joint_states", "iterations"
+_AWAITED = f"{_STATES} from simulation"
 _LATCHED = {MJCF, URDF, "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
 _MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
@@ -36,7 +37,7 @@ class Visualizer(Node):
         path = Path(declare(self, OUTPUT))
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
-        self._health.wait_for(f"{_STATES} from simulation")
+        self._health.wait_for(_AWAITED)
         self._left_out = 0
         self._shown: set[str] = set()
         for topic, kind in DRAWN.items():
@@ -65,7 +66,7 @@ class Visualizer(Node):
     def _report(self, topic: str, sentence: str | None) -> None:
         self._health.report(topic, error=sentence or "")
         if topic == _STATES and not sentence:
-            self._health.arrived(f"{_STATES} from simulation")
+            self._health.arrived(_AWAITED)
 
     def _look(self) -> None:
         self._scene.recording.send_due()

@@ -7,7 +7,6 @@ service of the topics that a node publishes, tells both within a lease.
 """
 
 import copy
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -53,14 +52,7 @@ def is_lively(qos: QoSProfile) -> bool:
 
 
 class Liveness:
-    """Subscribes to a topic and follows whether its publisher is alive.
-
-    Args:
-        node: the node that looks.
-        kind: the topic's type.
-        topic: one whose publisher offers `lively`.
-        take: called with each message.
-        group: of the callbacks; None: the node's own.
+    """Subscribes to a topic whose publisher offers `lively`, and follows whether it is alive.
 
     Attributes:
         is_alive: whether a publisher is there, and its process runs.
@@ -72,7 +64,7 @@ class Liveness:
         node: Node,
         kind: Any,
         topic: str,
-        take: Callable[[Any], None] = lambda _: None,
+        *,
         group: CallbackGroup | None = None,
     ):
         self.is_alive = False
@@ -80,7 +72,7 @@ class Liveness:
         node.create_subscription(
             kind,
             topic,
-            take,
+            lambda _: None,
             lively(STREAM),
             callback_group=group,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._note),

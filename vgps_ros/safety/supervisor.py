@@ -62,8 +62,7 @@ class Supervisor:
     ):
         self.marginals: dict[int, TrainingMarginals] = {}
         self.distance: float | None = None
-        self._settings = settings
-        self._velocities = velocities
+        self._settings, self._velocities = settings, velocities
         self._broken_limit = broken_limit
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         self._stamp = -1  # of the newest usable state

@@ -25,8 +25,7 @@ class SimulatedRobot:
     """
 
     def __init__(self, task: Task, states: StateMessages, state: Array):
-        self._task = task
-        self._states = states
+        self._task, self._states = task, states
         self._forces = JointForces(task.dynamics.model)
         self._bodies = BodyFrames(task.dynamics.model)
         self._push: tuple[int, Array, Array] | None = None

@@ -164,14 +164,11 @@ class RobotEntity:
             raise RefusedError(Result.RESULT_OPERATION_FAILED, str(error)) from error
         self._place(x)
         mujoco.mj_kinematics(self._model, self._data)
-        for geom in self._geoms:
-            away = self._data.geom_xmat[geom].reshape(3, 3).T @ (
-                centre - self._data.geom_xpos[geom]
-            )
-            middle, half = np.split(self._model.geom_aabb[geom].ravel(), 2)
-            if np.linalg.norm(np.maximum(np.abs(away - middle) - half, 0.0)) <= radius:
-                return True
-        return False
+        middles, halves = np.split(self._model.geom_aabb.reshape(-1, 6)[self._geoms], 2, axis=1)
+        axes = self._data.geom_xmat[self._geoms].reshape(-1, 3, 3)
+        away = np.einsum("gji,gj->gi", axes, centre - self._data.geom_xpos[self._geoms])
+        gaps = np.maximum(np.abs(away - middles) - halves, 0.0)
+        return bool((np.linalg.norm(gaps, axis=1) <= radius).any())
 
     def _place(self, x: Array) -> None:
         model, data = self._model, self._data

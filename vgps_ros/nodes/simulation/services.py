@@ -134,10 +134,7 @@ class RunControl:
     ) -> None:
         """Begins a number of steps.
 
-        Args:
-            steps: how many.
-            end: is called with the outcome after the last step.
-            tell: is called after each step, with how many are done and how many are left.
+        `tell` is called after each step with how many are done and left, `end` with the outcome.
 
         Raises:
             RefusedError: it cannot step now.
@@ -182,7 +179,7 @@ class SimulationServices:
         self._goal: ServerGoalHandle | None = None  # whose steps are under way
         for kind, answer in {
             GetEntities: self._list,
-            GetEntitiesStates: self._list_states,
+            GetEntitiesStates: self._list,
             GetEntityInfo: self._tell_info,
             GetEntityState: self._tell_state,
             GetSimulationState: self._tell_simulation_state,
@@ -267,7 +264,8 @@ class SimulationServices:
                     goal.abort()
                 return SimulateSteps.Result(result=result)
 
-            self._goal = None
+            if self._goal is goal:
+                self._goal = None
             goal.execute(finish)
 
         try:
@@ -285,10 +283,6 @@ class SimulationServices:
 
     # The robot as the only entity
 
-    def _found(self, request: GetEntities.Request | GetEntitiesStates.Request) -> list[str]:
-        passes = self._entity.passes(request.filters, self._robot.state)
-        return [self._entity.name] if passes else []
-
     def _check_name(self, name: str) -> None:
         if name != self._entity.name:
             sentence = f"There is no entity {quoted(name)}, only {quoted(self._entity.name)}."
@@ -298,14 +292,12 @@ class SimulationServices:
         robot = self._robot
         return self._entity.state(robot.state, robot.control, stamp_of(robot.stamp))
 
-    def _list(self, request: GetEntities.Request, response: GetEntities.Response) -> None:
-        response.entities = self._found(request)
-
-    def _list_states(
-        self, request: GetEntitiesStates.Request, response: GetEntitiesStates.Response
-    ) -> None:
-        response.entities = self._found(request)
-        response.states = [self._entity_state() for _ in response.entities]
+    def _list(self, request: Any, response: Any) -> None:
+        """Answers GetEntities, and GetEntitiesStates with the states."""
+        if self._entity.passes(request.filters, self._robot.state):
+            response.entities = [self._entity.name]
+            if isinstance(response, GetEntitiesStates.Response):
+                response.states = [self._entity_state()]
 
     def _tell_info(self, request: GetEntityInfo.Request, response: GetEntityInfo.Response) -> None:
         self._check_name(request.entity)
