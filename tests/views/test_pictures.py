@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plots and rendered pictures show the figures that they are given."""
 
+import dataclasses
 import itertools
 import os
 import re
@@ -17,7 +18,7 @@ from PIL import Image
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
-from vgps_ros.views.plots import motion, save, trajectory
+from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
 
 
@@ -180,9 +181,30 @@ def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_ang
         assert_allclose(lines["executed policy"].get_ydata(), run.executed_states[:, i])
 
 
+def test_a_line_stands_where_the_executed_motion_leaves_the_tube(run):
+    figure = trajectory(run)
+    assert not any("leaves" in axes.get_title(loc="left") for axes in figure.axes)
+    assert len(figure.axes[0].lines) == 2
+    late = dataclasses.replace(run, executed_states=run.executed_states.copy())
+    late.executed_states[10:, 3] += 9.0
+    figure = trajectory(late)
+    assert "q ± 2 sd at 0.2 s for another motion" in figure.axes[0].get_title(loc="left")
+    for axes in figure.axes:
+        assert_allclose(axes.lines[-1].get_xdata(), 0.2)
+
+
+def test_a_phase_portrait_draws_velocity_over_angle(run):
+    figure = phase_portrait(run)
+    assert [axes.get_title() for axes in figure.axes] == ["root_yaw", "front_joint", "back_joint"]
+    for axes, i in zip(figure.axes, (2, 3, 4), strict=True):
+        [line] = axes.collections
+        loop = np.array([piece[0] for piece in line.get_segments()])
+        assert_allclose(loop, run.executed_states[:-1, [i, i + 5]])
+
+
 def test_what_is_not_known_is_not_drawn(run):
     nothing = RunRecord(run.mjcf, 0.02)
-    assert all(draw(nothing) is None for draw in (trajectory, motion, filmstrip))
+    assert all(draw(nothing) is None for draw in (trajectory, phase_portrait, motion, filmstrip))
 
 
 needs_egl = pytest.mark.skipif(

@@ -7,10 +7,14 @@ motion with the paths of the centre of mass. Example: vgps plot recordings/sampl
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from vgps_ros.search.run_record import RunRecord
 
 
 def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None = None) -> None:
@@ -23,26 +27,16 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     from rich.console import Console
     from rich.progress import Progress
 
-    from vgps_ros.search.run_record import read_results
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
     from vgps_ros.views.learning_curve import learning_curve
-    from vgps_ros.views.plots import motion, save, trajectory
+    from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
 
-    if (source / "experiment.json").is_file():
-        raise InvalidInputError(
-            f"'{source}' is a comparison: `python -m benchmarks.figure1 plot "
-            f"{source}` draws it, and `vgps plot` draws one of the folders in its runs/."
-        )
-    if (folder := RunFolder(source)).trajectories.is_file():
-        run = read_results(folder)
-    else:
-        from vgps_ros.bags.run_reader import read_run  # needs ROS
-
-        run = read_run(source, namespace)
+    run = _read(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
         "trajectory": lambda: trajectory(run),
+        "phase_portrait": lambda: phase_portrait(run),
         "motion": lambda: motion(run),
         "filmstrip": lambda: filmstrip(run),
         moving: lambda: write_moving_picture(run, output / moving),
@@ -60,9 +54,9 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
             try:
                 if drawn := draw():
                     written += names[name]
-                if isinstance(drawn, Figure):
-                    for file in names[name]:
-                        save(drawn, output / file)
+                    if isinstance(drawn, Figure):
+                        for file in names[name]:
+                            save(drawn, output / file)
             except RenderingError as error:
                 notes.append(f"No {name}: {error}")
             progress.advance(bar)
@@ -75,6 +69,22 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     }
     notes += [sentence for sentence, value in known.items() if value is None]
     print(*notes, f"Wrote {', '.join(written)} to {output}.", sep="\n")
+
+
+def _read(source: Path, namespace: str | None) -> "RunRecord":
+    """Reads what is known of a run; see `plot`."""
+    from vgps_ros.search.run_record import read_results
+
+    if (source / "experiment.json").is_file():
+        raise InvalidInputError(
+            f"'{source}' is a comparison: `python -m benchmarks.figure1 plot "
+            f"{source}` draws it, and `vgps plot` draws one of the folders in its runs/."
+        )
+    if (folder := RunFolder(source)).trajectories.is_file():
+        return read_results(folder)
+    from vgps_ros.bags.run_reader import read_run  # needs ROS
+
+    return read_run(source, namespace)
 
 
 def add_arguments(parser: Parser) -> None:

@@ -2,13 +2,14 @@
 """Pictures of a motion and of what it survives, for reading without a viewer."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
 from vgps_ros.core.records import Array
 from vgps_ros.search.robustness import ENOUGH, KINDS
@@ -17,12 +18,45 @@ from vgps_ros.simulation.model import compile_model, deviation_names, hinge_name
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
+_PHASE = ("position", "velocity")
 _POSES = 9  # drawn along a motion
 _LABELLED = 4  # one pose of so many has its time above it
+_WIDTH = 2.0  # half the width of the tube [sd]
+_LASTING = 0.1  # time for which an angle must be outside: touching the edge does not count [s]
+_WINDOW = 2.0  # time after it that is compared [s]
+_LONGEST_SHIFT = 0.5  # [s]
+_SAME = 0.5  # a shift explains it if no more than this share of the distance is left
+_Z = 1.96  # standard deviations of an interval of 95 %
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
 _LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v")
 _COLOURS = ("#1f5fbf", "black", "tab:orange", "tab:green", "tab:red")
+
+
+@dataclass(frozen=True)
+class TubeExit:
+    """The place where an executed motion leaves the tube of q(ζ), mean ± 2 sd.
+
+    A policy sees no time. It may go on with the same gait a little earlier or later than q's mean,
+    which takes it out of the tube although nothing is wrong with it.
+
+    Attributes:
+        time: when the first coordinate leaves [s].
+        coordinate: which one it is, an index into the columns that were given.
+        delay: how much later the motion then is than q's mean [s], negative where it is earlier;
+            None if no shift explains why it left.
+    """
+
+    time: float
+    coordinate: int
+    delay: float | None
+
+    def __str__(self) -> str:
+        if self.delay is None:
+            return f"leaves q ± 2 sd at {self.time:.1f} s for another motion"
+        late = "later" if self.delay > 0 else "earlier"
+        same = f"for the same motion, {abs(self.delay):.2f} s {late}"
+        return f"leaves q ± 2 sd at {self.time:.1f} s {same}"
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -33,6 +67,8 @@ def save(figure: Figure, path: Path) -> None:
 def trajectory(run: RunRecord) -> Figure | None:
     """Draws each angle: q's mean and two standard deviations, and the executed one within.
 
+    A vertical line stands where the executed motion leaves the tube of an angle.
+
     Returns:
         The figure; None if neither is known, or the robot has no hinge.
     """
@@ -40,18 +76,33 @@ def trajectory(run: RunRecord) -> Figure | None:
     hinges = hinge_names(model)
     if not hinges or (run.mean_states is None and run.executed_states is None):
         return None
-    in_x, in_dx = state_names(model), deviation_names(model)
+    in_x, in_dx = (
+        [names.index(f"{name}/position") for name in hinges]
+        for names in (state_names(model), deviation_names(model))
+    )
     figure = Figure(figsize=(7, 1.4 + 1.3 * len(hinges)), layout="constrained")
     rows = figure.subplots(len(hinges), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, name in zip(rows, hinges, strict=True):
-        angle = f"{name}/position"
-        _draw_angle(axes, run, in_x.index(angle), in_dx.index(angle))
+    for axes, name, i, i_dx in zip(rows, hinges, in_x, in_dx, strict=True):
+        _draw_angle(axes, run, i, i_dx)
         axes.set_ylabel(f"{name}\n[rad]")
         axes.margins(x=0)
+    if left := _tube_exit(run, in_x, in_dx):
+        for axes in rows:
+            axes.axvline(left.time, color="0.3", linewidth=1, linestyle=(0, (4, 3)))
+        rows[0].set_title(f"The executed policy {left}.", fontsize=9, loc="left")
     rows[-1].set_xlabel("time [s]")
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, ncols=3, loc="outside upper center")
     return figure
+
+
+def _tube_exit(run: RunRecord, in_x: list[int], in_dx: list[int]) -> TubeExit | None:
+    """Returns where the executed angles leave their tubes, if all of them are known."""
+    if run.mean_states is None or run.state_covariances is None or run.executed_states is None:
+        return None
+    deviations = np.sqrt(run.state_covariances[:, in_dx, in_dx].clip(0.0))
+    angles = run.executed_states[:, in_x], run.mean_states[:, in_x]
+    return find_tube_exit(*angles, deviations, run.time_step)
 
 
 def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
@@ -74,6 +125,41 @@ def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
         executed = run.executed_states[:, i]
         time = run.time_step * np.arange(len(executed))
         axes.plot(time, executed, color=_LEARNED, linewidth=1, label="executed policy")
+
+
+def phase_portrait(run: RunRecord) -> Figure | None:
+    """Draws the velocity of each hinge over its angle, darker with time: a gait is a closed loop.
+
+    Returns:
+        The figure; None if no motion under the policy is known, or the robot has no hinge.
+    """
+    model = compile_model(run.mjcf)
+    hinges, names = hinge_names(model), state_names(model)
+    if run.executed_states is None or not hinges:
+        return None
+    columns = min(4, len(hinges))
+    lines = -(-len(hinges) // columns)
+    figure = Figure(figsize=(2.2 * columns, 2.1 * lines + 0.5), layout="constrained")
+    cells = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes in cells[len(hinges) :]:
+        axes.set_axis_off()
+    shade = np.linspace(0.0, 1.0, len(run.executed_states) - 1)
+    for axes, name in zip(cells, hinges, strict=False):
+        loop = run.executed_states[:, [names.index(f"{name}/{kind}") for kind in _PHASE]]
+        pieces = list(np.stack([loop[:-1], loop[1:]], axis=1))
+        drawn = LineCollection(pieces, cmap="Blues", linewidths=1)
+        drawn.set_array(0.35 + 0.65 * shade)
+        drawn.set_clim(0.0, 1.0)
+        axes.add_collection(drawn)
+        axes.plot(*loop[0], marker="o", color="black", markersize=4)
+        axes.set_title(name, fontsize=9)
+        axes.margins(0.08)
+        axes.tick_params(labelsize=8)
+    seconds = run.time_step * (len(run.executed_states) - 1)
+    figure.suptitle(f"{seconds:.3g} s, from the dot on, darker with time", fontsize=9)
+    figure.supxlabel("angle [rad]", fontsize=9)
+    figure.supylabel("velocity [rad/s]", fontsize=9)
+    return figure
 
 
 def motion(run: RunRecord) -> Figure | None:
@@ -117,6 +203,49 @@ def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
     axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
 
 
+def find_tube_exit(
+    executed: Array, mean: Array, deviation: Array, time_step: float
+) -> TubeExit | None:
+    """Returns where the executed motion leaves mean ± 2 sd, or None if it stays within.
+
+    Args:
+        executed: coordinates of the executed motion, shape (N+1, m).
+        mean: those of q's mean, shape (T+1, m).
+        deviation: their standard deviations in q, shape (T+1, m).
+        time_step: time between two rows [s].
+    """
+    steps = min(len(executed), len(mean))
+    executed, mean, deviation = executed[:steps], mean[:steps], deviation[:steps]
+    outside = np.abs(executed - mean) > _WIDTH * deviation + 1e-9
+    lasting = max(1, round(_LASTING / time_step))
+    if steps < lasting:
+        return None
+    held = np.all(np.lib.stride_tricks.sliding_window_view(outside, lasting, axis=0), axis=-1)
+    if not held.any():
+        return None
+    first = int(held.any(axis=1).argmax())
+    after = slice(first, first + round(_WINDOW / time_step))
+    delay = _delay(executed[after], mean[after], round(_LONGEST_SHIFT / time_step))
+    return TubeExit(
+        first * time_step, int(held[first].argmax()), None if delay is None else delay * time_step
+    )
+
+
+def _delay(executed: Array, mean: Array, longest: int) -> int | None:
+    """Returns by how many steps `executed` lags behind `mean`, if that explains their distance."""
+    longest = min(longest, len(mean) // 2)
+    scale = mean.std(axis=0) + 1e-9
+
+    def distance(shift: int) -> float:
+        late, early = (executed[shift:], mean) if shift >= 0 else (executed, mean[-shift:])
+        shared = min(len(late), len(early))
+        return float(np.sqrt(np.mean(((late[:shared] - early[:shared]) / scale) ** 2)))
+
+    shifts = range(-longest, longest + 1)
+    best = min(shifts, key=distance, default=0)
+    return best if best and distance(best) < _SAME * distance(0) else None
+
+
 def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Figure:
     """Draws a panel for each kind of disturbance.
 
@@ -158,5 +287,8 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
 
 def _bars(shares: Array, count: int) -> Array:
     """Returns how far Wilson's interval of 95 % reaches below and above each share, (2, m)."""
-    found = [binomtest(round(s * count), count).proportion_ci(method="wilson") for s in shares]
-    return np.abs(np.transpose(found) - shares)
+    scale = 1.0 + _Z**2 / count
+    middle = (shares + _Z**2 / (2 * count)) / scale
+    half = _Z * np.sqrt(shares * (1 - shares) / count + _Z**2 / (4 * count**2)) / scale
+    bars = np.stack([shares - (middle - half), (middle + half) - shares])
+    return np.maximum(bars, 0.0)
