@@ -68,6 +68,8 @@ def test_size_and_number_of_nodes_are_bounded(monkeypatch, tmp_path):
     with pytest.raises(InvalidInputError, match=r"It has 5 nodes, but .* at most 4"):
         parsed(content, "It")
     monkeypatch.setattr(onnx_file, "LARGEST", len(content) - 1)
+    with pytest.raises(InvalidInputError, match="It is larger than"):
+        parsed(content, "It")
     with pytest.raises(InvalidInputError, match=r"at most .* use a smaller network"):
         read_bytes(path)
 

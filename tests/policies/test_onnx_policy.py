@@ -13,6 +13,7 @@ from onnx import TensorProto, helper
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model, model
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.policies import onnx_policy
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
 
@@ -204,6 +205,21 @@ def test_a_file_that_does_not_fit_or_harms_is_refused_with_a_sentence(make, sent
         policy(make())
     assert "\n" not in str(refused.value)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 600_000  # [kB]
+
+
+def test_a_network_that_takes_too_long_is_refused(monkeypatch):
+    monkeypatch.setattr(onnx_policy, "_LONGEST", 0.2)
+    nodes = [
+        helper.make_node("MatMul", ["column of ones", "row of ones"], ["m0"]),
+        *(helper.make_node("MatMul", [f"m{i}", "m0"], [f"m{i + 1}"]) for i in range(200)),
+        helper.make_node("ReduceMax", ["m200"], ["actions"]),
+    ]
+    tensors = [
+        ("column of ones", np.ones((1500, 1), np.float32)),
+        ("row of ones", np.ones((1, 1500), np.float32)),
+    ]
+    with pytest.raises(InvalidInputError, match=r"takes more than 0\.2 s for one observation"):
+        policy(model(nodes, 5, 1, tensors, NAMES))
 
 
 def test_files_that_hold_no_policy_are_refused_before_they_are_read(tmp_path):

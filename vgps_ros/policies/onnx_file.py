@@ -31,11 +31,12 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 
+NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
 _MOST_NODES = 10_000
 DOMAINS = ("", "ai.onnx")
 OPSET, IR_VERSION = 17, 8  # of 2022, which the runtimes on robots read too
-PRECISIONS = ("float32", "float64")
+PRECISIONS = {"float32": np.float32, "float64": np.float64}
 
 
 def package(name: str) -> Any:
@@ -47,7 +48,7 @@ def package(name: str) -> Any:
     Raises:
         VgpsError: it is not installed.
     """
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    os.environ.setdefault(NO_TELEMETRY, "1")
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -90,6 +91,10 @@ def parsed(content: bytes, name: str) -> Any:
             loops, branches or functions, or operators that are not of ONNX.
     """
     onnx = package("onnx")
+    if len(content) > LARGEST:
+        raise InvalidInputError(
+            f"{name} is larger than {LARGEST / 1e6:.0f} MB; use a smaller network."
+        )
     try:
         model = onnx.load_model_from_string(content)
     except Exception as error:  # of protobuf, whose classes differ between its implementations
@@ -120,8 +125,9 @@ def parsed(content: bytes, name: str) -> Any:
                 f"{name} has a node {quoted(node.op_type)} with a graph of its own, but a policy "
                 "must be without loops and branches; export it with them unrolled."
             )
+    external = onnx.TensorProto.EXTERNAL
     for tensor in _tensors(graph):
-        if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
+        if tensor.data_location == external or tensor.external_data:
             raise InvalidInputError(
                 f"{name} keeps the tensor {quoted(tensor.name)} in another file, which is not "
                 "read; export it with all weights inside."
@@ -220,57 +226,77 @@ def from_onnx(content: bytes, name: str) -> ExportedPolicy | None:
         exported = _read(model, name)
         return exported if _graph(exported) == model.graph else None
     except (InvalidInputError, ArithmeticError, LookupError, TypeError, ValueError):
-        return None  # a third-party graph
+        return None  # a graph of others
 
 
-def _element(precision: str) -> int:
-    """Returns ONNX's number of a type of numbers."""
-    return int(package("onnx.helper").np_dtype_to_tensor_dtype(np.dtype(precision)))
+class _Builder:
+    """Collects the nodes and constants of a graph."""
+
+    def __init__(self, precision: str):
+        self.kind = np.dtype(PRECISIONS[precision])
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+        self._helper = package("onnx.helper")
+
+    def constant(self, name: str, values: ArrayLike) -> str:
+        """Adds a constant and returns its name."""
+        array = np.asarray(values, dtype=np.float64)
+        self.constants.append(package("onnx.numpy_helper").from_array(array, name))
+        return name
+
+    def node(self, operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        """Adds a node and returns the name of its output."""
+        output = output or f"{operator.lower()}_{len(self.nodes)}"
+        self.nodes.append(self._helper.make_node(operator, inputs, [output], **attributes))
+        return output
+
+    def activation(self, name: str, z: str) -> str:
+        """Adds an activation of z."""
+        if name != "softplus":
+            return self.node(name.capitalize(), z)
+        e = self.node("Exp", self.node("Neg", self.node("Abs", z)))
+        logarithm = self.node("Log", self.node("Add", e, "one"))
+        return self.node("Add", self.node("Relu", z), logarithm)
+
+    def declared(self, name: str, *sizes: int | str) -> Any:
+        """Returns the declaration of an input or an output."""
+        return self._helper.make_tensor_value_info(name, self.element(self.kind), sizes)
+
+    def element(self, kind: np.dtype) -> int:
+        """Returns ONNX's number of a type of numbers."""
+        number: int = self._helper.np_dtype_to_tensor_dtype(kind)
+        return number
+
+    def give(self, value: str, name: str) -> None:
+        """Adds an output."""
+        self.node("Cast", value, output=name, to=self.element(self.kind))
+
+    def graph(self, inputs: list[Any], outputs: list[Any]) -> Any:
+        """Returns the graph."""
+        return self._helper.make_graph(self.nodes, "policy", inputs, outputs, self.constants)
 
 
 def _graph(exported: ExportedPolicy) -> Any:
-    helper, to_tensor = package("onnx.helper"), package("onnx.numpy_helper").from_array
-    policy, element = exported.policy, _element(exported.precision)
+    policy, build = exported.policy, _Builder(exported.precision)
     shape, last = policy.architecture, len(policy.layers) - 1
-    nodes: list[Any] = []
-    constants: list[Any] = []
-
-    def constant(name: str, values: ArrayLike) -> str:
-        constants.append(to_tensor(np.asarray(values, dtype=np.float64), name))
-        return name
-
-    def node(operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
-        output = output or f"{operator.lower()}_{len(nodes)}"
-        nodes.append(helper.make_node(operator, inputs, [output], **attributes))
-        return output
-
-    def declared(name: str, *sizes: int | str) -> Any:
-        return helper.make_tensor_value_info(name, element, sizes)
-
-    one = constant("one", 1.0)
-    a = node("Cast", "obs", to=_element("float64"))
+    build.constant("one", 1.0)
+    a = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
     for i, (weight, bias) in enumerate(policy.layers):
-        inputs = [a, constant(f"weight_{i}", weight)]
+        inputs = [a, build.constant(f"weight_{i}", weight)]
         if shape.biased[i]:
-            inputs.append(constant(f"bias_{i}", bias))
-        a = node("Gemm", *inputs, transB=1)
-        if i < last and shape.activation == "softplus":
-            e = node("Exp", node("Neg", node("Abs", a)))
-            logarithm = node("Log", node("Add", e, one))
-            a = node("Add", node("Relu", a), logarithm)
-        elif i < last:
-            a = node(shape.activation.capitalize(), a)
+            inputs.append(build.constant(f"bias_{i}", bias))
+        a = build.node("Gemm", *inputs, transB=1)
+        if i < last:
+            a = build.activation(shape.activation, a)
     low, high = (
-        constant(*limit) for limit in zip(("lowest", "highest"), exported.limits, strict=True)
+        build.constant(*limit) for limit in zip(("lowest", "highest"), exported.limits, strict=True)
     )
-    limited = node("Min", node("Max", a, low), high)
-    given = {"actions": limited, "mean": a, "std": constant("noise_std", policy.noise_std)}
-    for name, value in given.items():
-        node("Cast", value, output=name, to=element)
-    outputs = [declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
-    outputs.append(declared("std", shape.control_dim))
-    observed = declared("obs", "batch", len(shape.observed))
-    return helper.make_graph(nodes, "policy", [observed], outputs, constants)
+    build.give(build.node("Min", build.node("Max", a, low), high), "actions")
+    build.give(a, "mean")
+    build.give(build.constant("noise_std", policy.noise_std), "std")
+    outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
+    outputs.append(build.declared("std", shape.control_dim))
+    return build.graph([build.declared("obs", "batch", len(shape.observed))], outputs)
 
 
 def _read(model: Any, name: str) -> ExportedPolicy:
@@ -278,6 +304,7 @@ def _read(model: Any, name: str) -> ExportedPolicy:
     metadata, to_array = metadata_of(model), package("onnx.numpy_helper").to_array
     arrays = {tensor.name: to_array(tensor) for tensor in model.graph.initializer}
     element = model.graph.input[0].type.tensor_type.elem_type
+    elements = {name: _Builder(name).element(np.dtype(kind)) for name, kind in PRECISIONS.items()}
     layers = sum(key.startswith("weight_") for key in arrays)
     shape = Architecture(
         names_of(metadata, "observation_names", name),
@@ -292,5 +319,5 @@ def _read(model: Any, name: str) -> ExportedPolicy:
     return ExportedPolicy(
         GaussianPolicy(shape, parameters, arrays["noise_std"]),
         (arrays["lowest"], arrays["highest"]),
-        {_element(precision): precision for precision in PRECISIONS}[element],
+        next(name for name, number in elements.items() if number == element),
     )

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A third-party network as a policy: any ONNX graph without loops, which onnxruntime executes.
+"""A network of others as a policy: any ONNX graph without loops, which onnxruntime executes.
 
 Its metadata say what its numbers mean, by the keys that mjlab writes (docs/how_to/export.md):
 
@@ -13,7 +13,10 @@ An action a is a torque s a. Where k_p is not zero, it is the target of a positi
 the torque is k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v.
 """
 
+import re
+import threading
 from collections.abc import Sequence
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -34,6 +37,7 @@ from vgps_ros.policies.onnx_file import (
 )
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
+_LONGEST = 5.0  # time for one observation, at the first time [s]
 _OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
@@ -80,34 +84,19 @@ class OnnxPolicy:
         self._stiffness = of_joints("joint_stiffness", 0.0)
         self._damping = of_joints("joint_damping", 0.0)
         terms = names_of(metadata, "observation_names", name)
-        read: list[str] = []
-        offsets: list[float] = []
-        for term in terms:
-            kind = _OF_JOINTS.get(term)
-            found = [f"{joint}/{kind}" for joint in driven] if kind else [term]
-            read += found
-            offsets += self._default.tolist() if term == "joint_pos" else [0.0] * len(found)
-        self._offsets, self._count = np.array(offsets), len(read)
+        read, offsets = _expanded(terms, driven, self._default)
+        self._offsets = offsets
+        self._count = len(read)
         felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
         self._holds_positions = bool(self._stiffness.any())
-        self.observed = (*read, *felt) if self._holds_positions else tuple(read)
-        opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
-        self._versions = f"opset {', '.join(opsets)}, IR version {model.ir_version}"
+        self.observed = (*read, *felt) if self._holds_positions else read
+        self._versions = _versions(model)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
         self._takes_many = not self._is_vector and not isinstance(given.shape[0], int)
-        actions = self._outputs(np.zeros((1, self._count)))
-        if actions.size != self.control_dim:
-            raise InvalidInputError(
-                f"{name} gives {actions.size} actions, but its metadata 'joint_names' has "
-                f"{self.control_dim} joints; name one joint for each action."
-            )
-        if not np.isfinite(actions).all():
-            raise InvalidInputError(
-                f"{name} answers the observation zero with {actions.ravel().tolist()}, but "
-                "actions must be finite; look for NaN among its weights."
-            )
+        with _limited(name) as options:
+            self._check(self._outputs(np.zeros((1, self._count)), options))
 
     @property
     def control_dim(self) -> int:
@@ -171,24 +160,48 @@ class OnnxPolicy:
         return session, read, outputs.get("actions", session.get_outputs()[0])
 
     def _refused(self, error: Exception) -> InvalidInputError:
-        """Returns what onnxruntime says of the network, on one line, and what to do."""
-        said = " ".join(str(error).split()).rstrip(".")
+        """Returns what onnxruntime says of the network, and what to do."""
         return InvalidInputError(
-            f"{self._name} ({self._versions}) cannot be executed: {said:.400}. Export it anew, "
-            f"with opset {OPSET} and IR version {IR_VERSION} if these are the reason, and try it "
-            "with onnxruntime alone."
+            f"{self._name} ({self._versions}) cannot be executed: {_sentence(error)} Export it "
+            f"anew, with opset {OPSET} and IR version {IR_VERSION} if these are the reason, and "
+            "try it with onnxruntime alone."
         )
 
-    def _outputs(self, rows: Array) -> Array:
+    def _outputs(self, rows: Array, options: Any = None) -> Array:
         """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
         given = rows.astype(self._kind)
         if self._is_vector:
             given = given.reshape(-1)
         try:
-            (found,) = self._session.run([self._output], {self._input: given})
+            (found,) = self._session.run([self._output], {self._input: given}, options)
         except Exception as error:  # of onnxruntime, which has no common class for its errors
             raise self._refused(error) from error
         return np.asarray(found, dtype=float).reshape(len(rows), -1)
+
+    def _check(self, actions: Array) -> None:
+        if actions.size != self.control_dim:
+            raise InvalidInputError(
+                f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
+                f"{self.control_dim} joints; name one joint for each action."
+            )
+        if not np.isfinite(actions).all():
+            raise InvalidInputError(
+                f"{self._name} answers the observation zero with {actions.ravel().tolist()}, but "
+                "actions must be finite; look for NaN among its weights."
+            )
+
+
+def _expanded(
+    terms: tuple[str, ...], joints: tuple[str, ...], default: Array
+) -> tuple[tuple[str, ...], Array]:
+    """Returns the names of what a network reads, and what is subtracted from each of them."""
+    names: list[str] = []
+    offsets: list[float] = []
+    for term in terms:
+        found = [f"{j}/{_OF_JOINTS[term]}" for j in joints] if term in _OF_JOINTS else [term]
+        names += found
+        offsets += default.tolist() if term == "joint_pos" else [0.0] * len(found)
+    return tuple(names), np.array(offsets)
 
 
 @cache
@@ -201,3 +214,45 @@ def _runtime() -> Any:
     limits = runtime.OrtArenaCfg({"max_mem": MEMORY, "arena_extend_strategy": same_as_requested})
     runtime.create_and_register_allocator(memory, limits)
     return runtime
+
+
+@contextmanager
+def _limited(name: str) -> Any:
+    """Gives options with which a run of a network ends after _LONGEST.
+
+    Raises:
+        InvalidInputError: it took longer.
+    """
+    options = _runtime().RunOptions()
+    ended = threading.Event()
+
+    def end() -> None:
+        ended.set()
+        options.terminate = True
+
+    timer = threading.Timer(_LONGEST, end)
+    timer.start()
+    try:
+        yield options
+    except InvalidInputError as error:
+        if ended.is_set():
+            raise InvalidInputError(
+                f"{name} takes more than {_LONGEST:g} s for one observation; use a smaller network."
+            ) from error
+        raise
+    finally:
+        timer.cancel()
+        timer.join()
+
+
+def _versions(model: Any) -> str:
+    """Returns the versions of ONNX that a model names."""
+    opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
+    return f"opset {', '.join(opsets)}, IR version {model.ir_version}"
+
+
+def _sentence(error: Exception) -> str:
+    """Returns what onnxruntime says, on one line, without its error's number and place in C++."""
+    text = re.sub(r"\[ONNXRuntimeError\] : \d+ : \w+ : ", "", " ".join(str(error).split()))
+    text = re.sub(r"/\S*onnxruntime/\S+:\d+ .*?\)(?: const)? (?=[A-Z])", "", text)
+    return f"{text:.400}".rstrip(".") + "."
