@@ -70,6 +70,7 @@ def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):
         (["--perturbation", "-1"], "perturbation is -1.0, but it must be from 0"),
         (["--pushes", "1", "--plot", "x.doc"], "'x.doc' has no ending of a picture; name a file"),
         (["--pushes", "1", "--plot", "x"], "that ends in one of .png, .svg, .pdf"),
+        (["--json", "x.png", "--plot", "./x.png"], "'x.png' is named for two files, of which"),
         (["--task", "walker"], "has 2 controls, but the task has 6"),
     ],
 )

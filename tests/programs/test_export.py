@@ -143,6 +143,7 @@ def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, for
     fails(r"policy\.json is not a readable policy", "export", tmp_path / "empty", "--output", "x")
     fails("No such file or directory: 'none'", "export", "none", "--output", "x")
     fails("exists already", "export", run, "--output", path)
+    fails("'x' is named for two files", "export", run, "--output", "x", "--mjcf", "./x")
     fails("There is no folder 'none'; make it", "export", run, "--output", "none/x.onnx")
     fails("is not a readable policy", "export", path, "--output", "x")
     (tmp_path / "large").mkdir()

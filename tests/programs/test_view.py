@@ -3,6 +3,7 @@
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -61,6 +62,7 @@ def listening(pid: int) -> list[str]:
     [
         (lambda folder: folder / "none", "There is no recording"),
         (lambda folder: folder, "`vgps bag rerun BAG --output NAME.rrd` makes one"),
+        (lambda folder: shutil.copy(__file__, folder / "text.rrd"), "is no recording of Rerun"),
     ],
 )
 def test_what_is_no_recording_is_refused_with_a_way_out(tmp_path, make, sentence):
@@ -72,5 +74,5 @@ def test_a_port_that_is_taken_is_an_error(recording):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
-        with pytest.raises(SystemExit, match="is taken or not allowed; choose another one"):
+        with pytest.raises(SystemExit, match="is taken; choose another one"):
             vgps(["view", "--web", "--port", str(other.getsockname()[1]), str(recording)])

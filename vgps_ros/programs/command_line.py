@@ -135,8 +135,14 @@ def refuse_existing(paths: Sequence[Path], *, overwrite: bool) -> None:
     """Checks that nothing would be replaced by accident.
 
     Raises:
-        InvalidInputError: a path exists, and may not be replaced.
+        InvalidInputError: two of the paths are one, or one exists and may not be replaced.
     """
+    for i, path in enumerate(paths):
+        if path.resolve() in [other.resolve() for other in paths[:i]]:
+            raise InvalidInputError(
+                f"'{path}' is named for two files, of which the second would replace the first; "
+                "name a path of its own for each."
+            )
     existing = [path for path in paths if path.exists()]
     if existing and not overwrite:
         raise InvalidInputError(

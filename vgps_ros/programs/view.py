@@ -19,7 +19,6 @@ from pathlib import Path
 from urllib.parse import quote
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -31,8 +30,7 @@ def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, or a recording (.rrd)")
     parser.add_argument("--web", action="store_true", help="the browser, also with a display")
-    port = Setting("port", 0, "TCP port of the page, 0: any", minimum=0, maximum=65535)
-    parser.add_settings(port)
+    parser.add_argument("--port", type=_port, default=0, help="TCP port of the page, 0: any")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -54,7 +52,7 @@ def recording_of(path: Path) -> Path:
     """Returns the recording of a run.
 
     Raises:
-        InvalidInputError: there is none.
+        InvalidInputError: there is none, or the file is no recording.
     """
     recording = path / "run.rrd" if path.is_dir() else path
     if not recording.is_file():
@@ -63,7 +61,21 @@ def recording_of(path: Path) -> Path:
             f"There is no recording '{recording}'; `vgps bag rerun {bag} --output NAME.rrd` makes "
             "one from a bag, and `vgps view NAME.rrd` opens it."
         )
+    with recording.open("rb") as file:
+        start = file.read(3)
+    if start != b"RRF":
+        raise InvalidInputError(
+            f"'{recording}' is no recording of Rerun; give a file that ends in .rrd, or the folder "
+            "of a run that has run.rrd."
+        )
     return recording
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if port and not 1024 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"{port} must be 0, or from 1024 to 65535")
+    return port
 
 
 @contextmanager
@@ -118,9 +130,7 @@ def _free_port(port: int = 0) -> int:
         try:
             found.bind(("127.0.0.1", port))
         except OSError as error:
-            raise VgpsError(
-                f"Port {port} is taken or not allowed; choose another one, or 0."
-            ) from error
+            raise VgpsError(f"Port {port} is taken; choose another one, or 0 for any.") from error
         return int(found.getsockname()[1])
 
 
