@@ -155,11 +155,15 @@ def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
         ('<worldbody><body><freejoint/><geom size="1"/></body></worldbody>', "each a name"),
         ('<size memory="8E"/><worldbody/>', "does not compile"),
         ('&x;<include file="/etc/hostname"/>', "is no XML that can be checked .*mend the text"),
-        ('<replicate count="20000"><geom/></replicate>', "count '20000', but it may ask for 5000"),
-        ('<flexcomp count="100 100 100"/>', "count '100 100 100', but"),
+        ('<replicate count="20000"><geom/></replicate>', "asks for 20000 copies in <replicate>"),
+        (
+            '<replicate count="200"><replicate count=" +200 "><geom/></replicate></replicate>',
+            "asks for 40000 copies",
+        ),
+        ('<flexcomp count="100 100 100"/>', "asks for 1000000 copies"),
         ('<replicate a="" a="" count="20000"/>', "is no XML that can be checked"),
-        ('<asset><hfield nrow="20000" ncol="20000"/></asset>', "(nrow|ncol) '20000', but"),
-        (f'<size nuser_body="{"9" * 30}"/>', "nuser_body '9{30}', but"),
+        ('<asset><hfield nrow="20000" ncol="20000"/></asset>', "400000000 numbers in <hfield>"),
+        (f'<size nuser_body="{"9" * 30}"/>', "asks for 999999999999 numbers in <size>"),
     ],
 )
 def test_a_model_as_text_must_hold_a_whole_robot(inside, sentence):

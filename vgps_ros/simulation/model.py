@@ -3,7 +3,8 @@
 
 import math
 import re
-from itertools import chain, product
+from collections.abc import Sequence
+from itertools import product
 from xml.etree import ElementTree
 
 import mujoco
@@ -270,9 +271,10 @@ def _is_level(model: mujoco.MjModel, data: mujoco.MjData, axis: np.ndarray) -> b
     return True
 
 
-_MOST = 5_000  # of what one attribute asks for
-# Attributes that make a short text a large model: copies, height fields, pictures, users' numbers.
-_SIZES = ("count", "nkey", "nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample")
+_MOST_COPIES = 5_000  # of an element
+_MOST_NUMBERS = 2**24  # of a height field, a picture or users
+_COPIES = ("count", "nkey")
+_SIZES = ("nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample")
 
 
 def check_self_contained(mjcf: str) -> None:
@@ -290,15 +292,32 @@ def check_self_contained(mjcf: str) -> None:
             f"The robot's MJCF does not compile: it is no XML that can be checked "
             f"({told(error)}); mend the text there."
         ) from error
-    for name, value in chain.from_iterable(element.items() for element in robot.iter()):
-        if name.startswith("file"):
+    waiting = [(robot, 1)]
+    while waiting:
+        element, copies = waiting.pop()
+        if files := [value for name, value in element.items() if name.startswith("file")]:
             raise InvalidInputError(
-                f"The robot's MJCF refers to the file {quoted(value)}, but its text must "
+                f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
                 "hold all of the robot; leave out meshes, textures and includes."
             )
-        sizes = re.findall(r"\d+", value) if name in _SIZES or name.startswith("nuser_") else []
-        if any(len(size) > 9 for size in sizes) or math.prod(map(int, sizes)) > _MOST:
-            raise InvalidInputError(
-                f"The robot's MJCF has {name} {quoted(value)}, but it may ask for {_MOST} at most; "
-                "make it smaller."
-            )
+        copies *= _asked(element, _COPIES)  # of what stands in another one that is copied, too
+        users = tuple(name for name in element.keys() if name.startswith("nuser_"))
+        numbers = _asked(element, (*_SIZES, *users))
+        if element.tag == "texture" and element.get("type") != "2d":  # a cube's six squares
+            numbers = max(numbers, 6 * _asked(element, ("width",)) ** 2)
+        for asked, most, what in (
+            (copies, _MOST_COPIES, "copies"),
+            (numbers, _MOST_NUMBERS, "numbers"),
+        ):
+            if asked > most:
+                raise InvalidInputError(
+                    f"The robot's MJCF asks for {min(asked, 10**12)} {what} in <{element.tag}>, "
+                    f"but {most} are the most; make it smaller."
+                )
+        waiting += ((inner, copies) for inner in element)
+
+
+def _asked(element: ElementTree.Element, names: Sequence[str]) -> int:
+    """Returns the product of an element's whole numbers in attributes of these names."""
+    words = [word for name in names for word in re.findall(r"\d+", element.get(name, ""))]
+    return math.prod(int(word[:12]) for word in words)
