@@ -301,7 +301,7 @@ def check_self_contained(mjcf: str) -> None:
                 "hold all of the robot; leave out meshes, textures and includes."
             )
         copies *= _asked(element, _COPIES)  # of what stands in another one that is copied, too
-        users = tuple(name for name in element.keys() if name.startswith("nuser_"))
+        users = tuple(name for name in element.attrib if name.startswith("nuser_"))
         numbers = _asked(element, (*_SIZES, *users))
         if element.tag == "texture" and element.get("type") != "2d":  # a cube's six squares
             numbers = max(numbers, 6 * _asked(element, ("width",)) ** 2)
