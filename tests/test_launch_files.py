@@ -3,6 +3,7 @@
 
 import ast
 import importlib
+import pkgutil
 import re
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -44,9 +45,12 @@ def first(call: ast.Call) -> str:
 
 
 def parameters_of(node: str) -> set[str]:
-    """Returns the names of the settings that a node's module and its controller's know."""
+    """Returns the names of the settings that a node's modules and its controller's know."""
+    module = importlib.import_module(f"vgps_ros.nodes.{node}")
+    parts = pkgutil.iter_modules(getattr(module, "__path__", []))
     modules = [
-        importlib.import_module(f"vgps_ros.nodes.{node}"),
+        module,
+        *(importlib.import_module(f"{module.__name__}.{part.name}") for part in parts),
         *([controller] if node in ("policy_executor", "mpc") else []),
     ]
     known = {v.name for m in modules for v in vars(m).values() if isinstance(v, Setting)}

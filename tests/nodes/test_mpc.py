@@ -29,7 +29,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     steps, task = 30, make_task("swimmer")
     graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
-    graph.start("mpc", horizon=0.4, plan_every=3, seed=1)
+    graph.start("mpc", horizon=0.4, plan_every=3, seed=1, wait_timeout=PATIENCE)
     received = graph.messages(JointState, "joint_states")
     plans = graph.messages(PlanMsg, "plan")
     graph.diagnosis("mpc", OK, "Waiting for joint_states")

@@ -102,6 +102,7 @@ def test_what_rosdep_knows_of_the_requirements_stands_in_the_package():
         **{name: f"python3-{name}-pip" for name in ("mujoco", "rosbags")},
         "pillow": "python3-pil",
         "pyyaml": "python3-yaml",
+        "ruamel-yaml": "python3-ruamel.yaml",
         "llvmlite": "python3-numba",
         **dict.fromkeys(("mcap", "mcap-ros2-support"), "mcap-ros2-support"),
     }

@@ -118,7 +118,7 @@ ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""
 
 
-class Dynamics(Protocol):
+class DynamicsModel(Protocol):
     """x' = f(x, u) with its derivatives.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
-from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
@@ -45,7 +45,7 @@ class Iterate:
 class Problem:
     """Dynamics x' = f(x, u) and the cost to minimise."""
 
-    dynamics: Dynamics
+    dynamics: DynamicsModel
     cost: TrajectoryCost
 
     def __post_init__(self) -> None:

@@ -15,14 +15,14 @@ Samples come in pairs ±δ, by which the mean is exact where f is linear or quad
 
 import numpy as np
 
-from vgps_ros.core.dynamics import Dynamics, StateSpace
+from vgps_ros.core.dynamics import DynamicsModel, StateSpace
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import sample_joint_deviations
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 
 
 def mean_derivatives(
-    dynamics: Dynamics,
+    dynamics: DynamicsModel,
     q: TrajectoryDistribution,
     count: int,
     width: float,

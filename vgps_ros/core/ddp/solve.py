@@ -26,7 +26,7 @@ import numpy as np
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy
 from vgps_ros.core.ddp.forward_pass import ForwardStep, Iterate, Problem, forward_pass
-from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
@@ -129,7 +129,7 @@ class StepSearch:
 
 
 def solve(
-    dynamics: Dynamics,
+    dynamics: DynamicsModel,
     cost: TrajectoryCost,
     initial: Trajectory,
     settings: DdpSettings,
@@ -261,7 +261,7 @@ class Improvement:
 
 
 def improve(
-    dynamics: Dynamics,
+    dynamics: DynamicsModel,
     cost: TrajectoryCost,
     motion: Trajectory,
     settings: DdpSettings,

@@ -10,7 +10,7 @@ step. A linear-quadratic regulator around the demonstration keeps the rollout cl
 import numpy as np
 
 from vgps_ros.core.ddp.backward_pass import backward_pass
-from vgps_ros.core.dynamics import Dynamics
+from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
@@ -20,7 +20,11 @@ REGULARIZATION = 0.1
 
 
 def track(
-    dynamics: Dynamics, demonstration: Trajectory, start: Array, names: list[str], tolerance: float
+    dynamics: DynamicsModel,
+    demonstration: Trajectory,
+    start: Array,
+    names: list[str],
+    tolerance: float,
 ) -> tuple[Trajectory, int]:
     """Returns a rollout that follows a demonstration, and how many simulator steps it took.
 
