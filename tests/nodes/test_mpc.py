@@ -28,11 +28,11 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     steps, task = 30, make_task("swimmer")
-    graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
     graph.start("mpc", horizon=0.4, plan_every=3, seed=1, wait_timeout=PATIENCE)
     received = graph.messages(JointState, "joint_states")
     plans = graph.messages(PlanMsg, "plan")
     graph.diagnosis("mpc", OK, "Waiting for joint_states")
+    graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
     for _ in range(0, steps, 5):  # a few at a time: this process must keep up
         graph.call(StepSimulation, "simulation/step_simulation", StepSimulation.Request(steps=5))
     states = {}
