@@ -79,7 +79,7 @@ def test_an_unknown_variable_of_make_is_refused(tmp_path):
         (["node", "simulatoin"], "Did you mean 'simulation'?"),
         (["evaluate", "--rolouts", "3", "."], "Did you mean '--rollouts'?"),
         (["train", "--method", "vpgs", "--output", "x"], "Did you mean 'vgps'?"),
-        (["evaluate"], "name the folder of a run"),
+        (["evaluate"], "required: run. See `vgps evaluate --help`"),
         ([], "arguments are required: COMMAND"),
     ],
 )
