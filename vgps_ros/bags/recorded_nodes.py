@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a bag holds of its nodes: their parameters, the policies, and what the executor did."""
+"""Reads what a bag holds of its nodes: their parameters, policies, and what the executor did."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
