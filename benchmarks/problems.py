@@ -33,7 +33,7 @@ def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> T
         task,
         dynamics=dynamics,
         cost=replace(task.cost, features=again(task.cost.features)),
-        observation=again(task.observation),
+        observation=replace(task.observation, readings=again(task.observation.readings)),
         fallen=replace(task.fallen, readings=again(task.fallen.readings)),
     )
 

@@ -15,6 +15,7 @@ import numpy as np
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task, make_task
@@ -43,7 +44,7 @@ def bent(task: Task) -> float:
     """Optimises a motion; returns how far its elbow is bent in the mean [rad]."""
     request = OptimizationRequest(
         trajectory_index=0, iteration=0, seed=0, cost_scale=1.0, max_iterations=40,
-        initial_state=task.initial_state,
+        situation=Situation.at_start(task),
         guess=task.guess(generator(0, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
     )  # fmt: skip
     states = optimize(task, request).distribution.mean.states

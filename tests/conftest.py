@@ -13,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 from vgps_ros.core.dynamics import StateSpace
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.simulation.warnings import silence_mujoco
@@ -80,7 +81,7 @@ def random_covariances(rng):
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Reads some coordinates of a state that has no quaternion: an observation without MuJoCo."""
+    """Reads some coordinates of a state that has no quaternion: readings without MuJoCo."""
 
     space: StateSpace
     indices: tuple[int, ...]
@@ -99,7 +100,7 @@ class Coordinates:
 @pytest.fixture(scope="session")
 def coordinates():
     """Returns a function that makes an observation of coordinates of states of four numbers."""
-    return lambda *indices, n_x=4: Coordinates(StateSpace(n_x), indices)
+    return lambda *indices, n_x=4: Observation(Coordinates(StateSpace(n_x), indices))
 
 
 @pytest.fixture
@@ -130,6 +131,7 @@ def random_distribution(rng):
                 rng.standard_normal((horizon, n_x, n_u)),
             ),
             state_covariances=_covariances(rng, horizon + 1, n_x),
+            context=np.empty((horizon, 0)),
         )
 
     return make

@@ -405,6 +405,7 @@ def distribution(swimmer, rng):
         np.tile(np.eye(2), (horizon, 1, 1)),
         LinearDynamics(np.zeros((horizon, 10, 10)), np.zeros((horizon, 10, 2))),
         np.tile(0.01 * np.eye(10), (horizon + 1, 1, 1)),
+        np.empty((horizon, 0)),
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize
 
 
@@ -28,7 +29,7 @@ def first_request(short_swimmer, rng):
         seed=0,
         cost_scale=1.0,
         max_iterations=3,
-        initial_state=short_swimmer.initial_state,
+        situation=Situation.at_start(short_swimmer),
         guess=short_swimmer.guess(rng),
     )
 

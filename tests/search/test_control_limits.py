@@ -16,6 +16,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.environment import TaskEnvironment
@@ -34,7 +35,7 @@ def task(path):
 @pytest.fixture
 def q(task):
     guess = np.zeros((task.horizon, 1))
-    request = OptimizationRequest(0, 0, 0, 1.0, 50, task.initial_state, guess)
+    request = OptimizationRequest(0, 0, 0, 1.0, 50, Situation.at_start(task), guess)
     return optimize(task, request).distribution
 
 

@@ -28,6 +28,7 @@ def q(rng):
         control_covariances=np.tile(np.diag([2.0, 3.0]), (HORIZON, 1, 1)),
         linear_dynamics=LinearDynamics(np.zeros((HORIZON, 3, 3)), np.zeros((HORIZON, 3, 2))),
         state_covariances=roots @ np.swapaxes(roots, 1, 2),
+        context=np.empty((HORIZON, 0)),
     )
 
 

@@ -98,7 +98,7 @@ def test_a_lesson_ends_where_the_robot_falls(walker):
 def test_the_teacher_answers_a_push_that_it_does_not_know(walker):
     """The pushed walker costs less than under the solution's own feedback."""
     chosen = with_values(search_settings(walker), {"disturb.push": 30.0})
-    (situation,) = situations(walker, chosen, 0)
+    ((situation, _),) = situations(walker, chosen, 0)
     q = optimize(walker, first_request(walker, 0, 20)).distribution
     planner = Planner(walker, MpcSettings(1.5, ddp=walker.optimizer.ddp))
     steps = 150

@@ -20,17 +20,17 @@ def test_situations_start_on_the_way_of_the_first_motion_each_with_its_push():
     walker = make_task("walker")
     chosen = {"situations": 5, "disturb.start_before": 1.0, "disturb.push": 10.0}
     found = situations(walker, with_values(SearchSettings(), chosen), 3)
-    assert len({each.task.initial_state.tobytes() for each in found}) == 5
-    np.testing.assert_array_equal(found[0].task.initial_state, walker.initial_state)
-    assert {each.disturbance.push for each in found} == {(10.0, 0.0), (-10.0, 0.0)}
-    for each in found[1:]:
-        np.testing.assert_array_equal(each.guess_states[0], each.task.initial_state)
-        assert each.guess.shape == (walker.planned_horizon, 6)
+    assert len({each.initial_state.tobytes() for each, _ in found}) == 5
+    np.testing.assert_array_equal(found[0][0].initial_state, walker.initial_state)
+    assert {each.disturbance.push for each, _ in found} == {(10.0, 0.0), (-10.0, 0.0)}
+    for each, guess in found[1:]:
+        np.testing.assert_array_equal(guess.states[0], each.initial_state)
+        assert guess.controls.shape == (walker.planned_horizon, 6)
         gaps = walker.dynamics.gaps(
-            replace(walker.demonstration, states=each.guess_states, controls=each.guess)
+            replace(walker.demonstration, states=guess.states, controls=guess.controls)
         )
         assert np.abs(gaps).max() < 1e-9  # a motion of the undisturbed robot
-    later = [each.task.initial_state[0] for each in found]
+    later = [each.initial_state[0] for each, _ in found]
     assert 0.0 <= min(later) < 0.3 < max(later) < 1.0  # metres that it has come by then
 
 
@@ -38,7 +38,7 @@ def test_more_situations_leave_the_first_ones_disturbances_as_they_are():
     task = make_task("cart_pole")
     chosen = {"disturb.push": 1.0, "disturb.push_before": 1.0, "disturb.payload": 0.2}
     few, many = (
-        [s.disturbance for s in situations(task, with_values(SearchSettings(), values), 3)]
+        [s.disturbance for s, _ in situations(task, with_values(SearchSettings(), values), 3)]
         for values in ({**chosen, "situations": n} for n in (2, 4))
     )
     assert few == many[:2]
@@ -59,9 +59,10 @@ def test_methods_learn_from_disturbed_robots(method):
     }
     settings = with_values(search_settings(task), chosen)
     last = list(search(method, task, settings, 0, partial(optimize_all, task)))[-1]
-    for each, solution in zip(situations(task, settings, 0), last.solutions, strict=True):
+    for (each, _), solution in zip(situations(task, settings, 0), last.solutions, strict=True):
         mean = solution.distribution.mean
-        assert np.abs(each.task.dynamics.gaps(mean)).max() < 1e-12
+        assert solution.situation.is_same(each)
+        assert np.abs(each.of(task).dynamics.gaps(mean)).max() < 1e-12
         assert np.abs(task.dynamics.gaps(mean)).max() > 1e-4
 
 

@@ -138,7 +138,9 @@ def test_mean_derivatives_over_rotations_are_those_of_the_mean_thrust():
     spread = np.zeros((2, 12, 12))
     spread[:, 3, 3] = s**2
     gains, noise = np.zeros((1, 3, 12)), np.zeros((1, 3, 3))
-    q = TrajectoryDistribution(mean, gains, noise, dynamics.linearize(mean)[0], spread)
+    q = TrajectoryDistribution(
+        mean, gains, noise, dynamics.linearize(mean)[0], spread, np.empty((1, 0))
+    )
     found, _ = mean_derivatives(dynamics, q, 2000, 1.0, np.random.default_rng(0))
     change = np.exp(-(s**2) / 2) * thrust / 2 * dynamics.time_step  # of velocity, in its own frame
     across = np.array([[0, change, 0], [-change, 0, 0], [0, 0, 0]])

@@ -3,6 +3,7 @@
 
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import OptimizationResult, optimize
 from vgps_ros.tasks import Task
 
@@ -10,7 +11,7 @@ from vgps_ros.tasks import Task
 def solved(task: Task, iterations: int) -> OptimizationResult:
     """Returns what DDP finds in a few iterations, from the task's own first motion."""
     guess = task.guess(generator(0, Stream.INITIAL_CONTROLS, 0)) if task.guess else None
-    request = OptimizationRequest(0, 0, 0, 1.0, iterations, task.initial_state, guess)
+    request = OptimizationRequest(0, 0, 0, 1.0, iterations, Situation.at_start(task), guess)
     return optimize(task, request)
 
 

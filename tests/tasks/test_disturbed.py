@@ -113,7 +113,10 @@ def test_a_solve_knows_the_push_and_its_motion_is_one_of_the_pushed_robot(sled):
     task = sled(gravity="[0, 0, 0]")
     push = Disturbance("sled", push=(4.0, 0.0), push_time=0.3)
     request = first_request(task, 0, 30)
-    calm, pushed = (optimize(task, replace(request, disturbance=d)) for d in (Disturbance(), push))
+    calm, pushed = (
+        optimize(task, replace(request, situation=replace(request.situation, disturbance=d)))
+        for d in (Disturbance(), push)
+    )
     mean = pushed.distribution.mean
     assert np.abs(disturbed(task, push).dynamics.gaps(mean)).max() < 1e-12
     assert np.abs(task.dynamics.gaps(mean)).max() > 0.1
@@ -125,7 +128,9 @@ def test_a_solve_knows_the_push_and_its_motion_is_one_of_the_pushed_robot(sled):
 def test_a_solve_closes_what_a_changed_model_opens():
     task = make_task("hopper")
     change = Disturbance(payload=0.3, slope=(0.02, 0.0), friction=0.8)
-    found = optimize(task, replace(first_request(task, 0, 20), disturbance=change))
+    request = first_request(task, 0, 20)
+    changed = replace(request.situation, disturbance=change)
+    found = optimize(task, replace(request, situation=changed))
     gaps = disturbed(task, change).dynamics.gaps(found.distribution.mean)
     assert np.abs(gaps).max() < 1e-9
 

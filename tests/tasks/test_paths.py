@@ -12,6 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.messages.optimization import request_from_msg, request_to_msg
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 
@@ -30,7 +31,7 @@ def pendulum(tmp_path):
 
 def request_of(task, **changes):
     given = {"guess": task.guess(None), "guess_states": task.path} | changes
-    return OptimizationRequest(0, 0, 0, 1.0, 60, task.initial_state, **given)
+    return OptimizationRequest(0, 0, 0, 1.0, 60, Situation.at_start(task), **given)
 
 
 def test_a_path_leads_through_its_keyframes_at_even_times(pendulum):

@@ -58,7 +58,7 @@ def expected_divergence(
     covariances = with_clamped_variances(q.control_covariances, noise)
     same = np.zeros_like(q.mean.controls)
     spread = kl_divergence(same, covariances, same, np.diag(noise))
-    r = control_means(q, deviations) - policy.mean(observation(states))
+    r = control_means(q, deviations) - policy.mean(observation.within(q.context)(states))
     return float(spread.sum() + 0.5 * np.sum(r**2 / noise) / len(r))
 
 

@@ -1,17 +1,22 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The form of cost that all tasks share, and the protocol that DDP needs of any cost.
 
-    c_t(x, u) = Σ_i w_ti ρ_i(r_i(x, u) − r*_ti) + Σ_j w_j u_j²
+    c_t(x, u) = Σ_i w_ti ρ_i(r_i(x, u) − r*_ti) + Σ_j w_j (u_j − u*_j)²
 
 where r are readings of the state, such as a velocity or a height, and ρ is a norm: e², or the
 smooth absolute value √(e² + s²) − s, which grows only linearly for |e| above s. Gauss-Newton's
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
+
+A target may follow the context z_t, the commands and the clock of a step, which are known ahead:
+
+    r*_t = base_t + A z_t + max(0, B z_t).
 """
 
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
 
@@ -37,16 +42,42 @@ class TrajectoryCost(Protocol):
 
 
 @dataclass(frozen=True)
+class Following:
+    """How targets follow the context, r* = base + A z + max(0, B z).
+
+    Attributes:
+        linear: A, shape (m, n_z).
+        lifted: B, shape (m, n_z), which lifts a target and never lowers it, as a swinging foot's.
+    """
+
+    linear: Array
+    lifted: Array
+
+    def __call__(self, context: Array) -> Array:
+        """Returns what the contexts (T, n_z) add to the targets, shape (T, m)."""
+        return np.asarray(context @ self.linear.T + np.maximum(context @ self.lifted.T, 0.0))
+
+    @property
+    def follows(self) -> NDArray[np.bool_]:
+        """Whether each target changes with the context, shape (m,)."""
+        return np.asarray(((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1))
+
+
+@dataclass(frozen=True)
 class FeatureCost:
     """c_t(x, u), dimensionless.
 
     Attributes:
         features: r.
-        targets: r*, shape (m,), or (T, m) where they change with time, in the units of r.
+        targets: the base of r*, shape (m,), or (T, m) where it changes with time, in the units of
+            r.
         weights: w, shape (m,) or (T, m).
         smooth: s of each reading whose norm is the smooth absolute value, shape (m,); 0 where the
             norm is e².
         control_weights: w_j, shape (n_u,) [1/(N²·m²) for motors].
+        control_targets: u*_j, shape (n_u,), [N·m] for motors.
+        following: how the targets follow the context; None where they do not.
+        context: z of each step, shape (T, n_z); None where no target follows it.
     """
 
     features: Features
@@ -54,6 +85,9 @@ class FeatureCost:
     weights: Array
     smooth: Array
     control_weights: Array
+    control_targets: Array | float = 0.0
+    following: Following | None = None
+    context: Array | None = None
 
     def __call__(self, states: Array, controls: Array, first: int = 0) -> Array:
         """Returns the cost of each step, shape (..., T).
@@ -64,12 +98,16 @@ class FeatureCost:
             first: place of the first step in the task's horizon.
         """
         parts = self.parts(states, controls, first)
-        return parts.sum(axis=-1) + (controls**2) @ self.control_weights
+        return parts.sum(axis=-1) + self._of_controls(controls)
+
+    def in_context(self, context: Array) -> "FeatureCost":
+        """Returns the cost where the context of the steps is z, shape (T, n_z)."""
+        return replace(self, context=context) if self.following else self
 
     def starting_at(self, first: int, steps: int) -> "FeatureCost":
         """Returns the cost of some steps as one of its own, for a plan that starts on the way."""
         targets, weights = self._at(first, steps)
-        return replace(self, targets=targets, weights=weights)
+        return replace(self, targets=targets, weights=weights, following=None, context=None)
 
     def parts(self, states: Array, controls: Array, first: int = 0) -> Array:
         """Returns w ρ(r − r*) of each reading, shape (..., T, m); see `__call__`."""
@@ -96,14 +134,19 @@ class FeatureCost:
         curvature = weights * np.where(smooth, self.smooth**2 / safe**3, 2.0)  # w ρ''
         c_j = curvature[..., None] * j_x
         return CostExpansion(
-            c=self._parts_of(readings, 0).sum(axis=-1) + (controls**2) @ self.control_weights,
+            c=self._parts_of(readings, 0).sum(axis=-1) + self._of_controls(controls),
             c_x=np.einsum("tmx,tm->tx", j_x, slope),
-            c_u=np.einsum("tmu,tm->tu", j_u, slope) + 2 * self.control_weights * controls,
+            c_u=np.einsum("tmu,tm->tu", j_u, slope)
+            + 2 * self.control_weights * (controls - self.control_targets),
             c_xx=np.swapaxes(j_x, 1, 2) @ c_j,
             c_uu=np.swapaxes(j_u, 1, 2) @ (curvature[..., None] * j_u)
             + np.diag(2 * self.control_weights),
             c_ux=np.swapaxes(j_u, 1, 2) @ c_j,
         )
+
+    def _of_controls(self, controls: Array) -> Array:
+        """Returns Σ_j w_j (u_j − u*_j)², shape (..., T), of controls (..., T, n_u)."""
+        return np.asarray(((controls - self.control_targets) ** 2) @ self.control_weights)
 
     def _parts_of(self, readings: Array, first: int) -> Array:
         """Returns w ρ(r − r*), shape (..., T, m), for readings (..., T, m)."""
@@ -117,10 +160,16 @@ class FeatureCost:
 
         After the task's horizon, those of its last step but one hold: the last one may be special.
         """
-        found = []
-        for values in (self.targets, self.weights):
-            if values.ndim == 2 and (first, steps) != (0, len(values)):
-                at, count = np.arange(first, first + steps), len(values)
-                values = values[np.where(at < count, at, max(count - 2, 0))]  # noqa: PLW2901
-            found.append(values)
-        return found[0], found[1]
+        targets, weights = (_rows(values, first, steps) for values in (self.targets, self.weights))
+        if self.following:
+            assert self.context is not None  # `in_context` comes first
+            targets = targets + self.following(_rows(self.context, first, steps))
+        return targets, weights
+
+
+def _rows(values: Array, first: int, steps: int) -> Array:
+    """Returns the rows of some steps; values (m,) are those of each step."""
+    if values.ndim == 1 or (first, steps) == (0, len(values)):
+        return values
+    at, count = np.arange(first, first + steps), len(values)
+    return values[np.where(at < count, at, max(count - 2, 0))]

@@ -1,10 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The protocol of an observation o = h(x), which is all that a policy reads of a state.
+"""An observation o = (h(x), z), which is all that a policy reads.
 
-A policy may know less than the optimiser does (section 5): joint angles or their sines and
-cosines, velocities, sensors. `vgps_ros.simulation.readings` implements it for MuJoCo models.
+h(x) are readings of the state: joint angles or their sines and cosines, velocities, sensors. A
+policy may know less than the optimiser does (section 5). z is the context of the step, commands and
+a clock: the task tells them to the optimiser ahead, and to the policy as it runs, so nothing is
+differentiated along them.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,23 +20,89 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 # coordinate of x_1 may be exact [m, rad, m/s, rad/s].
 LOWEST_STD = 0.01
 
+NO_CONTEXT = np.empty(0)  # of a task that has neither commands nor a clock
 
-class Observation(Protocol):
-    """o = h(x) with its derivatives.
+
+class StateReadings(Protocol):
+    """h(x) with its derivatives; `vgps_ros.simulation.readings` has one for MuJoCo models.
 
     Attributes:
         space: space of the states.
-        names: name of each number that is read; there are n_o.
+        names: name of each number that is read.
     """
 
     space: StateSpace
     names: tuple[str, ...]
 
     def __call__(self, states: Array) -> Array:
-        """Returns h(x), shape (..., n_o), for states (..., n_x)."""
+        """Returns h(x), shape (..., r), for states (..., n_x)."""
 
     def pull_back(self, jacobians: Array, states: Array) -> Array:
-        """Returns J ∂h/∂δ, shape (..., m, n_dx), for J (..., m, n_o) at states (..., n_x)."""
+        """Returns J ∂h/∂δ, shape (..., m, n_dx), for J (..., m, r) at states (..., n_x)."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """o = (h(x), z), of the n_o numbers that a policy reads, with its derivatives by the state.
+
+    Attributes:
+        readings: h.
+        told: names of the numbers of the context that the policy reads; they come after h.
+        columns: the places of these numbers in a context.
+        context: z of each step, shape (T, n_z), or (N, T, n_z) of N motions, or of the only step,
+            (n_z,); see `within`.
+    """
+
+    readings: StateReadings
+    told: tuple[str, ...] = ()
+    columns: tuple[int, ...] = ()
+    context: Array | None = None
+
+    @classmethod
+    def of(
+        cls, readings: StateReadings, told: Sequence[str], context: Sequence[str]
+    ) -> "Observation":
+        """Returns the observation of readings and of some numbers of a context of these names."""
+        return cls(readings, tuple(told), tuple(list(context).index(name) for name in told))
+
+    def within(self, context: Array) -> "Observation":
+        """Returns the observation where the context of the steps is z, shape (T, n_z) or (n_z,)."""
+        return replace(self, context=context) if self.told else self
+
+    @property
+    def space(self) -> StateSpace:
+        """The space of the states."""
+        return self.readings.space
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the numbers."""
+        return (*self.readings.names, *self.told)
+
+    def values_told(self) -> Array:
+        """Returns what is read of the context, shape (T, c) or (c,)."""
+        if not self.told:
+            return NO_CONTEXT
+        assert self.context is not None  # `within` comes first
+        return self.context[..., self.columns]
+
+    def __call__(self, states: Array) -> Array:
+        """Returns o, shape (..., n_o), for states (..., n_x).
+
+        Where the context has steps, the states are those of its first steps, (..., T, n_x).
+        """
+        read = self.readings(states)
+        if not self.told:
+            return read
+        told = self.values_told()
+        if told.ndim > 1:
+            told = told[..., : states.shape[-2], :]
+        told = np.broadcast_to(told, (*states.shape[:-1], len(self.told)))
+        return np.concatenate([read, told], axis=-1)
+
+    def pull_back(self, jacobians: Array, states: Array) -> Array:
+        """Returns J ∂h/∂δ, shape (..., m, n_dx), for J = ∂μ/∂o (..., m, n_o)."""
+        return self.readings.pull_back(jacobians[..., : len(self.readings.names)], states)
 
 
 def observed_marginals(
@@ -43,6 +113,7 @@ def observed_marginals(
     The shape of the means is (T, n_o), that of the covariances (T, n_o, n_o).
     """
     states = distribution.mean.states[:-1]
+    observation = observation.within(distribution.context)
     n_o = len(observation.names)
     h_x = observation.pull_back(np.broadcast_to(np.eye(n_o), (len(states), n_o, n_o)), states)
     covariances = h_x @ distribution.state_covariances[:-1] @ np.swapaxes(h_x, 1, 2)

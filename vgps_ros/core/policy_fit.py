@@ -73,7 +73,8 @@ def draw_targets(
             means = means + sample_rollout_noise(q, samples_per_step, rng)
             variances = np.zeros_like(means)
         states = observation.space.add(q.mean.states[:-1], deviations)
-        pooled = (a.reshape(-1, a.shape[-1]) for a in (observation(states), means, variances))
+        inputs = observation.within(q.context)(states)
+        pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
         parts.append(Targets(*pooled))
     return joined(parts)
 
@@ -225,8 +226,8 @@ def visited_targets(
             deviations in standard deviations of the marginal.
     """
     count, length, n_x = visited.shape
-    states = visited.reshape(-1, n_x)
-    inputs = observation(states)
+    states, inputs = visited.reshape(-1, n_x), observation.within(q.context)(visited)
+    inputs = inputs.reshape(len(states), -1)
     step, distance = likeliest_steps(q, observation, inputs)
     is_near = distance <= limit  # false where it is NaN
     kept = np.logical_and.accumulate(is_near.reshape(count, length), axis=1).ravel()

@@ -67,6 +67,7 @@ class TrajectoryDistribution:
         control_covariances: Quu_t⁻¹, [N²·m²].
         linear_dynamics: f_x, f_u around the mean.
         state_covariances: Σ_t of the marginals q(x_t).
+        context: z_t, the commands and the clock that q was optimised for; n_z is often 0.
     """
 
     mean: Trajectory
@@ -74,6 +75,7 @@ class TrajectoryDistribution:
     control_covariances: Annotated[Array, Shape("T", "n_u", "n_u", is_covariance=True)]
     linear_dynamics: LinearDynamics
     state_covariances: Annotated[Array, Shape("T+1", "n_dx", "n_dx", is_covariance=True)]
+    context: Annotated[Array, Shape("T", "n_z")]
 
     @cached_property
     def state_roots(self) -> Array:

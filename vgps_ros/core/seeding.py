@@ -31,6 +31,9 @@ class Stream(IntEnum):
     COVERAGE = 12
     DISTURBANCES = 13
     DYNAMICS_DERIVATIVES = 14
+    COMMANDS = 15
+    RENEWAL = 16
+    JUDGEMENT = 17
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

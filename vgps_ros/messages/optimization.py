@@ -24,6 +24,7 @@ from vgps_ros.messages.conversions import (
     to_message,
 )
 from vgps_ros.search.optimization_request import OptimizationRequest, check_distribution
+from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance
@@ -51,7 +52,8 @@ def request_to_msg(
         OptimizeTrajectory.Request,
         request,
         task=task.name,
-        disturbance=to_message(DisturbanceMsg, request.disturbance),
+        context=pack(request.situation.context),
+        disturbance=to_message(DisturbanceMsg, request.situation.disturbance),
         guess=[]
         if guess is None
         else [
@@ -84,8 +86,11 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
     return from_message(
         OptimizationRequest,
         message,
-        disturbance=from_message(Disturbance, message.disturbance),
-        initial_state=finite_array("initial_state", message.initial_state, start),
+        situation=Situation(
+            finite_array("initial_state", message.initial_state, start),
+            finite_array("context", message.context, (task.planned_horizon, task.dims["n_z"])),
+            from_message(Disturbance, message.disturbance),
+        ),
         guess=finite_array("guess.controls", guess[0].controls, shape) if guess else None,
         guess_states=finite_array("guess.states", guess[0].states, of_states)
         if guess and len(guess[0].states)
@@ -159,6 +164,7 @@ def result_from_msg(
     distribution = distribution_from_msg(message.distribution)
     check_distribution("distribution", distribution, task, request.initial_state)
     return OptimizationResult(
+        situation=request.situation,
         distribution=distribution,
         cost=float(costs[0]),
         modified_cost=float(costs[1]),

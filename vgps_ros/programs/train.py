@@ -11,10 +11,12 @@ import fcntl
 import os
 import shlex
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from errno import EDQUOT, ENOSPC
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
@@ -30,6 +32,9 @@ from vgps_ros.programs.command_line import (
 from vgps_ros.search.settings import METHOD, PRESETS, SearchSettings, check_preset
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK, task_settings
+
+if TYPE_CHECKING:
+    from vgps_ros.tasks import Task
 
 
 def add_arguments(parser: Parser) -> None:
@@ -80,9 +85,7 @@ def run(arguments: argparse.Namespace) -> None:
     output = RunFolder(arguments.output)
     if output.is_finished():
         refuse_existing([output.result], overwrite=arguments.overwrite)
-    from vgps_ros.tasks import make_task
-
-    task = replace(make_task(arguments.task, arguments.demonstration), optimizer=optimizer)
+    task = _task(arguments.task, arguments.demonstration, optimizer)
     if arguments.check:
         from vgps_ros.search.methods import check_search
 
@@ -90,6 +93,7 @@ def run(arguments: argparse.Namespace) -> None:
         return
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
+    from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.training import train
     from vgps_ros.views.console import TrainingProgress
     from vgps_ros.views.event_log import EventLog
@@ -98,7 +102,13 @@ def run(arguments: argparse.Namespace) -> None:
 
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
-    with _claimed(output.path), TrainingProgress(settings.initial_ddp_iterations) as progress:
+    make = partial(_task, arguments.task, arguments.demonstration, optimizer)
+    solvers = SolverProcesses(make) if settings.situations > 1 else None
+    with (
+        _claimed(output.path),
+        solvers or nullcontext(),
+        TrainingProgress(settings.initial_ddp_iterations) as progress,
+    ):
         checkpoints = Checkpoints(output.checkpoints, progress.say)
 
         def show(iteration: SearchIteration) -> None:
@@ -117,6 +127,7 @@ def run(arguments: argparse.Namespace) -> None:
             on_iteration=show,
             on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
             checkpoints=checkpoints,
+            optimize_many=solvers.optimize_all if solvers else None,
         )
     if events:
         events.close()
@@ -126,6 +137,13 @@ def run(arguments: argparse.Namespace) -> None:
         f"Wrote {output.file_names()} to {output.path}; `vgps plot "
         f"{shlex.quote(str(output.path))}` draws the rest."
     )
+
+
+def _task(name: str, demonstration: str, optimizer: OptimizerSettings) -> "Task":
+    """Returns the task to learn, with the settings by which its trajectories are optimised."""
+    from vgps_ros.tasks import make_task
+
+    return replace(make_task(name, demonstration), optimizer=optimizer)
 
 
 @contextmanager

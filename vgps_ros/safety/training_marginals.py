@@ -17,7 +17,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.observation import Observation, observed_marginals, widened
+from vgps_ros.core.observation import NO_CONTEXT, Observation, observed_marginals, widened
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
 # A derivative that is smaller than this share of a reading's largest is a difference's rounding.
@@ -80,10 +80,11 @@ class TrainingMarginals:
         self._offsets = np.einsum("tij,tj->ti", whitening, means)
         self._whitening = whitening.reshape(-1, n)
 
-    def nearest(self, state: Array) -> Nearest:
-        """Returns the marginal that is nearest to a state, shape (n_x,)."""
+    def nearest(self, state: Array, context: Array = NO_CONTEXT) -> Nearest:
+        """Returns the marginal that is nearest to a state (n_x,) in a context (n_z,)."""
+        inputs = self._observation.within(context)(state)
         with np.errstate(over="ignore", invalid="ignore"):
-            whitened = self._whitening @ self._observation(state)
+            whitened = self._whitening @ inputs
             deviations = whitened.reshape(self._offsets.shape) - self._offsets
             squares = np.einsum("ti,ti->t", deviations, deviations)
         step = int(np.argmin(squares))
@@ -96,7 +97,9 @@ class TrainingMarginals:
         return self._mean.controls[step] + (self._gains[step] * deviation).sum(axis=1)
 
 
-def nearest_of(marginals: Iterable[TrainingMarginals], state: Array) -> Nearest | None:
+def nearest_of(
+    marginals: Iterable[TrainingMarginals], state: Array, context: Array = NO_CONTEXT
+) -> Nearest | None:
     """Returns the nearest marginal of several distributions, or None if there is none."""
-    found = (each.nearest(state) for each in marginals)
+    found = (each.nearest(state, context) for each in marginals)
     return min(found, key=lambda nearest: nearest.distance, default=None)

@@ -25,13 +25,12 @@ from vgps_ros.policies.policy_file import policy_digest
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.optimization_request import check_distribution
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.situations import situations
 from vgps_ros.search.workspace import Update
 from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree, write_archive
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.task import task_digest
 
-FORMAT = 9  # of the files; a change of the records that they hold is a new one
+FORMAT = 10  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 _CONTENT_OF_TASK = "content of the task"  # as a sentence names its digest
 
@@ -166,12 +165,10 @@ def _check(state: SearchState, run: Run) -> None:
         state.k > run.settings.iterations or (state.last is None) != (state.k == 0)
     ):
         raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
-    found = situations(run.task, run.settings, run.seed)
     pairs = state.last.pairs if state.last else ()
     for solutions in (state.initial_solutions, *(pair.solutions for pair in pairs)):
-        for situation, solution in zip(found, solutions, strict=True):
-            start = situation.task.initial_state
-            check_distribution("q", solution.distribution, run.task, start)
+        for each in solutions:
+            check_distribution("q", each.distribution, run.task, each.situation.initial_state)
     if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
         raise InvalidInputError("its policy has another shape.")
     if state.last:

@@ -37,7 +37,8 @@ def cost_weighted(
     draws = work.sample_policy(policy, samples or settings.policy_rollouts, k)
     sound = [rollouts.sound() for rollouts in draws]
     if any(len(rollouts.costs) for rollouts in sound):
-        targets, weights = weighted_targets(sound, work.task.observation, settings.alpha(k))
+        observations = [here.observation for here in work.tasks]
+        targets, weights = weighted_targets(sound, observations, settings.alpha(k))
         policy = work.fit_samples(policy, targets, weights, k)
     return Update(policy, work.initial_solutions)
 
@@ -48,24 +49,29 @@ def cost_weights(costs: np.ndarray, alpha: float) -> np.ndarray:
 
 
 def weighted_targets(
-    draws: Sequence[Rollouts], observation: Observation, alpha: float
+    draws: Sequence[Rollouts], observations: Sequence[Observation], alpha: float
 ) -> tuple[Targets, np.ndarray]:
     """Returns the controls of the rollouts, and the weight of each step; weights sum to 1.
 
-    All initial states have the same weight.
+    All situations have the same weight.
+
+    Args:
+        draws: the rollouts in each situation.
+        observations: what the policy reads in each.
+        alpha: α.
     """
+    pairs = zip(draws, observations, strict=True)
+    read = [_rows(observation(rollouts.states)) for rollouts, observation in pairs]
     drawn = [rollouts for rollouts in draws if len(rollouts.costs)]
-    states, controls = (
-        np.concatenate([_rows(getattr(rollouts, name)) for rollouts in drawn])
-        for name in ("states", "controls")
-    )
+    controls = np.concatenate([_rows(rollouts.controls) for rollouts in drawn])
     weights = np.concatenate(
         [
             np.repeat(cost_weights(rollouts.costs.sum(axis=1), alpha), rollouts.costs.shape[1])
             for rollouts in drawn
         ]
     )
-    return Targets(observation(states), controls, np.zeros_like(controls)), weights / weights.sum()
+    targets = Targets(np.concatenate(read), controls, np.zeros_like(controls))
+    return targets, weights / weights.sum()
 
 
 def _rows(array: np.ndarray) -> np.ndarray:

@@ -120,7 +120,7 @@ def oracle_targets(
     for q, states in zip(distributions, visited, strict=True):
         finite = np.isfinite(states).all(axis=2)
         means = control_means(q, observation.space.subtract(states, q.mean.states[:-1]))
-        inputs = observation(states)
+        inputs = observation.within(q.context)(states)
         log_w = np.zeros(finite.shape) if log_weights is None else log_weights(q, inputs)
         columns = (inputs, means, log_w)
         rows.append([column[finite] for column in columns])

@@ -246,10 +246,10 @@ def _guided_search(
         last = _first(work)
         latest = last.policy
     else:
-        kept = zip(last.guiding, last.adapted, last.recent, strict=True)
+        kept = list(zip(last.guiding, last.adapted, last.recent, strict=True))
         samples = [
-            combined([*guiding, *adapted, *recent], work.task.observation)
-            for guiding, adapted, recent in kept
+            combined([*guiding, *adapted, *recent], here.observation)
+            for here, (guiding, adapted, recent) in zip(work.tasks, kept, strict=True)
         ]
         latest = maximize(
             last.policy, samples, last.regularization, scaling, work.settings.fit.iterations

@@ -37,6 +37,7 @@ from vgps_ros.policies.policy_file import policy_digest
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation
     from vgps_ros.search.iteration import SearchState
+    from vgps_ros.search.trajectory_optimization import OptimizationResult
     from vgps_ros.search.workspace import Update, Workspace
     from vgps_ros.tasks import Task
 
@@ -153,7 +154,7 @@ def measure(
         noise_std=tuple(policy.noise_std.tolist()),
         policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
         coverage=float(np.mean(covered)),
-        **bound_metrics(work, before, policy, after),
+        **bound_metrics(work, before, policy, update.solutions),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,
@@ -210,33 +211,44 @@ _REMEDIES = {
 
 
 def bound_metrics(
-    work: "Workspace", before: "SearchState", theta: GaussianPolicy, after: Distributions
+    work: "Workspace",
+    before: "SearchState",
+    theta: GaussianPolicy,
+    update: "Sequence[OptimizationResult]",
 ) -> dict[str, float]:
-    """Computes the metrics by name; all are means over the situations.
+    """Computes the metrics by name; all are means over the situations that stayed.
 
     Args:
         work: the run.
         before: the state at the end of iteration k − 1.
         theta: π_θ of iteration k.
-        after: q_k over the scored horizon.
+        update: the solutions of iteration k.
     """
     task, alpha = work.task, work.settings.alpha(before.k + 1)
+    solutions = before.last.solutions if before.last else before.initial_solutions
+    stayed = [
+        i
+        for i, (old, new) in enumerate(zip(solutions, update, strict=True))
+        if old.situation.is_same(new.situation)
+    ]
+    after = work.scored([update[i] for i in stayed])
 
     def cost(qs: Distributions) -> float:
         """Returns α E_q[Σ c]."""
-        pairs = zip(qs, work.tasks, strict=True)
+        pairs = zip(qs, [work.tasks[i] for i in stayed], strict=True)
         return alpha * _mean([expected_cost(q, here.cost) for q, here in pairs])
 
     def divergence(qs: Distributions, policy: GaussianPolicy) -> float:
         """Returns Σ_t E_q[KL(q ‖ π_θ)], at the same points for all q and θ of the run."""
-        rngs = (generator(work.seed, Stream.BOUND, i) for i in range(len(qs)))
+        rngs = (generator(work.seed, Stream.BOUND, i) for i in stayed)
         pairs = zip(qs, rngs, strict=True)
         return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
 
     # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
-    pairs = [(work.random_policies(1)[0], work.scored(before.initial_solutions))]
+    pairs = [(work.random_policies(1)[0], solutions)]
     if before.last:
-        pairs = [(pair.policy, work.scored(pair.solutions)) for pair in before.last.pairs]
+        pairs = [(pair.policy, pair.solutions) for pair in before.last.pairs]
+    pairs = [(theta_of, work.scored([found[i] for i in stayed])) for theta_of, found in pairs]
     fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
     policy, qs = pairs[i]
     bound = -cost(after) - divergence(after, theta)

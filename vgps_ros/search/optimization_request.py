@@ -10,9 +10,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.situations import Situation
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbance import Disturbance
-from vgps_ros.tasks.disturbed_task import UNDISTURBED
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,7 @@ class OptimizationRequest:
         seed: seed of the run.
         cost_scale: α.
         max_iterations: largest number of DDP iterations.
-        initial_state: x_1, shape (n_x,).
-        disturbance: what disturbs the robot, and is part of its dynamics.
+        situation: x_1, the commands, and what disturbs the robot.
         guess: controls (T, n_u) to start from if there is no `previous`.
         guess_states: states (T+1, n_x) to start from with them, all but the first; they need not
             satisfy the dynamics. None: those of the controls' rollout.
@@ -39,12 +37,16 @@ class OptimizationRequest:
     seed: int
     cost_scale: float
     max_iterations: int
-    initial_state: Array
+    situation: Situation
     guess: Array | None = None
     guess_states: Array | None = None
     previous: TrajectoryDistribution | None = None
     policy: GaussianPolicy | None = None
-    disturbance: Disturbance = UNDISTURBED
+
+    @property
+    def initial_state(self) -> Array:
+        """x_1, shape (n_x,)."""
+        return self.situation.initial_state
 
 
 def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest:
@@ -56,7 +58,7 @@ def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest
         seed=seed,
         cost_scale=1.0,
         max_iterations=iterations,
-        initial_state=task.initial_state,
+        situation=Situation.at_start(task),
         guess=task.guess(drawn) if task.guess else None,
         guess_states=task.path,
     )
@@ -72,6 +74,7 @@ def check_request(task: Task, request: OptimizationRequest) -> None:
     positive("cost_scale", request.cost_scale)
     positive("max_iterations", request.max_iterations)
     check_array("initial_state", request.initial_state, (n_x,))
+    check_array("context", request.situation.context, (task.planned_horizon, task.dims["n_z"]))
     if request.guess is not None:
         check_array("guess.controls", request.guess, (task.planned_horizon, n_u))
     if request.guess_states is not None:

@@ -14,6 +14,7 @@ from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.settings import Setting, setting, settings_of, with_values
 from vgps_ros.tasks.disturbance import DisturbanceSettings
+from vgps_ros.tasks.signals import CommandSettings
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
@@ -111,6 +112,65 @@ class TeacherSettings:
 
 
 @dataclass(frozen=True)
+class RenewalSettings:
+    """Settings of the situations that vgps replaces by new ones, where its policy goes."""
+
+    share: float = setting(
+        0.0,
+        "share of the situations, but the first, that are replaced in an iteration; 0: none",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    begin: int = setting(
+        4, "first iteration in which situations are replaced", minimum=1, maximum=100_000
+    )
+    end: int = setting(
+        4, "iterations at the end in which none are replaced", minimum=0, maximum=100_000
+    )
+    seconds: float = setting(
+        4.0,
+        "length of the policy's motion on which a new situation begins [s]",
+        minimum=1e-3,
+        maximum=1e4,
+    )
+    noise: float = setting(
+        0.5,
+        "factor on the policy's noise in that motion",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    before_fall: float = setting(
+        0.6,
+        "share of the motions with a fall whose situation begins 0.3 to 0.9 s before it; the "
+        "others begin anywhere before it",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    kick: float = setting(
+        0.0,
+        "standard deviation of what is added to each velocity of the robot's base in half of the "
+        "new situations [m/s, rad/s]",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    ddp_iterations: int = setting(
+        25, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
+    )
+    worst: float = setting(
+        2.0,
+        "cost, as a multiple of the others' median, beyond which a new solution is dropped",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    replay: int = setting(
+        96,
+        "situations that were replaced from whose samples the policy still learns",
+        minimum=0,
+        maximum=100_000,
+    )
+
+
+@dataclass(frozen=True)
 class SearchSettings:
     """Settings of a policy search."""
 
@@ -189,6 +249,8 @@ class SearchSettings:
         maximum=1_000_000,
     )
     disturb: DisturbanceSettings = field(default_factory=DisturbanceSettings)
+    commands: CommandSettings = field(default_factory=CommandSettings)
+    renew: RenewalSettings = field(default_factory=RenewalSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)

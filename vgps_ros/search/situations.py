@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The situations from which one policy learns: starts, and disturbances of the robot.
+"""The situations from which one policy learns: starts, commands, and disturbances of the robot.
 
 Each has its own q(ζ), and all train one policy (section 5). Nothing tells the policy in which one
 it is, but what it reads. The first one starts at the task's x_1, where policies are tried: one that
@@ -16,28 +16,59 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, check_push_ends
-from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import UNDISTURBED, disturbed, draw_disturbance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Situation:
     """One of the situations.
 
     Attributes:
-        task: the task in it: with its x_1, and under its disturbance.
-        disturbance: what disturbs the robot.
-        guess: controls (T, n_u) from which its first solve starts; None: the task's own motion.
-        guess_states: states (T+1, n_x) that go with them; None: those of their rollout.
+        initial_state: x_1, shape (n_x,).
+        context: commands and clock of each planned step, shape (T, n_z).
+        disturbance: what disturbs the robot, and is part of its dynamics.
     """
 
-    task: Task
-    disturbance: Disturbance
-    guess: Array | None = None
-    guess_states: Array | None = None
+    initial_state: Array
+    context: Array
+    disturbance: Disturbance = UNDISTURBED
+
+    @classmethod
+    def at_start(cls, task: Task) -> "Situation":
+        """Returns the situation in which a task begins."""
+        return cls(task.initial_state, task.planned_context)
+
+    def of(self, task: Task) -> Task:
+        """Returns the task in this situation.
+
+        Raises:
+            InvalidInputError: the disturbance does not suit the robot.
+        """
+        here = disturbed(task, self.disturbance)
+        return replace(here.in_context(self.context), initial_state=self.initial_state)
+
+    def is_same(self, other: "Situation") -> bool:
+        """Returns whether another situation is this one."""
+        pairs = ((self.initial_state, other.initial_state), (self.context, other.context))
+        alike = all(np.array_equal(one, two) for one, two in pairs)
+        return alike and self.disturbance == other.disturbance
 
 
-def situations(task: Task, settings: SearchSettings, seed: int) -> list[Situation]:
-    """Draws the situations; see the settings `situations` and `disturb`.
+@dataclass(frozen=True)
+class Guess:
+    """The motion from which the first solve of a situation starts.
+
+    Attributes:
+        controls: shape (T, n_u); None: the task's own motion.
+        states: shape (T+1, n_x), that go with them; None: those of their rollout.
+    """
+
+    controls: Array | None = None
+    states: Array | None = None
+
+
+def situations(task: Task, settings: SearchSettings, seed: int) -> list[tuple[Situation, Guess]]:
+    """Draws the situations; see the settings `situations`, `disturb` and `commands`.
 
     Raises:
         InvalidInputError: as `check_situations` does.
@@ -74,21 +105,35 @@ def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Arra
     return [task.initial_state, *others]
 
 
-def _situation(task: Task, settings: SearchSettings, seed: int, i: int, start: Array) -> Situation:
-    rng, rng_of_motion = (
-        generator(seed, stream, i) for stream in (Stream.DISTURBANCES, Stream.INITIAL_CONTROLS)
+def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator) -> Array:
+    """Draws commands, which may change once on the way, and the clock's first phase, (T, n_z)."""
+    signals, steps = task.signals, task.planned_horizon
+    phase, share, when = rng.uniform(size=3)
+    before, after = (signals.draw(rng, settings.commands.still) for _ in range(2))
+    change = int(when * steps) if share < settings.commands.change else steps
+    commands = np.concatenate([np.tile(before, (change, 1)), np.tile(after, (steps - change, 1))])
+    first = phase if signals.moves(before) else 0.0
+    return signals.context(commands, signals.phases(commands, first)[:-1])
+
+
+def _situation(
+    task: Task, settings: SearchSettings, seed: int, i: int, start: Array
+) -> tuple[Situation, Guess]:
+    rng, rng_of_motion, rng_of_context = (
+        generator(seed, stream, i)
+        for stream in (Stream.DISTURBANCES, Stream.INITIAL_CONTROLS, Stream.COMMANDS)
     )
     disturbance = draw_disturbance(task, settings.disturb, rng)
     latest = settings.disturb.start_before if i else 0.0
     begun = round(latest * rng.uniform() / task.dynamics.time_step)
-    guess, states = None, task.path
+    guess = Guess(None, task.path)
     if begun:
         motion = _later(task, start, begun, rng_of_motion)
-        start, guess, states = motion.states[0], motion.controls, motion.states
+        start, guess = motion.states[0], Guess(motion.controls, motion.states)
     elif task.guess:
-        guess = task.guess(rng_of_motion)
-    here = replace(disturbed(task, disturbance), initial_state=start)
-    return Situation(here, disturbance, guess, states)
+        guess = Guess(task.guess(rng_of_motion), task.path)
+    context = drawn_context(task, settings, rng_of_context) if i else task.planned_context
+    return Situation(start, context, disturbance), guess
 
 
 def _check_later_starts(task: Task, count: int) -> None:

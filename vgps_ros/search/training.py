@@ -14,7 +14,8 @@ from vgps_ros.search.metrics import result_content
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimization import OptimizationResult, optimize
+from vgps_ros.search.trajectory_optimization import Outcome, attempt
+from vgps_ros.search.workspace import OptimizeAll
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.storage.software import environment
@@ -31,6 +32,7 @@ def train(
     on_iteration: Callable[[SearchIteration], None] = lambda _: None,
     on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
+    optimize_many: OptimizeAll | None = None,
 ) -> dict[str, Any]:
     """Trains a policy.
 
@@ -46,6 +48,7 @@ def train(
         on_iteration: called at the end of each iteration.
         on_initial_ddp: called at the end of each DDP iteration of the initial solve.
         checkpoints: checkpoints from which a training that was stopped goes on, if given.
+        optimize_many: solves several requests at once; None: this process solves them in turn.
 
     Returns:
         The content of result.json.
@@ -58,9 +61,11 @@ def train(
     with replacing(output.environment) as file:
         file.write(environment().encode())
 
-    def optimize_all(requests: Sequence[OptimizationRequest]) -> list[OptimizationResult]:
+    def optimize_all(requests: Sequence[OptimizationRequest]) -> Sequence[Outcome]:
+        if optimize_many and len(requests) > 1:
+            return optimize_many(requests)
         reports = [on_initial_ddp if r.iteration == 0 else lambda _: None for r in requests]
-        return [optimize(task, r, report) for r, report in zip(requests, reports, strict=True)]
+        return [attempt(task, r, report) for r, report in zip(requests, reports, strict=True)]
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         policy, history = iteration.policy, iteration.history
@@ -80,8 +85,9 @@ def _save_motions(
         solutions[0].distribution.first(task.horizon)
         for solutions in (iteration.initial_solutions, iteration.solutions)
     )
-    executed = task.dynamics.rollout(
-        initial.mean.states[0], lambda t, x: policy.mean(task.observation(x)), task.horizon
+    here, n_u = iteration.initial_solutions[0].situation.of(task), task.dynamics.control_dim
+    states, _ = task.dynamics.execute(
+        policy, here.observation, initial.mean.states[:1], np.zeros((1, task.horizon, n_u))
     )
     RunRecord(
         task.mjcf,
@@ -90,7 +96,7 @@ def _save_motions(
         initial.mean.states,
         last.mean.states,
         last.state_covariances,
-        executed.states[np.isfinite(executed.states).all(axis=1)],  # the states before it diverged
+        states[0][np.isfinite(states[0]).all(axis=1)],  # those before it diverged
     ).save_trajectories(output)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
     save_distributions(scored, task.name, output.distribution)

@@ -15,6 +15,7 @@ from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.marginals import sample_deviations, state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
@@ -25,9 +26,9 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.slow_steps import notice_if_slow
 from vgps_ros.search.first_motion import first_motion
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request
+from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbed_task import disturbed
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class OptimizationResult:
     """The result of one solve.
 
     Attributes:
+        situation: the situation that was solved.
         distribution: q(ζ).
         cost: Σ c of its mean over the scored horizon, unscaled and without the policy term.
         modified_cost: the cost that was minimised, Σ c̄ or Σ α c over the planned horizon.
@@ -45,6 +47,7 @@ class OptimizationResult:
         simulator_warnings: MuJoCo's warnings meanwhile, in words; empty if there were none.
     """
 
+    situation: Situation
     distribution: TrajectoryDistribution
     cost: float
     modified_cost: float
@@ -75,10 +78,10 @@ def optimize(
             finite, as at an indefinite Quu; its status names the cause.
     """
     check_request(task, request)
-    here = disturbed(task, request.disturbance)
+    here = request.situation.of(task)
     warned_before = here.dynamics.warnings()
     start = first_motion(task, request, is_cancelled)
-    if here is not task and request.previous is None:
+    if here.dynamics is not task.dynamics and request.previous is None:
         start = start.under(here.dynamics)
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
@@ -105,6 +108,7 @@ def optimize(
     )
     q, steps = _distribution(task, request, cost, solution)
     return OptimizationResult(
+        situation=request.situation,
         distribution=q,
         cost=task.trajectory_cost(solution.trajectory.first(task.horizon)),
         modified_cost=solution.cost,
@@ -116,11 +120,25 @@ def optimize(
     )
 
 
-def optimize_all(
-    task: Task, requests: Sequence[OptimizationRequest]
-) -> tuple[OptimizationResult, ...]:
+Outcome = OptimizationResult | DivergenceError
+"""What becomes of a request; one that diverges says so, and leaves the others alone."""
+
+
+def attempt(
+    task: Task,
+    request: OptimizationRequest,
+    on_iteration: Callable[[Iteration], None] = lambda _: None,
+) -> Outcome:
+    """Returns the result of `optimize`, or the error of a solve that diverges."""
+    try:
+        return optimize(task, request, on_iteration)
+    except DivergenceError as error:
+        return error
+
+
+def optimize_all(task: Task, requests: Sequence[OptimizationRequest]) -> list[Outcome]:
     """Solves several requests in this process, one after another."""
-    return tuple(optimize(task, request) for request in requests)
+    return [attempt(task, request) for request in requests]
 
 
 def _distribution(
@@ -161,6 +179,7 @@ def _around(
         control_covariances=covariances,
         linear_dynamics=linear,
         state_covariances=state_covariances(linear, gains, covariances, spread),
+        context=request.situation.context,
     )
 
 
@@ -188,9 +207,11 @@ def _run_each_loop(task: Task) -> None:
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
     ExecutedPolicy(policy)
     noise = np.zeros((1, 1, dynamics.control_dim))
-    dynamics.execute(policy, task.observation, motion.states[:1], noise)
+    told = task.observation.within(np.zeros((1, task.dims["n_z"])))
+    dynamics.execute(policy, told, motion.states[:1], noise)
     dynamics.replay(task.initial_state, motion.controls[None])
-    task.observation.linearize(motion.states[:1])
-    for read in (task.observation, task.fallen):
+    readings = task.observation.readings
+    readings.pull_back(np.eye(len(readings.names))[None], motion.states[:1])
+    for read in (readings, task.fallen):
         read(motion.states)
     task.cost.values(motion)

@@ -13,6 +13,9 @@ takes in states that the policy itself has visited, as long as they are near q: 
 
 Several situations may be given; each has its own q, and all train one policy (section 5).
 
+A controller learns from many short situations, each with commands of its own. Some of them are then
+replaced by new ones, where the policy goes: see `renewal`.
+
 Both steps only descend, and a small network may end in a poor optimum, to which its trajectory then
 adapts. So the search may begin with several candidates, each a policy with trajectories of its own;
 after some iterations it keeps the candidate with the best fit.
@@ -23,7 +26,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgps_ros.core.checks import check_array
+from vgps_ros.core.policy_fit import Targets
+from vgps_ros.search.renewal import is_due, renew
 from vgps_ros.search.workspace import Update, Workspace
+from vgps_ros.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -32,28 +39,46 @@ class Candidates(Update):
 
     Attributes:
         others: the other candidates; empty after one has been chosen.
+        replay: samples of the latest q(ζ) that were replaced, the newest last.
     """
 
     others: tuple[Update, ...]
+    replay: tuple[Targets, ...] = ()
 
     @property
     def pairs(self) -> tuple[Update, ...]:
         """All candidates, the first one first."""
         return (self, *self.others)
 
+    def check(self, task: Task) -> None:
+        """Checks the samples, after they were read from a file."""
+        n_o, n_u = len(task.observation.names), task.dims["n_u"]
+        for samples in self.replay:
+            count = len(samples.inputs)
+            check_array("inputs", samples.inputs, (count, n_o))
+            check_array("means", samples.means, (count, n_u))
+            check_array("variances", samples.variances, (count, n_u))
+
 
 def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     """Does iteration k of Algorithm 1."""
     pairs: Sequence[Update] = last.pairs if last else _first(work)
+    replay = last.replay if last else ()
+    if last and is_due(work, k) and len(pairs) == 1:
+        renewed, replaced = renew(work, last.solutions, last.policy, k)
+        pairs = [Update(last.policy, renewed)]
+        kept = (*replay, *replaced)
+        replay = kept[max(0, len(kept) - work.settings.renew.replay) :]
+    work.enter(pairs[0].solutions)
     # Lines 1 and 6 include line 3, since a solution comes with its marginals.
-    pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k)) for p in pairs]  # line 4
+    pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k, replay)) for p in pairs]  # line 4
     if k >= min(work.settings.candidate_iterations, work.settings.iterations):
         pairs = [max(pairs, key=_likelihood)]
     # Lines 5 and 6; the first candidate is solved last, so that the latest q(ζ) are the policy's.
     *others, first = (
         Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in reversed(pairs)
     )
-    return Candidates(first.policy, first.solutions, tuple(reversed(others)))
+    return Candidates(first.policy, first.solutions, tuple(reversed(others)), replay)
 
 
 def _first(work: Workspace) -> Sequence[Update]:  # line 1

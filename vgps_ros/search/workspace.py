@@ -25,8 +25,8 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import differences, values_of
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings, architecture
-from vgps_ros.search.situations import situations
-from vgps_ros.search.trajectory_optimization import OptimizationResult
+from vgps_ros.search.situations import Situation, situations
+from vgps_ros.search.trajectory_optimization import OptimizationResult, Outcome
 from vgps_ros.tasks import Task
 
 
@@ -109,7 +109,7 @@ def _starts(task: Task, count: int, rng: np.random.Generator) -> Array:
     return space.add(task.initial_state, spread)
 
 
-OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[OptimizationResult]]
+OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[Outcome]]
 """Solves independent requests, in order; in this process or through optimizer nodes."""
 
 
@@ -152,8 +152,8 @@ class Workspace:
         initial_solutions: initial solutions of this run, if they are known already.
 
     Attributes:
-        situations: the situations from which the policy learns.
-        initial_solutions: solutions for the cost alone, one for each situation.
+        tasks: the task in each situation from which the policy learns.
+        initial_solutions: solutions for the cost alone, one for each of the first situations.
         optimization_seconds: wall time of trajectory optimisation so far [s].
         simulator_steps: simulator steps of learning so far; evaluations do not count.
 
@@ -173,33 +173,49 @@ class Workspace:
         self.task = task
         self.settings = settings
         self.seed = seed
-        self.situations = situations(task, settings, seed)
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self._optimize_all = optimize_all
         self._warnings: list[str] = []
-        self.initial_solutions = initial_solutions
-        if not initial_solutions:
-            self.initial_solutions = self._solve_cost_alone()
+        self.initial_solutions: tuple[OptimizationResult, ...] = ()
+        self.initial_solutions = initial_solutions or self._solve_cost_alone()
+        self.enter(self.initial_solutions)
+
+    def enter(self, solutions: Sequence[OptimizationResult]) -> None:
+        """Goes on in the situations of these solutions."""
+        self.tasks = [solution.situation.of(self.task) for solution in solutions]
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
-        return self._optimize(
-            [
-                replace(self._request(i, k=0), guess=each.guess, guess_states=each.guess_states)
-                for i, each in enumerate(self.situations)
-            ]
-        )
+        """Solves line 1; of several situations, those that diverge are left out, but the first."""
+        requests = [
+            replace(
+                self.request(i, situation, k=0),
+                guess=guess.controls,
+                guess_states=guess.states,
+                max_iterations=self.settings.initial_ddp_iterations,
+            )
+            for i, (situation, guess) in enumerate(situations(self.task, self.settings, self.seed))
+        ]
+        first, *others = self.optimize(requests)
+        if isinstance(first, DivergenceError):
+            raise first
+        found = [first]
+        for i, outcome in enumerate(others, 1):
+            if isinstance(outcome, DivergenceError):
+                self._warnings.append(f"Situation {i} is left out: {outcome}")
+            else:
+                found.append(outcome)
+        return tuple(found)
 
-    def _request(self, i: int, k: int) -> OptimizationRequest:
-        settings = self.settings
+    def request(self, i: int, situation: Situation, k: int) -> OptimizationRequest:
+        """Returns the solve of situation i in iteration k, with no motion to start from yet."""
         return OptimizationRequest(
             trajectory_index=i,
             iteration=k,
             seed=self.seed,
-            cost_scale=settings.alpha(k),
-            max_iterations=settings.ddp_iterations if k else settings.initial_ddp_iterations,
-            initial_state=self.situations[i].task.initial_state,
-            disturbance=self.situations[i].disturbance,
+            cost_scale=self.settings.alpha(k),
+            max_iterations=self.settings.ddp_iterations,
+            situation=situation,
         )
 
     def random_policies(self, count: int) -> list[GaussianPolicy]:
@@ -221,13 +237,24 @@ class Workspace:
         )
 
     def fit(
-        self, policy: GaussianPolicy, solutions: Sequence[OptimizationResult], k: int
+        self,
+        policy: GaussianPolicy,
+        solutions: Sequence[OptimizationResult],
+        k: int,
+        replay: Sequence[Targets] = (),
     ) -> GaussianPolicy:
-        """Returns the policy that maximises L(q, θ), started from `policy` (line 4)."""
+        """Returns the policy that maximises L(q, θ), started from `policy` (line 4).
+
+        Args:
+            policy: π_θ.
+            solutions: q(ζ) of each situation.
+            k: the iteration.
+            replay: samples of further q(ζ), of situations that were renewed.
+        """
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)
-        visited = self._visited(policy, scored, k)
-        fitted = fit_policy(policy, observation, scored, self.settings.fit, rng, visited)
+        further = [*self._visited(policy, scored, k), *replay]
+        fitted = fit_policy(policy, observation, scored, self.settings.fit, rng, further)
         stays = np.array_equal(fitted.parameters, policy.parameters)
         # Gauss-Newton ends at its start where the fit has converged, which is no trouble.
         if stays and self.settings.fit.optimizer != "gauss_newton":
@@ -255,7 +282,7 @@ class Workspace:
     ) -> GaussianPolicy:
         """Fits the policy to as many draws of a sample set as `fit` takes from the marginals."""
         settings = self.settings.fit
-        count = settings.samples_per_step * self.task.horizon * len(self.situations)
+        count = settings.samples_per_step * self.task.horizon * len(self.tasks)
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         samples = resampled(targets, probabilities, count, rng)
         return fit_to_targets(policy, samples, self.standardization(), settings)
@@ -263,17 +290,21 @@ class Workspace:
     def reoptimize(
         self, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
     ) -> tuple[OptimizationResult, ...]:
-        """Adapts q(ζ) to the policy (lines 5 and 6); if a solve diverges, all q(ζ) stay."""
-        try:
-            return self._optimize(
-                [
-                    replace(self._request(i, k), previous=solution.distribution, policy=policy)
-                    for i, solution in enumerate(solutions)
-                ]
+        """Adapts q(ζ) to the policy (lines 5 and 6); a q(ζ) whose solve diverges stays."""
+        requests = [
+            replace(
+                self.request(i, solution.situation, k),
+                previous=solution.distribution,
+                policy=policy,
             )
-        except DivergenceError as error:
-            self._warnings.append(f"The solutions of iteration {k} stay as they were: {error}")
-            return tuple(solutions)
+            for i, solution in enumerate(solutions)
+        ]
+        adapted = []
+        for i, outcome in enumerate(self.optimize(requests)):
+            if isinstance(outcome, DivergenceError):
+                self._warnings.append(f"Solution {i} of iteration {k} stays as it was: {outcome}")
+            adapted.append(solutions[i] if isinstance(outcome, DivergenceError) else outcome)
+        return tuple(adapted)
 
     def take_warnings(self) -> tuple[str, ...]:
         """Returns a sentence for each failure since the last call that the search has survived."""
@@ -297,7 +328,7 @@ class Workspace:
 
         A robot's motion after its fall is not scored: each step then costs as much as lying still.
         """
-        rollouts, steps = roll_out(self.situations[situation].task, count, rng, law)
+        rollouts, steps = roll_out(self.tasks[situation], count, rng, law)
         self.simulator_steps += steps
         return rollouts
 
@@ -305,24 +336,21 @@ class Workspace:
         """Returns each q(ζ) over the horizon that the policy is trained on."""
         return [s.distribution.first(self.task.horizon) for s in solutions]
 
-    @property
-    def tasks(self) -> list[Task]:
-        """The task in each situation."""
-        return [situation.task for situation in self.situations]
-
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""
         distributions = self.scored(self.initial_solutions)
         shape = architecture(self.task, self.settings)
         return Standardization.of(shape, self.task.observation, distributions)
 
-    def _optimize(self, requests: Sequence[OptimizationRequest]) -> tuple[OptimizationResult, ...]:
+    def optimize(self, requests: Sequence[OptimizationRequest]) -> list[Outcome]:
+        """Solves several requests, in order."""
         began = time.perf_counter()
-        results = tuple(self._optimize_all(requests))
-        check_one_optimizer((*self.initial_solutions, *results))
+        outcomes = list(self._optimize_all(requests))
+        results = [each for each in outcomes if isinstance(each, OptimizationResult)]
+        check_one_optimizer([*self.initial_solutions, *results])
         self.optimization_seconds += time.perf_counter() - began
         self.simulator_steps += sum(result.simulator_steps for result in results)
-        return results
+        return outcomes
 
 
 def check_one_optimizer(results: Sequence[OptimizationResult]) -> None:
@@ -333,8 +361,9 @@ def check_one_optimizer(results: Sequence[OptimizationResult]) -> None:
     Raises:
         InvalidInputError: a setting of a later solve differs.
     """
-    begun, *later = (result.settings for result in results)
-    for settings in later:
+    all_settings = [result.settings for result in results]
+    for settings in all_settings[1:]:
+        begun = all_settings[0]
         if settings != begun:
             theirs, ours = differences(values_of(settings), values_of(begun))
             raise InvalidInputError(

@@ -90,15 +90,28 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
 
 
 @compiled
-def execute(sim, bounds, network, observation, noise, states, controls):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes rollouts of u = μ_θ(h(x)) + noise from states[:, 0], up to where they leave bounds."""
+def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
+    sim, bounds, network, observation, lag, misread, told, noise, states, controls
+):
+    """Writes rollouts of u = μ_θ(h(x), z) + noise from states[:, 0], up to where they leave bounds.
+
+    The policy reads the state of `lag` steps before, with `misread` (N, T, r) added where it has
+    columns. `told` has z of each rollout and step, shape (N, T, c).
+    """
+    n_read = len(observation.kinds)
+    past = np.empty((lag + 1, n_read))
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
         if not _is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
-            read(sim, observation, x, a)
+            read(sim, observation, x, past[t % (lag + 1)])
+            a[:n_read] = past[(t + 1) % (lag + 1) if t >= lag else 0]
+            for i in range(misread.shape[2]):
+                a[i] += misread[rollout, t, i]
+            for i in range(told.shape[2]):
+                a[n_read + i] = told[rollout, t, i]
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
                 sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])

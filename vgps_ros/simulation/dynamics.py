@@ -17,6 +17,7 @@ import numpy as np
 
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.executed_control import compiled_network
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
@@ -217,17 +218,27 @@ class Dynamics:
         return self.space.subtract(after, trajectory.states[1:])
 
     def execute(
-        self, policy: GaussianPolicy, observation: Readings, initial_states: Array, noise: Array
+        self,
+        policy: GaussianPolicy,
+        observation: Observation,
+        initial_states: Array,
+        noise: Array,
+        *,
+        lag: int = 0,
+        sensor_noise: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Runs rollouts of u = μ_θ(h(x)) + noise, within the limits, over several threads.
+        """Runs rollouts of u = μ_θ(o) + noise, within the limits, over several threads.
 
         A rollout that diverges is NaN from the step after which it did.
 
         Args:
             policy: π_θ.
-            observation: h, what the policy reads.
+            observation: o, what the policy reads, of this model; its context may differ by rollout,
+                (N, T, n_z).
             initial_states: shape (N, n_x).
-            noise: shape (N, T, n_u), [N·m].
+            noise: of the controls, shape (N, T, n_u), [N·m].
+            lag: steps by which the policy reads the state too late.
+            sensor_noise: what is added to each reading of the state, shape (N, T, r).
 
         Returns:
             States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
@@ -240,11 +251,17 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        network, plan = compiled_network(policy), observation.plan
+        readings = observation.readings
+        assert isinstance(readings, Readings)
+        network, plan = compiled_network(policy), readings.plan
+        told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
+        told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))
+        misread = np.empty((n, horizon, 0)) if sensor_noise is None else sensor_noise
         self.simulations.in_threads(
             n,
             lambda sim, part: compiled_loops.execute(
-                sim, _BOUNDS, network, plan, noise[part], states[part], controls[part]
+                *(sim, _BOUNDS, network, plan),
+                *(lag, misread[part], told[part], noise[part], states[part], controls[part]),
             ),
         )
         return states, controls

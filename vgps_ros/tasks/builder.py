@@ -11,8 +11,9 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import quoted
-from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import with_values
@@ -27,6 +28,7 @@ from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
     Changes,
     CostTerm,
+    Followed,
     Limit,
     ObservedEntry,
     SpreadLimit,
@@ -35,6 +37,7 @@ from vgps_ros.tasks.schema import (
     TaskFile,
     flattened,
 )
+from vgps_ros.tasks.signals import CLOCK, Command, Signals
 from vgps_ros.tasks.task import Conditions, Task
 from vgps_ros.tasks.task_file import find_model, read_task_file
 from vgps_ros.tasks.yaml_file import Document, Entries, Place
@@ -56,9 +59,10 @@ def load_task(path: Path, name: str) -> Task:
     model = compile_model(mjcf)
     with document.at(("model",)):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
-    read = _Reader(dynamics, document)
+    signals = _signals(file)
+    read = _Reader(dynamics, signals, document)
     std = file.start.std
-    return with_beginning(
+    task = with_beginning(
         Task(
             name=name,
             mjcf=mjcf,
@@ -75,17 +79,30 @@ def load_task(path: Path, name: str) -> Task:
             limits=read.conditions(file.limits, "limits"),
             optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),
             search=Entries(flattened(file.search), document, "search"),
+            signals=signals,
         ),
         file.begin,
         document,
+    )
+    return task.commanded(signals.nominal)
+
+
+def _signals(file: TaskFile) -> Signals:
+    """Returns the commands and the clock of a file."""
+    commands = (
+        Command(name, *entry.range, source=entry.source or "", unit=entry.unit)
+        for name, entry in file.commands.items()
+    )
+    return Signals(
+        tuple(commands), file.clock.frequency if file.clock else 0.0, file.control_period
     )
 
 
 class _Reader:
     """Finds what entries of the file name in the model."""
 
-    def __init__(self, dynamics: Dynamics, document: Document):
-        self.dynamics, self.document = dynamics, document
+    def __init__(self, dynamics: Dynamics, signals: Signals, document: Document):
+        self.dynamics, self.signals, self.document = dynamics, signals, document
         self.model: mujoco.MjModel = dynamics.model
         self.joints = joint_names(self.model)
 
@@ -120,11 +137,24 @@ class _Reader:
             high.append(beyond if limit.above is None else limit.above)
         return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
 
-    def observation(self, entries: Sequence[str | ObservedEntry]) -> Readings:
-        """Returns what the policy reads; it depends on states alone."""
+    def observation(self, entries: Sequence[str | ObservedEntry]) -> Observation:
+        """Returns what the policy reads: of the state, and of commands and clock."""
         names: list[str] = []
+        told = [
+            name
+            for entry in ("commands", "clock")
+            if entry in entries
+            for name in self._told(entry)
+        ]
         for i, entry in enumerate(entries):
             place = ("observe", i)
+            if entry in ("commands", "clock"):
+                self.document.refuse(
+                    not self._told(entry),
+                    place,
+                    f"the task has no {entry}; leave it out, or add it.",
+                )
+                continue
             with self.document.at(place):
                 found = self._observed(entry, place)
             for name in found:
@@ -137,14 +167,19 @@ class _Reader:
             ("observe",),
             "the policy reads nothing; name the readings of joints or sensors that it needs.",
         )
-        observation = self.readings(names, ("observe",))
-        if observation.needs_controls:
+        readings = self.readings(names, ("observe",))
+        if readings.needs_controls:
             raise self.document.error(
                 ("observe",),
                 "a sensor of forces or accelerations depends on the control that the policy has "
                 "yet to choose; read positions and velocities.",
             )
-        return observation
+        return Observation.of(readings, told, self.signals.names)
+
+    def _told(self, entry: str) -> list[str]:
+        """Returns the numbers of the context that commands, or clock, stand for."""
+        prefix = {"commands": "command/", "clock": "clock/"}[entry]
+        return [name for name in self.signals.names if name.startswith(prefix)]
 
     def _observed(self, entry: str | ObservedEntry, place: Place) -> list[str]:
         if isinstance(entry, str):
@@ -184,11 +219,12 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
     steps = round((file.horizon + file.lookahead) / file.control_period)
     names: list[str] = []
     targets, weights, smooth = [], [], []
-    controls = np.zeros(read.model.nu)
+    linear, lifted = [], []
+    controls, poses = np.zeros((2, read.model.nu))
     for i, term in enumerate(file.cost):
         place = ("cost", i)
         if term.control is not None:
-            _add_controls(controls, term, read, place)
+            _add_controls(controls, poses, term, read, place)
             continue
         assert term.sensor is not None
         found = read.names(term.sensor, term.index, place)
@@ -197,7 +233,11 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         when = np.zeros((steps, 1)) if term.terminal else np.ones((steps, 1))
         when[-1] = 1.0
         weights.append(when * _each(term.weight, size, "weight", read, place))
-        target: Array = _each(term.target, size, "target", read, place)
+        parts = _parts(term.target, size, "target", read, place)
+        target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], dtype=float)
+        follow = [_following(part, read, (*place, "target")) for part in parts]
+        linear += [a for a, _ in follow]
+        lifted += [b for _, b in follow]
         if term.reference is not None:
             path = read.document.file((*place, "reference"), term.reference)
             with read.document.at((*place, "reference")):
@@ -211,10 +251,39 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         weights=_joined(weights, steps),
         smooth=np.concatenate([np.empty(0), *smooth]),
         control_weights=controls,
+        control_targets=poses,
+        following=Following(np.array(linear), np.array(lifted))
+        if np.any([*linear, *lifted])
+        else None,
     )
 
 
-def _add_controls(weights: Array, term: CostTerm, read: _Reader, place: Place) -> None:
+def _following(target: float | Followed, read: _Reader, place: Place) -> tuple[Array, Array]:
+    """Returns how a target follows the context: its rows of A and B in `core.cost.Following`."""
+    names = read.signals.names
+    linear, lifted = np.zeros((2, len(names)))
+    if not isinstance(target, Followed):
+        return linear, lifted
+    if target.command is not None:
+        commands = [command.name for command in read.signals.commands]
+        with read.document.at((*place, "command")):
+            known("command", target.command, commands)
+        linear[names.index(f"command/{target.command}")] = 1.0
+    else:
+        assert target.swing is not None
+        read.document.refuse(
+            "clock/sin" not in names, place, "the task has no clock that it could follow; add one."
+        )
+        angle = 2.0 * np.pi * target.phase  # sin(2πφ + angle), by the sine and cosine of 2πφ
+        wave = target.swing * np.array([np.cos(angle), np.sin(angle)])
+        lifted[[names.index(name) for name in CLOCK]] = wave
+    return linear, lifted
+
+
+def _add_controls(
+    weights: Array, poses: Array, term: CostTerm, read: _Reader, place: Place
+) -> None:
+    """Adds a term's weight of each control, and sets the pose from which it counts."""
     actuators = [read.model.actuator(i).name for i in range(read.model.nu)]
     given = (term.control,) if isinstance(term.control, str) else term.control or ()
     with read.document.at((*place, "control")):
@@ -226,16 +295,28 @@ def _add_controls(weights: Array, term: CostTerm, read: _Reader, place: Place) -
     each = _each(term.weight, len(chosen), "weight", read, place)
     for name, weight in zip(chosen, each, strict=True):
         weights[actuators.index(name)] += weight
+    if term.pose is not None:
+        data = mujoco.MjData(read.model)
+        number = keyframe(read.model, term.pose, read.document, (*place, "pose"))
+        mujoco.mj_resetDataKeyframe(read.model, data, number)
+        mujoco.mj_forward(read.model, data)
+        for name in chosen:
+            poses[actuators.index(name)] = data.actuator_length[actuators.index(name)]
+
+
+def _parts(values: Any, size: int, key: str, read: _Reader, place: Place) -> list[Any]:
+    """Returns one value for each of some numbers, `size` of them."""
+    found = list(values) if isinstance(values, tuple) else [values]
+    if len(found) not in (1, size):
+        raise read.document.error(
+            (*place, key), f"it has {len(found)} values, but the term has {size} numbers."
+        )
+    return found if len(found) == size else found * size
 
 
 def _each(values: Any, size: int, key: str, read: _Reader, place: Place) -> Array:
     """Returns one value for each of some numbers, shape (size,)."""
-    found = np.atleast_1d(np.array(values, dtype=float))
-    if found.size not in (1, size):
-        raise read.document.error(
-            (*place, key), f"it has {found.size} values, but the term has {size} numbers."
-        )
-    return np.broadcast_to(found, (size,))
+    return np.array(_parts(values, size, key, read, place), dtype=float)
 
 
 def _joined(columns: Iterable[Array], steps: int) -> Array:

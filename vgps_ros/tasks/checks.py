@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks of a task file that need no model, and that the types of its fields cannot express."""
 
+import re
 from collections.abc import Sequence
 from math import isfinite
 
@@ -10,6 +11,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.simulation.names import OBJECTS, SENSOR_TYPES, listed
 from vgps_ros.tasks.schema import (
     CostTerm,
+    Followed,
     ObservedEntry,
     Path,
     Record,
@@ -22,6 +24,7 @@ from vgps_ros.tasks.yaml_file import Document, Entries, Place
 
 MOST_STEPS = 100_000
 _ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
+SOURCE = re.compile(r"cmd_vel/(linear|angular)/[xyz]")
 _OF_SENSORS = ("index", "target", "reference", "norm", "width", "terminal")
 
 
@@ -34,6 +37,19 @@ def check_task_file(task: TaskFile, document: Document) -> None:
     _check_times(task, document)
     for name, sensor in task.sensors.items():
         _check_sensor(name, sensor, document)
+    for name, command in task.commands.items():
+        low, high = command.range
+        document.refuse(
+            not low < high,
+            ("commands", name, "range"),
+            f"it is {low:g} to {high:g}, but the second must be larger than the first.",
+        )
+        document.refuse(
+            "/" in name or (command.source is not None and not SOURCE.fullmatch(command.source)),
+            ("commands", name),
+            "its name must hold no slash, and `from` must be cmd_vel/linear/x, or another field of "
+            "a Twist: linear or angular, x, y or z.",
+        )
     for i, term in enumerate(task.cost):
         _check_term(term, document, ("cost", i))
     for i, entry in enumerate(task.observe):
@@ -101,6 +117,21 @@ def _check_term(term: CostTerm, document: Document, place: Place) -> None:
         (*place, "width"),
         "only smooth_abs has a width; add `norm: smooth_abs`.",
     )
+    document.refuse(
+        term.pose is not None and term.control is None,
+        (*place, "pose"),
+        "only a term of controls has a pose; leave it out.",
+    )
+    several = isinstance(term.target, tuple)
+    for i, target in enumerate(term.target if isinstance(term.target, tuple) else (term.target,)):
+        if isinstance(target, Followed):
+            here = (*place, "target", *((i,) if several else ()))
+            _check_one_of(target, ("command", "swing"), document, here)
+            document.refuse(
+                target.swing is None and (*here, "phase") in document.lines,
+                (*here, "phase"),
+                "only a swing has a phase; leave it out.",
+            )
     if term.reference is not None:
         both = (*place, "target")
         document.refuse(both in document.lines, both, "a term has a target or a reference.")

@@ -61,7 +61,7 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
         task,
         dynamics=dynamics,
         cost=cost,
-        observation=here(task.observation),
+        observation=replace(task.observation, readings=here(task.observation.readings)),
         fallen=replace(task.fallen, readings=here(task.fallen.readings)),
         limits=replace(task.limits, readings=here(task.limits.readings)),
     )

@@ -44,6 +44,23 @@ Index = str | Annotated[int, Meta(ge=0, le=10_000)]
 Indices = Index | tuple[Index, ...]
 
 
+class Followed(Record, frozen=True, kw_only=True):
+    """A target that follows a command or the clock."""
+
+    command: Annotated[Name | None, about("the command that is added to rest", "forward")] = None
+    swing: Annotated[
+        Number | None,
+        about("height of max(0, sin(2π(clock + phase))), which is added to rest", 0.06),
+    ] = None
+    phase: Annotated[Number, about("with swing, its lead on the clock [turns]", 0.5)] = 0.0
+    rest: Annotated[
+        Number, about("the target where the command is zero, or the clock stands", 0.02)
+    ] = 0.0
+
+
+Target = Number | Followed
+
+
 class CostTerm(Record, frozen=True, kw_only=True):
     """A term of the cost: weight · norm(sensor[index] − target) at each step, or of controls."""
 
@@ -55,7 +72,12 @@ class CostTerm(Record, frozen=True, kw_only=True):
         Indices | None, about("parts of the sensor, by name or number; left out: all", "x")
     ] = None
     target: Annotated[
-        Coordinates, about("wanted value, or one for each part, in the sensor's unit", 1.0)
+        Target | tuple[Target, ...],
+        about(
+            "wanted value, or one for each part, in the sensor's unit; or what it follows, as "
+            "{command: forward} or {swing: 0.06, phase: 0.5, rest: 0.02}",
+            1.0,
+        ),
     ] = 0.0
     reference: Annotated[
         Name | None,
@@ -80,6 +102,37 @@ class CostTerm(Record, frozen=True, kw_only=True):
         Name | tuple[Name, ...] | None,
         about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
     ] = None
+    pose: Annotated[
+        Keyframe | None,
+        about(
+            "with control, a keyframe: what counts is (u − u*)², where u* is the length of the "
+            "actuator in this pose, as a position servo's control",
+            "stand",
+        ),
+    ] = None
+
+
+class CommandEntry(Record, frozen=True, kw_only=True):
+    """A number that the policy is told as it runs, and shall bring about."""
+
+    range: Annotated[
+        tuple[Number, Number], about("smallest and largest value that is learned", (-0.5, 1.0))
+    ]
+    source: Annotated[
+        Name | None,
+        about(
+            "topic and field that it comes from, under the node's namespace; left out: it comes by "
+            "the topic `command` alone",
+            "cmd_vel/linear/x",
+        ),
+    ] = field(name="from", default=None)
+    unit: Annotated[str, about("its unit, for people", "m/s")] = ""
+
+
+class Clock(Record, frozen=True, kw_only=True):
+    """A phase that turns while any command is not zero."""
+
+    frequency: Annotated[Positive, about("turns in a second [Hz]", 2.0)]
 
 
 class Except(Record, frozen=True, kw_only=True):
@@ -521,11 +574,16 @@ class TaskFile(Record, frozen=True, kw_only=True):
             min_length=1,
         ),
     ]
+    commands: Annotated[
+        dict[Name, CommandEntry],
+        about("what the policy is told, by name", {"forward": {"range": (-0.5, 1.0)}}),
+    ] = field(default_factory=dict)
+    clock: Annotated[Clock | None, about("a clock", {"frequency": 2.0})] = None
     observe: Annotated[
         tuple[Name | ObservedEntry, ...],
         Meta(
-            description="values that the policy reads: joint_positions, joint_velocities, scalars "
-            "by full name, or mappings",
+            description="values that the policy reads: joint_positions, joint_velocities, "
+            "commands, clock, scalars by full name, or mappings",
             examples=[["joint_positions", "joint_velocities", {"sensor": "up"}]],
             min_length=1,
         ),

@@ -3,7 +3,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Protocol
 
@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
 from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks.signals import Signals
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class Task:
             is None, a rollout follows the recorded demonstration.
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
+        signals: the commands and the clock.
+        context: what they are over the planned horizon, shape (T, n_z); None where there are none.
         optimizer: settings of the trajectory optimisation that suit the task.
         search: settings of a policy search that suit the task, by dotted name.
     """
@@ -109,7 +113,7 @@ class Task:
     horizon: int
     initial_state: Array
     varied_state_std: Array
-    observation: Readings
+    observation: Observation
     initial_std: Array
     std_limit: Array
     fallen: Conditions
@@ -119,6 +123,8 @@ class Task:
     demonstration: Trajectory | None = None
     demonstrate: Demonstrate | None = None
     lookahead: int = 0
+    signals: Signals = field(default_factory=Signals)
+    context: Array | None = None
     optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
     search: Mapping[str, Any] = field(default_factory=dict)
 
@@ -140,7 +146,30 @@ class Task:
             "n_x": space.state_dim,
             "n_dx": space.tangent_dim,
             "n_u": self.dynamics.control_dim,
+            "n_z": len(self.signals.names),
         }
+
+    @property
+    def planned_context(self) -> Array:
+        """What commands and clock are in each step that is optimised, shape (T, n_z)."""
+        if self.context is None:
+            return np.empty((self.planned_horizon, 0))
+        return self.context[: self.planned_horizon]
+
+    def in_context(self, context: Array) -> "Task":
+        """Returns the task where commands and clock are z over the planned horizon, (T, n_z)."""
+        if not self.signals.names:
+            return self
+        return replace(
+            self,
+            context=context,
+            cost=self.cost.in_context(context),
+            observation=self.observation.within(context),
+        )
+
+    def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
+        """Returns the task with commands (n_c,) that do not change, and the clock's first φ."""
+        return self.in_context(self.signals.held(commands, self.planned_horizon, phase))
 
     @property
     def velocities(self) -> slice:

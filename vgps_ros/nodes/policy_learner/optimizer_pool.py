@@ -15,7 +15,7 @@ from rclpy.task import Future
 from vgps_msgs.msg import OptimizerIteration
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
-from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.optimization import SHUTTING_DOWN, request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
@@ -23,7 +23,7 @@ from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import Liveness
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.search.optimization_request import OptimizationRequest
-from vgps_ros.search.trajectory_optimization import OptimizationResult
+from vgps_ros.search.trajectory_optimization import Outcome
 from vgps_ros.tasks import Task
 
 OPTIMIZERS = Setting(
@@ -91,15 +91,15 @@ class OptimizerPool:
 
     def optimize_all(
         self, requests: Sequence[OptimizationRequest], is_cancelled: Callable[[], bool]
-    ) -> list[OptimizationResult]:
-        """Solves all requests, in parallel over the optimizers, and returns results in order.
+    ) -> list[Outcome]:
+        """Solves all requests, in parallel over the optimizers; their outcomes are in order.
 
         Raises:
             CancelledError: `is_cancelled` became true.
             VgpsError: an optimizer refused a request, or none is there for too long.
         """
         waiting = deque(range(len(requests)))
-        results: dict[int, OptimizationResult] = {}
+        results: dict[int, Outcome] = {}
         wake = threading.Event()
         there = time.monotonic()
         try:
@@ -110,7 +110,11 @@ class OptimizerPool:
                 for optimizer in self._optimizers:
                     if answer := self._answer(optimizer, waiting):
                         request = requests[optimizer.index]
-                        results[optimizer.index] = result_from_msg(answer, request, self._task)
+                        try:
+                            outcome: Outcome = result_from_msg(answer, request, self._task)
+                        except DivergenceError as error:
+                            outcome = error
+                        results[optimizer.index] = outcome
                 ready = self._ready()
                 now = time.monotonic()
                 there = now if ready else there

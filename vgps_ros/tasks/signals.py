@@ -1,0 +1,158 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What a policy is told as it runs: commands, such as a speed to walk at, and a clock.
+
+They are the context z of a step (see `core.observation`). Nothing of them is a state: an
+optimisation knows them ahead, the cost may follow them, the policy may read them, and whoever
+executes a policy carries them on.
+
+A command at rest is zero, or the value of its range that is nearest to zero. The clock is a phase φ
+in turns. It turns at its frequency while any command is not at rest, and stands at 0 while all are,
+so that a walk always begins in the same way:
+
+    φ_{t+1} = φ_t + f Δt (modulo 1) while it moves,    φ_{t+1} = 0 while it does not.
+
+The policy reads m sin 2πφ and m cos 2πφ, where m is 1 while it moves, and 0 while it does not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import setting
+
+CLOCK = ("clock/sin", "clock/cos")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A number that a policy is told to bring about.
+
+    Attributes:
+        name: its name.
+        lowest: the smallest value that the policy learns.
+        highest: the largest value.
+        source: the topic and the field that it comes from, as cmd_vel/linear/x; empty: it comes by
+            the topic of all commands alone.
+        unit: its unit, for people.
+    """
+
+    name: str
+    lowest: float
+    highest: float
+    source: str = ""
+    unit: str = ""
+
+    @property
+    def rest(self) -> float:
+        """The value where nothing is commanded: zero, or what is nearest to it."""
+        return min(max(0.0, self.lowest), self.highest)
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """Settings of the commands that situations draw."""
+
+    still: float = setting(
+        0.12, "share of the situations in which all commands are at rest", minimum=0.0, maximum=1.0
+    )
+    change: float = setting(
+        0.0,
+        "share of the situations in which all commands are drawn anew on the way",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The commands and the clock of a task, which may have neither.
+
+    Attributes:
+        commands: the commands.
+        frequency: of the clock [Hz]; 0: there is no clock.
+        time_step: time of a control step [s].
+    """
+
+    commands: tuple[Command, ...] = ()
+    frequency: float = 0.0
+    time_step: float = 0.0
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of the numbers of a context; there are n_z."""
+        clock = CLOCK if self.frequency else ()
+        return (*(f"command/{c.name}" for c in self.commands), *clock)
+
+    @property
+    def nominal(self) -> Array:
+        """The middle of each command's range, shape (n_c,)."""
+        return np.array([0.5 * (c.lowest + c.highest) for c in self.commands])
+
+    @cached_property
+    def rest(self) -> Array:
+        """The commands where nothing is commanded, shape (n_c,)."""
+        return np.array([c.rest for c in self.commands])
+
+    def draw(self, rng: np.random.Generator, still: float) -> Array:
+        """Draws commands, shape (n_c,); all are at rest in a share `still` of the draws."""
+        share, *values = rng.uniform(size=1 + len(self.commands))
+        if share < still:
+            return self.rest.copy()
+        pairs = zip(self.commands, values, strict=True)
+        return np.array([c.lowest + (c.highest - c.lowest) * value for c, value in pairs])
+
+    def phases(self, commands: Array, first: float) -> Array:
+        """Returns φ of each step and of the one after them, shape (T+1,), in turns.
+
+        Args:
+            commands: of each step, shape (T, n_c).
+            first: φ of the first step.
+        """
+        moves = self.moves(commands)
+        phases = np.empty(len(commands) + 1)
+        phases[0] = first
+        for t, moving in enumerate(moves):
+            phases[t + 1] = (phases[t] + self.frequency * self.time_step) % 1.0 if moving else 0.0
+        return phases
+
+    def moves(self, commands: Array) -> Array:
+        """Returns whether the clock turns, shape (...,), with the commands (..., n_c)."""
+        return np.asarray((commands != self.rest).any(axis=-1) | (not self.commands))
+
+    def context(self, commands: Array, phases: Array) -> Array:
+        """Returns z, shape (..., n_z), for commands (..., n_c) and φ (...,)."""
+        if not self.frequency:
+            return commands
+        turned = 2.0 * np.pi * phases
+        clock = np.stack([np.sin(turned), np.cos(turned)], axis=-1)
+        return np.concatenate([commands, clock * self.moves(commands)[..., None]], axis=-1)
+
+    def held(self, commands: Array, steps: int, first: float = 0.0) -> Array:
+        """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""
+        each = np.tile(np.asarray(commands, dtype=float), (steps, 1))
+        return self.context(each, self.phases(each, first)[:-1])
+
+    def check(self, values: Sequence[float]) -> Array:
+        """Returns the values of commands that come from outside, shape (n_c,).
+
+        Raises:
+            InvalidInputError: there is not one for each command, or one is out of its range.
+        """
+        if len(values) != len(self.commands):
+            names = ", ".join(c.name for c in self.commands) or "none"
+            raise InvalidInputError(
+                f"{len(values)} values are given, but the task has {len(self.commands)} commands: "
+                f"{names}."
+            )
+        for command, value in zip(self.commands, values, strict=True):
+            low, high = command.lowest, command.highest
+            if not low <= value <= high:
+                raise InvalidInputError(
+                    f"The command {command.name} is {value:g}, but it must be from {low:g} to "
+                    f"{high:g}{' ' + command.unit if command.unit else ''}."
+                )
+        return np.array(values, dtype=float)
