@@ -245,10 +245,12 @@ def bound_metrics(
         return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
 
     # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
-    pairs = [(work.random_policies(1)[0], solutions)]
+    pairs = [(work.random_policies(1)[0], work.scored([solutions[i] for i in stayed]))]
     if before.last:
-        pairs = [(pair.policy, pair.solutions) for pair in before.last.pairs]
-    pairs = [(theta_of, work.scored([found[i] for i in stayed])) for theta_of, found in pairs]
+        pairs = [
+            (pair.policy, work.scored([pair.solutions[i] for i in stayed]))
+            for pair in before.last.pairs
+        ]
     fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
     policy, qs = pairs[i]
     bound = -cost(after) - divergence(after, theta)

@@ -29,6 +29,7 @@ from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 
 _BEFORE_FALL = (0.3, 0.9)  # [s]
+_RETURN = 0.3  # τ, in which a kicked robot comes back to its motion [s]
 _KICKED = 0.5  # share of the new situations
 _TOLD_ANEW = 0.6  # share of the new situations with new commands
 
@@ -56,10 +57,10 @@ def renew(
     settings, rng = work.settings.renew, generator(work.seed, Stream.RENEWAL, k)
     count = max(1, round(settings.share * (len(solutions) - 1)))
     replaced = 1 + rng.permutation(len(solutions) - 1)[:count]
-    situations = [_new_situation(work, solutions, policy, k, int(i)) for i in replaced]
     requests = []
-    for i, situation in zip(replaced, situations, strict=True):
-        motion = _first_motion(work, situation, solutions, policy, k, int(i))
+    for i in replaced:
+        situation, calm = _new_situation(work, solutions, policy, k, int(i))
+        motion = _first_motion(work, situation, calm, policy, k, int(i))
         request = replace(
             work.request(int(i), situation, k),
             cost_scale=1.0,
@@ -83,8 +84,11 @@ def _new_situation(
     policy: GaussianPolicy,
     k: int,
     i: int,
-) -> Situation:
-    """Returns a situation that begins where a motion of the policy goes."""
+) -> tuple[Situation, Array]:
+    """Returns a situation that begins where a motion of the policy goes.
+
+    Also returns its start without the kick, shape (n_x,).
+    """
     task, settings = work.task, work.settings
     rng = generator(work.seed, Stream.RENEWAL, k, i)
     disturbance = draw_disturbance(task, settings.disturb, rng)
@@ -94,7 +98,7 @@ def _new_situation(
     if rng.uniform() < 0.5:
         start = task.initial_state
     else:
-        start = solutions[rng.integers(len(solutions))].situation.initial_state
+        start = solutions[int(rng.integers(len(solutions)))].situation.initial_state
     start = space.add(start, task.initial_std * rng.standard_normal(space.tangent_dim))
     commands = signals.draw(rng, settings.commands.still)
     first = rng.uniform() if signals.moves(commands) else 0.0
@@ -108,16 +112,16 @@ def _new_situation(
     told = here.observation.within(signals.context(each, phases[:-1]))
     states, _ = here.dynamics.execute(policy, told, start[None], noise)
     at = _where(here, states[0], rng, settings.renew.before_fall)
-    begun = _back_home(task, states[0, at])
+    calm = begun = _back_home(task, states[0, at])
     if settings.renew.kick and rng.uniform() < _KICKED:
         kick = settings.renew.kick * rng.standard_normal(space.tangent_dim)
-        begun = space.add(begun, kick * base_velocities(task))
+        begun = space.add(calm, kick * base_velocities(task))
     if rng.uniform() < _TOLD_ANEW:
         context = drawn_context(task, settings, rng)
     else:
         each = np.tile(commands, (task.planned_horizon, 1))
         context = signals.context(each, signals.phases(each, phases[at])[:-1])
-    return Situation(begun, context, disturbance)
+    return Situation(begun, context, disturbance), calm
 
 
 def _where(task: Task, states: Array, rng: np.random.Generator, before_fall: float) -> int:
@@ -145,22 +149,46 @@ def _back_home(task: Task, state: Array) -> Array:
 def _first_motion(
     work: Workspace,
     situation: Situation,
-    solutions: Sequence[OptimizationResult],
+    calm: Array,
     policy: GaussianPolicy,
     k: int,
     i: int,
 ) -> Trajectory:
-    """Returns the cheapest of some motions from a situation's start."""
+    """Returns the motion from which a situation's first solve starts.
+
+    After a kick it is the policy's motion without the kick, which the kick's deviation joins and
+    leaves again; the solve closes the gaps. Otherwise it is the cheaper one of the policy's own and
+    the task's.
+    """
     task, here = work.task, situation.of(work.task)
     steps, start = task.planned_horizon, situation.initial_state
     silent = np.zeros((1, steps, task.dynamics.control_dim))
-    states, controls = here.dynamics.execute(policy, here.observation, start[None], silent)
+    states, controls = here.dynamics.execute(policy, here.observation, calm[None], silent)
     motions = [Trajectory(states[0], controls[0])]
+    if calm is not start and np.isfinite(states).all():
+        return _joined(task, start, motions[0])
     rng = generator(work.seed, Stream.INITIAL_CONTROLS, k, i)
     with contextlib.suppress(VgpsError):
         motions.append(_task_motion(here, start, rng))
     costs = [float(here.cost.values(motion).sum()) for motion in motions]  # NaN: diverged
     return motions[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
+
+
+def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:
+    """Returns a motion that begins elsewhere, and comes back to the one given as time passes.
+
+    The difference of the starts decays, e^(−t/τ); where all places are the same, the base goes as
+    far as its difference of velocity carries it meanwhile.
+    """
+    space, n_v = task.dynamics.space, task.dynamics.model.nv
+    difference = space.subtract(start, motion.states[0])
+    times = task.dynamics.time_step * np.arange(motion.horizon + 1)
+    fading = np.exp(-times / _RETURN)
+    deviations = fading[:, None] * difference
+    level = cyclic_positions(task.dynamics.model)
+    come = _RETURN * (1.0 - fading)
+    deviations[:, level] += come[:, None] * difference[[n_v + i for i in level]]
+    return Trajectory(space.add(motion.states, deviations), motion.controls)
 
 
 def _task_motion(task: Task, start: Array, rng: np.random.Generator) -> Trajectory:

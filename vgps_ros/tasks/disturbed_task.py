@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.dynamics import Dynamics
@@ -51,7 +52,7 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
     push = _push(disturbance, body, task.dynamics.time_step)
     dynamics = Dynamics(model, task.dynamics.substeps, push=push)
 
-    def here(features: Readings) -> Readings:
+    def here(features: StateReadings) -> Readings:
         return Readings(dynamics.simulations, features.names)
 
     cost = task.cost

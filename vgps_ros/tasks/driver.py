@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.policies.policy_file import Policy, PolicyFile, open_policy
 from vgps_ros.simulation.readings import Readings
@@ -25,10 +26,14 @@ class Driver:
     """
 
     policy: Policy
-    observation: Readings
+    observation: Observation
 
     def mean(self, states: Array) -> Array:
-        """Returns the controls without noise in states (..., n_x), shape (..., n_u), [N·m]."""
+        """Returns the controls without noise in states (..., n_x), shape (..., n_u), [N·m].
+
+        Where the policy is told something, the states are those of the steps of the observation's
+        context, or the observation must be `within` that of a single step.
+        """
         return self.policy.mean(self.observation(states))
 
 
@@ -42,8 +47,18 @@ def driver_of(task: Task, file: PolicyFile) -> Driver:
     if file.gaussian:
         file.gaussian.check_fits(task.observation.names, task.dynamics.control_dim)
         return Driver(policy, task.observation)
-    observation = Readings(task.dynamics.simulations, policy.observed)
-    if observation.needs_controls:
+    signals = task.signals.names
+    told = [name for name in policy.observed if name in signals]
+    readings = Readings(
+        task.dynamics.simulations, [name for name in policy.observed if name not in told]
+    )
+    observation = Observation.of(readings, told, signals).within(task.planned_context)
+    if observation.names != tuple(policy.observed):
+        raise InvalidInputError(
+            f"{file.name} reads {', '.join(told)} before other numbers, but commands and clock must "
+            "come last; export it with them at the end."
+        )
+    if readings.needs_controls:
         raise InvalidInputError(
             f"{file.name} reads a sensor of forces or accelerations, which depends on the control "
             "that it has yet to choose; use a policy that reads positions and velocities."
@@ -66,7 +81,13 @@ def demonstrated_by(task: Task, path: Path) -> Task:
         _is_cancelled: Callable[[], bool] = lambda: False,
         /,
     ) -> Trajectory:
-        return task.dynamics.rollout(start, lambda _, x: driver.mean(x), steps)
+        context = task.planned_context
+
+        def law(t: int, x: Array) -> Array:
+            told = driver.observation.within(context[min(t, len(context) - 1)])
+            return driver.policy.mean(told(x))
+
+        return task.dynamics.rollout(start, law, steps)
 
     shown = demonstrate(task.initial_state, task.planned_horizon, np.random.default_rng(0))
     sound = np.isfinite(shown.states).all(axis=1)
