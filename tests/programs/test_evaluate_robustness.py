@@ -101,3 +101,68 @@ def test_what_tells_nothing_is_refused(evaluated, arguments, fallen, sentence, c
     with pytest.raises(SystemExit) as stop:
         evaluated(*arguments, fallen=fallen)
     assert re.search(sentence, str(stop.value.code) + capsys.readouterr().err)
+
+
+# A cart whose policy reaches its command, or falls where it is told to go fast.
+COMMANDED = """
+commands: {speed: {range: [-1.0, 2.0], unit: m/s}}
+observe: [x/velocity, commands]
+cost: [{sensor: x/velocity, target: {command: speed}}]
+fallen: [{sensor: x/velocity, beyond: 1.5}]
+"""
+
+
+@pytest.fixture
+def commanded(tmp_path):
+    def run(*arguments, text=COMMANDED):
+        (tmp_path / "sled.xml").write_text(SLED)
+        (tmp_path / "task.yaml").write_text(TASK.replace("cost: [{sensor: x/velocity}]\n", text))
+        task = make_task(str(tmp_path))
+        shape = Architecture(task.observation.names, (), 1)
+        policy = GaussianPolicy(shape, np.array([-50.0, 50.0, 0.0]), np.ones(1))
+        save_policy(policy, task.name, tmp_path / "policy.json")
+        output = tmp_path / "evaluation.json"
+        given = ["--rollouts", "6", "--seconds", "4", "--perturbation", "0", *arguments]
+        vgps(["evaluate", str(tmp_path / "policy.json"), "--json", str(output), *given])
+        return json.loads(output.read_text())
+
+    return run
+
+
+def test_a_robot_with_commands_is_judged_at_each_and_under_usual_disturbances(commanded, capsys):
+    found = commanded()
+    by_command = {each["command"]["speed"]: each for each in found["commands"]}
+    assert by_command[1.0]["survival"] == by_command[1.0]["obeys"] == [1.0]
+    assert by_command[1.0]["rms"]["speed"] < 1e-6
+    assert by_command[2.0]["survival"] == [0.0]
+    # It has no contact, so that neither friction nor hardness can be tried.
+    assert [*found["robustness"]] == ["pushes", "masses", "latencies", "sensor_noise"]
+    table = capsys.readouterr().out
+    assert "speed 2" in table
+    assert "changing each 3 s" in table
+    assert "90 % obey" in table
+
+
+def test_of_named_disturbances_only_those_are_tried(commanded, tmp_path):
+    picture = tmp_path / "survival.png"
+    found = commanded("--latencies", "0", "0.05", "--plot", str(picture))["robustness"]
+    assert [*found] == ["latencies"]
+    assert found["latencies"]["survival"][1] < found["latencies"]["survival"][0]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--seconds", "2"], "seconds is 2, but the errors of commands count after 1 s"),
+        (["--contacts", "1"], "contacts shall be MuJoCo's, but no two geoms"),
+        (["--contacts", "2"], "contacts is 2, but it must be from 0 to 1"),
+        (["--latencies", "-1"], "latencies is -1.0, but it must be from 0"),
+        (["--masses", "0"], "masses is 0.0, but it must be from 0.01"),
+        (["--sensor-noise", "nan"], "sensor_noise is nan"),
+    ],
+)
+def test_what_tells_nothing_of_commands_is_refused(commanded, arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as stop:
+        commanded(*arguments)
+    assert re.search(sentence, str(stop.value.code) + capsys.readouterr().err)

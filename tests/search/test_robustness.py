@@ -8,9 +8,10 @@ import pytest
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.robustness import Trials, robustness, survived
+from vgps_ros.search.robustness import Trials, behaviours, robustness
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
+from vgps_ros.tasks.driver import Driver
 
 # A block of 2 kg, which has fallen where it is faster than 1 m/s. Its friction bears 9.81 N.
 BLOCK = """
@@ -44,11 +45,11 @@ def block(tmp_path):
 
 
 def drawn_by(task, force):
-    """Returns a policy that draws with a constant force [N], whatever the state."""
+    """Returns a driver that draws with a constant force [N], whatever the state."""
     shape = Architecture(task.observation.names, (), 1)
     parameters = np.zeros(shape.num_parameters)
     parameters[-1] = force  # the bias
-    return GaussianPolicy(shape, parameters, np.ones(1))
+    return Driver(GaussianPolicy(shape, parameters, np.ones(1)), task.observation)
 
 
 def trials(task, count, steps, **settings):
@@ -86,12 +87,12 @@ def test_each_rollout_has_its_own_start_noise_and_disturbance(block):
     some.starts[3, block.dynamics.model.nq] = 1.5  # faster than it may be, from the start
     ice, rough = Disturbance(friction=0.1), Disturbance(friction=1.0)
     policy = drawn_by(block, 0.0)
-    assert survived(block, policy, [ice, ice, rough, rough], some).tolist() == [
-        *(True, False, True, False)
-    ]
-    assert survived(block, policy, [ice, rough, ice, rough], some).tolist() == [
-        *(True, True, False, False)
-    ]
+
+    def up(*disturbances):
+        return behaviours(block, policy, disturbances, some).up[:, 0].tolist()
+
+    assert up(ice, ice, rough, rough) == [True, False, True, False]
+    assert up(ice, rough, ice, rough) == [True, True, False, False]
 
 
 def test_pushes_of_all_sizes_come_at_the_same_times_which_the_seed_names(block):
@@ -113,6 +114,27 @@ def test_a_range_ends_at_the_first_size_that_is_not_borne(block):
     found = robustness(block, drawn_by(block, 0.0), trials(block, 1, 200), {"slopes": slopes})
     assert found["slopes"]["survival"] == [0.0, 1.0, 1.0, 1.0, 0.0]
     assert found["slopes"]["borne"] == [-0.4, 0.4]
+
+
+def test_a_lighter_block_slides_where_its_weight_held_it(block):
+    """6 N pass what friction bears of 1 kg, but not of 1.4 kg."""
+    masses = {"masses": [0.4, 0.5, 0.7, 2.0]}
+    found = robustness(block, drawn_by(block, 6.0), trials(block, 1, 200), masses)["masses"]
+    assert found == {
+        "values": [0.4, 0.5, 0.7, 2.0],
+        "survival": [0.0, 0.0, 1.0, 1.0],
+        "borne": [0.7, 2.0],
+    }
+
+
+def test_contacts_of_mujoco_replace_those_of_the_model(block, tmp_path):
+    """A block on soft ground sinks below where it may be, but not on MuJoCo's."""
+    (tmp_path / "block.xml").write_text(BLOCK.replace('condim="3"', 'condim="3" solref="0.2 1"'))
+    (tmp_path / "task.yaml").write_text(TASK + "fallen: [{sensor: z/position, below: -0.003}]\n")
+    soft = make_task(str(tmp_path))
+    contacts = {"contacts": [0, 1]}
+    found = robustness(soft, drawn_by(soft, 0.0), trials(soft, 1, 200), contacts)["contacts"]
+    assert found["survival"] == [0.0, 1.0]
 
 
 def test_a_task_that_does_not_know_a_fall_is_refused(block, tmp_path):

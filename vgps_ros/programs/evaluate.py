@@ -2,6 +2,12 @@
 """Measures how far, how fast and for how long a learned policy goes, from perturbed starts.
 
 Where disturbances are named, it also measures how many rollouts survive each.
+
+Of a task with commands it measures at each command of a grid, and while commands change every 3 s:
+the share of rollouts that are up after 20 s, 60 s and at the end; the share that obeys then, whose
+mean error over the last 2 s is at most a fifth of the range of each command; and the errors of each
+commanded number, from 1 s after the start or a change of a command on. Disturbances are tried while
+commands change, for 20 s at most. Intervals are Wilson's, of 95 %.
 """
 
 import argparse
@@ -21,47 +27,65 @@ from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
-    from vgps_ros.core.executed_control import Policy
     from vgps_ros.tasks import Task
+    from vgps_ros.tasks.driver import Driver
+
+OWN = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
+# Lengths and numbers of rollouts where none are given, of tasks with commands and of others.
+COMMANDED = {"seconds": 60.0, "rollouts": 40}
+UNCOMMANDED = {"seconds": 10.0, "rollouts": 20}
+LONGEST_TRIAL = 20.0  # of a disturbance while commands change [s]
 
 
 def _try_disturbances(
-    task: "Task", policy: "Policy", arguments: argparse.Namespace
+    task: "Task", driver: "Driver", arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Tries the disturbances that the arguments name; returns the survival by kind."""
+    """Tries the disturbances that the arguments name; returns the survival by kind.
+
+    Of a robot that obeys commands, all usual ones are tried where none is named.
+    """
     from vgps_ros.search.evaluation import perturbed_starts
-    from vgps_ros.search.robustness import KINDS, Trials, robustness
+    from vgps_ros.search.judgement import TRIALS, changing_commands, drawn_noise
+    from vgps_ros.search.robustness import KINDS, USUAL, Trials, robustness, suits
     from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
-    if arguments.body and not {"pushes", "payloads"} & values.keys():
+    if not values and task.signals.commands:
+        values = {k: list(v) for k, v in USUAL.items() if suits(task, k, arguments.body)}
+    if arguments.body and not {"pushes", "payloads", "masses"} & values.keys():
         raise InvalidInputError(
             f"--body {arguments.body} is pushed or bears a payload, but neither is tried; add "
             "--pushes or --payloads, or leave it out."
         )
     if not values:
         return {}
-    if not isinstance(policy, GaussianPolicy):
+    seconds = arguments.seconds
+    if task.signals.commands:
+        seconds = min(seconds, LONGEST_TRIAL)
+    elif not isinstance(driver.policy, GaussianPolicy):
         raise InvalidInputError(
-            f"--{next(iter(values))} needs a policy of vgps_ros, but this is a third-party ONNX "
-            "policy; leave it out."
+            f"--{_flag(next(iter(values)))} needs a policy of vgps_ros, but this is a third-party "
+            "ONNX policy; leave it out."
         )
-    steps = max(1, round(arguments.seconds / task.dynamics.time_step))
-    rng = generator(arguments.seed, Stream.EVALUATION, 1)
+    steps = max(1, round(seconds / task.dynamics.time_step))
+    rng = generator(arguments.seed, Stream.JUDGEMENT, TRIALS)
     starts = perturbed_starts(task, arguments.perturbation, arguments.rollouts, rng)
-    scale = policy.noise_std if arguments.stochastic else np.zeros_like(policy.noise_std)
-    noise = scale * rng.standard_normal((len(starts), steps, len(scale)))
+    commands = np.array([changing_commands(task, steps, rng) for _ in starts])
+    scale = driver.policy.noise_std * float(arguments.stochastic)
+    noise = drawn_noise(scale, (len(starts), steps), rng)
     settings = DisturbanceSettings(
         body=arguments.body,
-        push_before=arguments.seconds / 2,  # then there is time to recover, or to fall
+        push_before=seconds / 2,  # then there is time to recover, or to fall
         push_duration=arguments.push_duration,
     )
     if any(values.get("pushes", ())):
-        check_push_ends(
-            settings, arguments.seconds, "a rollout", "--push-duration", "lengthen --seconds"
-        )
-    trials = Trials(starts, noise, arguments.seed, settings)
-    return robustness(task, policy, trials, values)
+        check_push_ends(settings, seconds, "a rollout", "--push-duration", "lengthen --seconds")
+    trials = Trials(starts, noise, arguments.seed, settings, commands)
+    return robustness(task, driver, trials, values)
+
+
+def _flag(name: str) -> str:
+    return name.replace("_", "-")
 
 
 def _show(result: dict[str, Any], *, can_fall: bool) -> None:
@@ -69,7 +93,6 @@ def _show(result: dict[str, Any], *, can_fall: bool) -> None:
     from rich.table import Column, Table
 
     from vgps_ros.search.evaluation import FIGURES, SPREAD
-    from vgps_ros.search.robustness import ENOUGH, KINDS
     from vgps_ros.views.console import table_console
 
     policy = "stochastic" if result["stochastic"] else "deterministic"
@@ -83,18 +106,86 @@ def _show(result: dict[str, Any], *, can_fall: bool) -> None:
     for key, name in FIGURES.items():
         table.add_row(name, *(f"{value:.3f}" for value in result[key].values()))
     table_console().print(table)
-    if "robustness" not in result:
-        return
-    table = Table("disturbance", "size", "survive", f"{100 * ENOUGH:.0f} % survive")
-    for kind, found in result["robustness"].items():
-        borne = found["borne"]
+    _show_robustness(result)
+
+
+def _show_controller(result: dict[str, Any], *, can_fall: bool) -> None:
+    """Prints how a policy obeys commands as a table."""
+    from rich.table import Column, Table
+
+    from vgps_ros.search.judgement import CHANGE, LATE, SETTLING, TOLERANCE
+    from vgps_ros.views.console import table_console
+
+    times, units = result["times"], result["units"]
+    policy = "stochastic" if result["stochastic"] else "deterministic"
+    table = Table(
+        Column("command", no_wrap=True),
+        *(Column(f"up {time:g} s", justify="right") for time in times),
+        Column(f"obeys {times[-1]:g} s", justify="right"),
+        *(
+            Column(f"{name}{f' [{units[name]}]' if units[name] else ''}", justify="right")
+            for name in result["achieved_by"]
+        ),
+        title=f"{result['task']}, {policy} policy, {result['rollouts']} rollouts of "
+        f"{result['seconds']:g} s at each command",
+        caption=f"Up: {'not fallen' if can_fall else 'not diverged'} (interval of 95 %). Obeys: "
+        f"up, and the mean error over the last {LATE:g} s is at most {100 * TOLERANCE:g} % of each "
+        f"range. On the right: errors, root mean square (mean), from {SETTLING:g} s after a change "
+        "on.",
+        caption_justify="left",
+    )
+
+    def row(name: str, found: dict[str, Any]) -> None:
+        ups = zip(found["survival"], found["survival_interval"], strict=True)
+        errors = ((found["rms"][c], found["mean"][c]) for c in result["achieved_by"])
         table.add_row(
-            KINDS[kind],
-            "\n".join(f"{value:g}" for value in found["values"]),
-            "\n".join(f"{100 * share:.0f} %" for share in found["survival"]),
-            f"{borne[0]:g} to {borne[1]:g}" if borne else "none",
-            end_section=True,
+            name,
+            *(_share(*each) for each in ups),
+            _share(found["obeys"][-1], found["obeys_interval"][-1]),
+            *("none" if rms is None else f"{rms:.3f} ({mean:+.3f})" for rms, mean in errors),
         )
+
+    for i, found in enumerate(result["commands"]):
+        named = (f"{name} {value:g}" for name, value in found["command"].items() if value)
+        row(", ".join(named) or "at rest", found)
+        table.rows[-1].end_section = i == len(result["commands"]) - 1
+    row("all of these", result["all_commands"])
+    row(f"changing each {CHANGE:g} s", result["changing"])
+    table_console().print(table)
+    _show_robustness(result)
+
+
+def _share(share: float, interval: list[float]) -> str:
+    low, high = (100.0 * end for end in interval)
+    return f"{100 * share:.0f} % ({low:.0f} to {high:.0f})"
+
+
+def _show_robustness(result: dict[str, Any]) -> None:
+    """Prints how many rollouts survive each disturbance, if any was tried."""
+    from rich.table import Table
+
+    from vgps_ros.search.robustness import ENOUGH, KINDS
+    from vgps_ros.views.console import table_console
+
+    if not (tried := result.get("robustness")):
+        return
+    obeys = any("obeys" in found for found in tried.values())
+    enough = f"{100 * ENOUGH:.0f} %"
+    columns = ["disturbance", "size", "survive", f"{enough} survive"]
+    table = Table(*columns, *(["obey", f"{enough} obey"] if obeys else []))
+    for kind, found in tried.items():
+        cells = [KINDS[kind], "\n".join(f"{value:g}" for value in found["values"])]
+        for shares, borne in (("survival", "borne"), ("obeys", "obeyed"))[: 1 + obeys]:
+            ends = found[borne]
+            listed = found.get(f"{shares}_interval")
+            cells.append(
+                "\n".join(
+                    _share(share, listed[i]) if listed else f"{100 * share:.0f} %"
+                    for i, share in enumerate(found[shares])
+                )
+            )
+            cells.append(f"{ends[0]:g} to {ends[1]:g}" if ends else "none")
+        table.add_row(*cells, end_section=True)
     table_console().print(table)
 
 
@@ -109,6 +200,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_settings(
         Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5),
         Setting("rollouts", 20, "number of rollouts", minimum=1, maximum=1_000_000),
+        unset="10 s and 20 rollouts; 60 s and 40 rollouts at each command of a task with commands",
+    )
+    parser.add_settings(
         Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0),
         SEED,
     )
@@ -119,11 +213,33 @@ def add_arguments(parser: Parser) -> None:
         ),
         Setting("slopes", (0.0,), "slopes to try, upwards [rad]", minimum=-1.0, maximum=1.0),
         Setting("payloads", (0.0,), "masses to add [kg]", minimum=0.0, maximum=1e6),
+        Setting(
+            "masses", (1.0,), "factors on the mass of a body, as of a trunk", minimum=0.01,
+            maximum=100.0,
+        ),
         Setting("frictions", (1.0,), "factors on friction", minimum=0.0, maximum=100.0),
-        unset="nothing is tried",
+        Setting(
+            "latencies", (0.0,), "times by which the policy reads the state too late, rounded up "
+            "to control steps [s]", minimum=0.0, maximum=10.0,
+        ),
+        Setting(
+            "sensor_noise", (0.0,), "factors on the noise of usual sensors: 0.01 rad and 0.5 rad/s "
+            "of joints, 0.1 rad/s of a gyro, 0.03 of gravity's direction, 0.1 m/s of speeds, "
+            "0.01 m of places", minimum=0.0, maximum=100.0,
+        ),
+        Setting(
+            "contacts", (0,), "hardness of contacts: 0 the model's, 1 MuJoCo's default", minimum=0,
+            maximum=1,
+        ),
+        unset="nothing is tried; of a task with commands, where none of these flags is given, the "
+        "usual sizes of all are",
     )  # fmt: skip
     parser.add_settings(
-        Setting("body", "", "body that is pushed and bears a payload; empty: the heaviest one"),
+        Setting(
+            "body",
+            "",
+            "body that is pushed, bears a payload or has another mass; empty: the heaviest one",
+        ),
         Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
     )
     parser.add_argument(
@@ -146,27 +262,36 @@ def run(arguments: argparse.Namespace) -> None:
     if not (arguments.task or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
     from vgps_ros.search.evaluation import measure_driving
+    from vgps_ros.search.judgement import judge_controller
     from vgps_ros.tasks import make_task, recorded_task
     from vgps_ros.tasks.driver import driver_of
 
     task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
-    own = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
+    commanded = bool(task.signals.commands)
+    for name, value in (COMMANDED if commanded else UNCOMMANDED).items():
+        vars(arguments).setdefault(name, value)
+    own = {name: getattr(arguments, name) for name in OWN}
     driver = driver_of(task, file)
-    result = measure_driving(task, driver, **{name: getattr(arguments, name) for name in own})
-    if found := _try_disturbances(task, driver.policy, arguments):
-        result["robustness"] = found
+    if commanded:
+        found = judge_controller(task, driver, **own)
+        result = {"task": task.name, **own, **found}
+    else:
+        result = measure_driving(task, driver, **own)
+    if tried := _try_disturbances(task, driver, arguments):
+        result["robustness"] = tried
     if arguments.plot:
-        if not found:
+        if not tried:
             raise InvalidInputError(
                 "--plot draws disturbances, but none is named; add --pushes, --slopes, --payloads "
                 "or --frictions."
             )
         from vgps_ros.views.plots import survival_curves
 
-        survival_curves({task.name: found}, arguments.rollouts).savefig(arguments.plot, dpi=150)
+        survival_curves({task.name: tried}, arguments.rollouts).savefig(arguments.plot, dpi=150)
     if arguments.json == Path("-"):
         print(json.dumps(result))
         return
-    _show(result, can_fall=bool(task.fallen.lowest.size))
+    show = _show_controller if commanded else _show
+    show(result, can_fall=bool(task.fallen.lowest.size))
     if arguments.json:
         write_json(arguments.json, result)

@@ -90,7 +90,7 @@ def measure_driving(
     seed: int,
     stochastic: bool,
 ) -> dict[str, Any]:
-    """Rolls a policy out from perturbed starts.
+    """Rolls a policy out from perturbed starts, with all commands at rest.
 
     Distance, speed and cost are those up to the end, or until a rollout falls or diverges.
 
@@ -118,8 +118,11 @@ def measure_driving(
     rng = generator(seed, Stream.EVALUATION, 0)
     starts = perturbed_starts(task, perturbation, rollouts, rng)
 
-    def control_law(_: int, x: Array) -> Array:
-        mean = driver.mean(x)
+    context = task.signals.held(task.signals.rest, steps)
+    task = task.in_context(context)
+
+    def control_law(t: int, x: Array) -> Array:
+        mean = driver.policy.mean(driver.observation.within(context[t])(x))
         return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
     states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)

@@ -1,21 +1,42 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The share of a policy's rollouts that survive pushes, slopes, payloads and other friction."""
+"""The share of a policy's rollouts that survive disturbances, from pushes to noise of sensors."""
 
+import math
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.judgement import (
+    PUSHES,
+    SENSORS,
+    Behaviour,
+    Rollouts,
+    behaviour,
+    check_lengths,
+    interval,
+)
+from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import sensor_numbers
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import body_number, disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import (
+    body_number,
+    disturbed,
+    draw_disturbance,
+    may_rub,
+    on_dynamics,
+)
+from vgps_ros.tasks.driver import Driver
 
 ENOUGH = 0.9  # share of the rollouts that survive what a policy is said to bear
 
@@ -24,8 +45,46 @@ KINDS = {
     "pushes": "impulse [N·s]",
     "slopes": "slope, upwards [rad]",
     "payloads": "payload [kg]",
+    "masses": "factor on the body's mass",
     "frictions": "factor on friction",
+    "latencies": "latency [s]",
+    "sensor_noise": "factor on usual sensor noise",
+    "contacts": "contacts: 0 the model's, 1 MuJoCo's",
 }
+_FACTORS = ("masses", "frictions")  # that change nothing where they are 1
+
+# Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
+USUAL = {
+    "pushes": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 40.0),
+    "masses": (0.6, 1.0, 1.4),
+    "frictions": (0.4, 0.7, 1.0, 1.2),
+    "latencies": (0.0, 0.02),
+    "sensor_noise": (0.0, 1.0),
+    "contacts": (0, 1),
+}
+
+# Standard deviations of the noise of usual sensors: encoders, an inertial unit, an estimated speed.
+_ANGLE, _ANGULAR_VELOCITY = 0.01, 0.5  # of a joint that turns [rad, rad/s]
+_PLACE, _VELOCITY = 0.01, 0.1  # of a joint that slides, or of a frame [m, m/s]
+_SENSOR = mujoco.mjtSensor
+_SENSOR_STD = {
+    _SENSOR.mjSENS_GYRO: 0.1,  # [rad/s]
+    _SENSOR.mjSENS_FRAMEANGVEL: 0.1,
+    _SENSOR.mjSENS_VELOCIMETER: _VELOCITY,
+    _SENSOR.mjSENS_FRAMELINVEL: _VELOCITY,
+    _SENSOR.mjSENS_SUBTREELINVEL: _VELOCITY,
+    _SENSOR.mjSENS_FRAMEPOS: _PLACE,
+    _SENSOR.mjSENS_SUBTREECOM: _PLACE,
+    _SENSOR.mjSENS_FRAMEXAXIS: 0.03,  # a direction, such as gravity's
+    _SENSOR.mjSENS_FRAMEYAXIS: 0.03,
+    _SENSOR.mjSENS_FRAMEZAXIS: 0.03,
+    _SENSOR.mjSENS_FRAMEQUAT: 0.015,  # half the angle
+    _SENSOR.mjSENS_BALLQUAT: _ANGLE / 2,
+    _SENSOR.mjSENS_BALLANGVEL: _ANGULAR_VELOCITY,
+}
+_COORDINATE_STD = {"vx": _VELOCITY, "vy": _VELOCITY, "vz": _VELOCITY}
+_COORDINATE_STD |= {"x": _PLACE, "y": _PLACE, "z": _PLACE}
+_COORDINATE_STD |= {"wx": 0.1, "wy": 0.1, "wz": 0.1}
 
 
 @dataclass(frozen=True)
@@ -35,19 +94,27 @@ class Trials:
     Attributes:
         starts: x_1 of each, shape (N, n_x).
         noise: shape (N, T, n_u), [N·m]; zeros for the policy without noise.
-        seed: of the pushes' times and directions.
+        seed: of the pushes' times and directions, and of the sensors' noise.
         settings: the body, and when and for how long it is pushed.
+        commands: of each, shape (N, T, n_c); None of a task that has none.
     """
 
     starts: Array
     noise: Array
     seed: int
     settings: DisturbanceSettings
+    commands: Array | None = None
+
+    @property
+    def rollouts(self) -> Rollouts:
+        """The rollouts without a disturbance."""
+        none = np.empty((*self.noise.shape[:2], 0))
+        return Rollouts(self.starts, none if self.commands is None else self.commands, self.noise)
 
 
 def robustness(
     task: Task,
-    policy: GaussianPolicy,
+    driver: Driver,
     trials: Trials,
     values: Mapping[str, Sequence[float]],
 ) -> dict[str, Any]:
@@ -55,69 +122,178 @@ def robustness(
 
     Args:
         task: the undisturbed robot.
-        policy: π_θ.
+        driver: the policy, with what it reads.
         trials: the rollouts.
         values: sizes to try of each kind; see `KINDS`.
 
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
-        values it is `ENOUGH`; None where not even so many survive without a disturbance.
+        values it is `ENOUGH`; None where not even so many survive without a disturbance. Of a task
+        with commands also the intervals of the shares, and the same for the rollouts that obey.
 
     Raises:
-        InvalidInputError: the task does not say what a fall is, or the body cannot be pushed.
+        InvalidInputError: the task does not say what a fall is and has no commands, the rollouts
+            are too short to judge commands, or a disturbance does not suit the robot.
     """
-    if not task.fallen.lowest.size:
+    if not (task.fallen.lowest.size or task.signals.commands):
         raise InvalidInputError(
             f"The task {task.name} does not say when the robot has fallen, so that survival tells "
             "nothing; add `fallen` to its file."
         )
     body_number(task, trials.settings.body)
+    check_lengths(task, trials.noise.shape[1] * task.dynamics.time_step)
 
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
-    def share(kind: str, value: float) -> float:
-        drawn = _disturbances(task, kind, value, trials)
-        return float(survived(task, policy, drawn, trials).mean())
+    def shares(kind: str, value: float) -> tuple[float, float]:
+        found = _tried(task, driver, kind, value, trials)
+        return float(found.up[:, -1].mean()), float(found.obeys[:, -1].mean())
 
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
+    count = len(trials.starts)
     for kind, given in values.items():
-        ordered, calm = sorted(given), 1.0 if kind == "frictions" else 0.0
-        shares = [share("frictions", 1.0) if v == calm else share(kind, v) for v in ordered]
+        ordered, calm = sorted(given), _calm(kind)
+        both = [(shares("", 0.0) if v == calm else shares(kind, v)) for v in ordered]
+        survive, obey = ([each[i] for each in both] for i in range(2))
+        base = shares("", 0.0)
         found[kind] = {
             "values": ordered,
-            "survival": shares,
-            "borne": _borne(ordered, shares, calm) if share("frictions", 1.0) >= ENOUGH else None,
+            "survival": survive,
+            "borne": _borne(ordered, survive, calm) if base[0] >= ENOUGH else None,
         }
+        if task.signals.commands:
+            found[kind] |= {
+                "survival_interval": [list(interval(share, count)) for share in survive],
+                "obeys": obey,
+                "obeys_interval": [list(interval(share, count)) for share in obey],
+                "obeyed": _borne(ordered, obey, calm) if base[1] >= ENOUGH else None,
+            }
     return found
 
 
-def survived(
-    task: Task, policy: GaussianPolicy, disturbances: Sequence[Disturbance], trials: Trials
-) -> NDArray[np.bool_]:
-    """Returns whether each rollout neither diverges nor falls under its disturbance, shape (N,)."""
+def suits(task: Task, kind: str, body: str = "") -> bool:
+    """Returns whether a kind of disturbance can be tried on a robot at all."""
+    if kind in ("frictions", "contacts"):
+        return may_rub(task.dynamics.model)
+    if kind == "pushes":
+        try:
+            settings = DisturbanceSettings(body=body, push=1.0)
+            draw_disturbance(task, settings, np.random.default_rng(0))
+        except InvalidInputError:
+            return False
+    return True
+
+
+def behaviours(
+    task: Task, driver: Driver, disturbances: Sequence[Disturbance], trials: Trials
+) -> Behaviour:
+    """Returns what each rollout does under its disturbance."""
     rows: dict[Disturbance, list[int]] = {}
     for i, disturbance in enumerate(disturbances):
         rows.setdefault(disturbance, []).append(i)
-    standing = np.empty(len(disturbances), dtype=bool)
-    for disturbance, own in rows.items():
+    seconds = trials.noise.shape[1] * task.dynamics.time_step
+
+    def tried(disturbance: Disturbance) -> Behaviour:
         here = disturbed(task, disturbance)
-        drawn = trials.starts[own], trials.noise[own]
-        states, _ = here.dynamics.execute(policy, here.observation, *drawn)
-        standing[own] = here.survived(states)
-    return standing
+        return behaviour(here, driver, trials.rollouts.of(rows[disturbance]), (seconds,))
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        found = Behaviour.joined(list(pool.map(tried, rows)))
+    return found.of(np.argsort(np.concatenate([*rows.values()])))
 
 
-def _disturbances(task: Task, kind: str, value: float, trials: Trials) -> list[Disturbance]:
-    """Returns the disturbance of each trial; times and directions are the same for all values."""
-    settings = replace(trials.settings, push=value)
-    if kind == "pushes":
-        rngs = (generator(trials.seed, Stream.DISTURBANCES, i) for i in range(len(trials.starts)))
-        return [draw_disturbance(task, settings, rng) for rng in rngs]
-    changes: dict[str, Any] = {
-        "slopes": {"slope": (value, 0.0)},
-        "payloads": {"body": settings.body, "payload": value},
-        "frictions": {"friction": value},
+def usual_noise(task: Task, driver: Driver) -> Array:
+    """Returns the standard deviations of usual sensors for what a policy reads, shape (r,).
+
+    Encoders: 0.01 rad and 0.5 rad/s of joints that turn, 0.01 m and 0.1 m/s of joints that slide.
+    An inertial unit: 0.1 rad/s, and 0.03 of directions such as gravity's. An estimated velocity:
+    0.1 m/s. Other numbers have no noise.
+    """
+    model = task.dynamics.model
+    numbers = sensor_numbers(model)
+    slides = {
+        model.joint(i).name for i in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE)
     }
-    return [Disturbance(**changes[kind])] * len(trials.starts)
+
+    def std(name: str) -> float:
+        if name in numbers:
+            sensor = numbers[name][0]
+            kind = _SENSOR(model.sensor_type[sensor])
+            if kind in (_SENSOR.mjSENS_JOINTPOS, _SENSOR.mjSENS_JOINTVEL):
+                joint = model.joint(model.sensor_objid[sensor]).name
+                what = "position" if kind == _SENSOR.mjSENS_JOINTPOS else "velocity"
+                return std(f"{joint}/{what}")
+            return _SENSOR_STD.get(kind, 0.0)
+        joint, _, what = name.rpartition("/")
+        if what in ("position", "sin", "cos"):
+            return _PLACE if joint in slides else _ANGLE
+        if what == "velocity":
+            return _VELOCITY if joint in slides else _ANGULAR_VELOCITY
+        return _COORDINATE_STD.get(what, 0.0)
+
+    return np.array([std(name) for name in driver.observation.readings.names])
+
+
+def _tried(task: Task, driver: Driver, kind: str, value: float, trials: Trials) -> Behaviour:
+    """Tries a disturbance of one size; the kind is empty where there is none."""
+    settings, given = replace(trials.settings, push=value), trials.rollouts
+    seconds = given.noise.shape[1] * task.dynamics.time_step
+    if kind == "pushes":  # times and directions are the same for all sizes
+        rngs = (
+            generator(trials.seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(trials.starts))
+        )
+        drawn = [draw_disturbance(task, settings, rng) for rng in rngs]
+        return behaviours(task, driver, drawn, trials)
+    body, here = settings.body, task
+    if kind == "slopes":
+        here = disturbed(task, Disturbance(slope=(value, 0.0)))
+    elif kind == "payloads":
+        here = disturbed(task, Disturbance(body=body, payload=value))
+    elif kind == "frictions":
+        here = disturbed(task, Disturbance(friction=value))
+    elif kind == "masses":
+        here = _heavier(task, body_number(task, body), value)
+    elif kind == "contacts":
+        here = _with_default_contacts(task)
+    elif kind == "latencies":
+        given = replace(given, lag=math.ceil(value / task.dynamics.time_step - 1e-6))
+    elif kind == "sensor_noise":
+        rng = generator(trials.seed, Stream.JUDGEMENT, SENSORS)
+        std = usual_noise(task, driver)
+        drawn_noise = rng.standard_normal((*given.noise.shape[:2], len(std)))
+        given = replace(given, misread=value * std * drawn_noise)
+    return behaviour(here, driver, given, (seconds,))
+
+
+def _calm(kind: str) -> float:
+    """Returns the size of a kind that changes nothing."""
+    return 1.0 if kind in _FACTORS else 0.0
+
+
+def _heavier(task: Task, body: int, factor: float) -> Task:
+    """Returns the task where the mass and the inertia of a body are multiplied."""
+    model = copy(task.dynamics.model)
+    model.body_mass[body] *= factor
+    model.body_inertia[body] *= factor
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return on_dynamics(task, Dynamics(model, task.dynamics.substeps))
+
+
+def _with_default_contacts(task: Task) -> Task:
+    """Returns the task where contacts are as hard as MuJoCo's are by default.
+
+    Raises:
+        InvalidInputError: no two geoms of the robot touch with friction.
+    """
+    if not may_rub(task.dynamics.model):
+        raise InvalidInputError(
+            f"The contacts shall be MuJoCo's, but no two geoms of the robot of {task.name} can "
+            "touch with friction; leave out --contacts."
+        )
+    model, default = copy(task.dynamics.model), mujoco.MjSpec().worldbody.add_geom()
+    model.geom_solref[:], model.geom_solimp[:] = default.solref, default.solimp
+    model.pair_solref[:], model.pair_solimp[:] = default.solref, default.solimp
+    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    return on_dynamics(task, Dynamics(model, task.dynamics.substeps))
 
 
 def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:

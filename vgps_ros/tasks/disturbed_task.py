@@ -50,7 +50,11 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
     if disturbance.changes_model:
         model = disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
     push = _push(disturbance, body, task.dynamics.time_step)
-    dynamics = Dynamics(model, task.dynamics.substeps, push=push)
+    return on_dynamics(task, Dynamics(model, task.dynamics.substeps, push=push))
+
+
+def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
+    """Returns the task with other dynamics, whose states are of the same space."""
 
     def here(features: StateReadings) -> Readings:
         return Readings(dynamics.simulations, features.names)

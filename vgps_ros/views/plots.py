@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
+from vgps_ros.search.judgement import interval
 from vgps_ros.search.robustness import ENOUGH, KINDS
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
@@ -26,7 +27,7 @@ _LASTING = 0.1  # time for which an angle must be outside: touching the edge doe
 _WINDOW = 2.0  # time after it that is compared [s]
 _LONGEST_SHIFT = 0.5  # [s]
 _SAME = 0.5  # a shift explains it if no more than this share of the distance is left
-_Z = 1.96  # standard deviations of an interval of 95 %
+_PANELS = 4  # beside each other
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
 _LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v")
@@ -254,9 +255,13 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
         rollouts: number of rollouts for each value, from which the bars of 95 % follow (Wilson).
     """
     kinds = [kind for kind in KINDS if any(kind in result for result in found.values())]
-    figure = Figure(figsize=(1.2 + 3.6 * len(kinds), 3.4), layout="constrained")
-    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
-    for axes, kind in zip(panels, kinds, strict=True):
+    rows = -(-len(kinds) // _PANELS)
+    columns = -(-len(kinds) // rows)
+    figure = Figure(figsize=(1.2 + 3.6 * columns, 0.2 + 3.2 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for axes in panels.flat[len(kinds) :]:
+        axes.remove()
+    for axes, kind in zip(panels.flat, kinds, strict=False):
         for i, (label, result) in enumerate(found.items()):
             if kind not in result:
                 continue
@@ -275,9 +280,10 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
             )
         axes.axhline(100.0 * ENOUGH, color="grey", linewidth=0.8)
         axes.set_xlabel(KINDS[kind])
-    panels[0].set_ylim(-3, 103)
-    panels[0].set_ylabel(f"survive, of {rollouts} [%]")
-    handles, labels = panels[0].get_legend_handles_labels()
+    panels[0, 0].set_ylim(-3, 103)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"survive, of {rollouts} [%]")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
     if len(found) > 1:
         figure.legend(
             handles, labels, frameon=False, ncols=len(_COLOURS), loc="outside upper center"
@@ -286,9 +292,7 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
 
 
 def _bars(shares: Array, count: int) -> Array:
-    """Returns how far Wilson's interval of 95 % reaches below and above each share, (2, m)."""
-    scale = 1.0 + _Z**2 / count
-    middle = (shares + _Z**2 / (2 * count)) / scale
-    half = _Z * np.sqrt(shares * (1 - shares) / count + _Z**2 / (4 * count**2)) / scale
-    bars = np.stack([shares - (middle - half), (middle + half) - shares])
+    """Returns how far the interval of 95 % reaches below and above each share, (2, m)."""
+    low, high = np.transpose([interval(share, count) for share in shares])
+    bars = np.stack([shares - low, high - shares])
     return np.maximum(bars, 0.0)

@@ -1,0 +1,238 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""How well policies obey commands, on a cart whose speed is known in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.judgement import (
+    Rollouts,
+    behaviour,
+    changing_commands,
+    command_grid,
+    interval,
+    judge_controller,
+    judged_times,
+    survives,
+)
+from vgps_ros.search.robustness import Trials, robustness, usual_noise
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.disturbance import DisturbanceSettings
+from vgps_ros.tasks.driver import Driver
+
+# A cart of 1 kg that nothing brakes. A force of GAIN (command − speed) lets its speed approach the
+# command by the factor 1 − GAIN Δt in each step, within two steps at GAIN 50.
+CART = """
+<mujoco>
+  <option timestep="0.01" integrator="Euler"/>
+  <worldbody>
+    <body name="cart"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1" mass="1"/></body>
+  </worldbody>
+  <actuator><motor name="x" joint="x"/></actuator>
+</mujoco>
+"""
+TASK = """
+model: cart.xml
+control_period: 0.01
+horizon: 1.0
+commands: {speed: {range: [-1.0, 2.0], unit: m/s}}
+cost:
+  - {sensor: x/velocity, target: {command: speed}}
+  - {sensor: x/velocity, target: {command: speed, rest: 9.0}, weight: 0.1}
+observe: [x/velocity, commands]
+"""
+FALLEN = "fallen: [{sensor: x/velocity, beyond: 1.5}]\n"
+GAIN = 50.0
+
+
+@pytest.fixture
+def cart(tmp_path):
+    (tmp_path / "cart.xml").write_text(CART)
+    (tmp_path / "task.yaml").write_text(TASK + FALLEN)
+    return make_task(str(tmp_path))
+
+
+def reaching(task, share=1.0, offset=0.0):
+    """Returns a driver that reaches a share of the command, and an offset [m/s]."""
+    shape = Architecture(task.observation.names, (), 1)
+    parameters = GAIN * np.array([-1.0, share, offset])  # speed, command, bias
+    return Driver(GaussianPolicy(shape, parameters, np.ones(1)), task.observation)
+
+
+def judged(task, driver, **changes):
+    given = {"seconds": 4.0, "rollouts": 3, "perturbation": 0.0, "seed": 0, "stochastic": False}
+    return judge_controller(task, driver, **given | changes)
+
+
+def test_the_grid_has_each_command_alone_and_pairs_half_way(cart):
+    assert_array_equal(command_grid(cart.signals), [[0.0], [-1.0], [-0.5], [1.0], [2.0]])
+    (speed,) = cart.signals.commands
+    two = replace(cart.signals, commands=(speed, replace(speed, name="turn", lowest=0.0)))
+    grid = command_grid(two).tolist()
+    assert len(grid) == len({*map(tuple, grid)})
+    assert [0.0, 2.0] in grid
+    assert [1.0, 1.0] in grid
+    assert [-0.5, 1.0] in grid
+    assert [2.0, 2.0] not in grid
+
+
+def test_errors_are_those_of_the_speed_that_a_policy_reaches(cart):
+    """Nine tenths of the command and 0.05 m/s more miss it by 0.05 − 0.1 of it."""
+    found = judged(cart, reaching(cart, 0.9, 0.05))
+    assert found["achieved_by"] == {"speed": "x/velocity"}
+    assert found["units"] == {"speed": "m/s"}
+    for each in found["commands"][:4]:
+        error = 0.05 - 0.1 * each["command"]["speed"]
+        assert each["mean"]["speed"] == pytest.approx(error, abs=1e-6)
+        assert each["rms"]["speed"] == pytest.approx(abs(error), abs=1e-6)
+        assert each["survival"] == each["obeys"] == [1.0]
+    fallen = found["commands"][4]  # 1.8 m/s, within the settling time
+    assert fallen["survival"] == fallen["obeys"] == [0.0]
+    assert fallen["rms"] == fallen["mean"] == {"speed": None}
+    assert found["all_commands"]["survival"] == [pytest.approx(0.8)]
+    assert_allclose(found["all_commands"]["survival_interval"], [interval(0.8, 15)])
+    squares = [(0.05 - 0.1 * command) ** 2 for command in (0.0, -1.0, -0.5, 1.0)]
+    assert found["all_commands"]["rms"]["speed"] == pytest.approx(np.mean(squares) ** 0.5)
+
+
+def test_a_robot_that_stands_still_is_up_but_does_not_obey(cart):
+    """A fifth of the range is 0.6 m/s, which it misses at −1, 1 and 2 m/s."""
+    found = judged(cart, reaching(cart, 0.0))
+    assert [each["survival"] for each in found["commands"]] == [[1.0]] * 5
+    assert [each["obeys"] for each in found["commands"]] == [[1.0], [0.0], [1.0], [0.0], [0.0]]
+
+
+def test_rollouts_are_judged_at_each_time_by_what_comes_before_it(cart):
+    """From 4 s on the command is 1 m/s more than the policy reaches."""
+    commands = np.zeros((1, 800, 1))
+    commands[:, 400:] = 2.0
+    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 800, 1)))
+    found = behaviour(cart, reaching(cart, 0.5), given, (4.0, 8.0))
+    assert found.up.tolist() == [[True, True]]
+    assert found.obeys.tolist() == [[True, False]]
+    assert found.counts.tolist() == [600]  # a second after the start and the change does not count
+    assert found.errors[0, 0] == pytest.approx(-0.5)
+    assert found.squares[0, 0] == pytest.approx(0.5)
+
+
+def test_a_fall_ends_what_counts(cart):
+    """At 3 s the command is 2 m/s, where the cart falls at once."""
+    commands = np.full((1, 600, 1), 1.0)
+    commands[:, 300:] = 2.0
+    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 600, 1)))
+    found = behaviour(cart, reaching(cart), given, (3.0, 6.0))
+    assert found.up.tolist() == [[True, False]]
+    assert found.counts.tolist() == [200]
+
+
+def test_a_late_reading_and_noise_of_sensors_change_what_a_policy_does(cart):
+    """At GAIN 50 the loop bears no two steps of latency; an offset of the reading shifts it."""
+    commands = np.full((1, 400, 1), 0.5)
+    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 400, 1)))
+    driver = reaching(cart)
+    assert behaviour(cart, driver, given, (4.0,)).up.all()
+    assert not behaviour(cart, driver, replace(given, lag=5), (4.0,)).up.any()
+    misread = np.full((1, 400, 1), 0.2)
+    found = behaviour(cart, driver, replace(given, misread=misread), (4.0,))
+    assert found.errors[0, 0] == pytest.approx(-0.2)
+
+
+class Network:
+    """A policy that is not ours, of the same controls."""
+
+    def __init__(self, policy):
+        self.mean, self.noise_std = policy.mean, policy.noise_std
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_policy_that_is_not_ours_is_judged_alike(cart, rng, lag):
+    driver = reaching(cart, 0.8)
+    commands = np.array([changing_commands(cart, 400, rng) for _ in range(3)]) / 2
+    given = Rollouts(np.tile(cart.initial_state, (3, 1)), commands, np.zeros((3, 400, 1)), lag)
+    given = replace(given, misread=0.01 * rng.standard_normal((3, 400, 1)))
+    ours = behaviour(cart, driver, given, (4.0,))
+    other = behaviour(cart, replace(driver, policy=Network(driver.policy)), given, (4.0,))
+    assert_array_equal(ours.up, other.up)
+    assert_allclose(ours.errors, other.errors, atol=1e-9)
+
+
+def test_judgements_are_the_same_again_and_others_for_another_seed(cart):
+    driver = reaching(cart, 0.8)
+    first, again, other = (judged(cart, driver, stochastic=True, seed=s) for s in (0, 0, 1))
+    assert first == again
+    assert first["commands"][0]["mean"] != other["commands"][0]["mean"]
+
+
+def test_no_draw_is_one_of_a_training():
+    """The stream of judgements is another than all that trainings draw from."""
+    draws = [generator(0, stream, 0).uniform(size=4) for stream in Stream]
+    assert len({tuple(row) for row in draws}) == len(Stream)
+    assert Stream.JUDGEMENT not in {Stream.DISTURBANCES, Stream.EVALUATION, Stream.RENEWAL}
+
+
+def test_rollouts_within_a_training_differ_by_iteration(cart):
+    calm = replace(cart, fallen=replace(cart.fallen, highest=np.array([9.0])))
+    policy = reaching(cart, 0.7).policy
+    found = survives(calm, policy, 0, 1, 8, 5.0)
+    assert found == survives(calm, policy, 0, 1, 8, 5.0)
+    assert found.squared_error != survives(calm, policy, 0, 2, 8, 5.0).squared_error
+    assert found.survival == 1.0
+    assert 0.0 < found.squared_error < (0.3 * 2.0 / 3.0) ** 2
+    assert survives(calm, reaching(cart).policy, 0, 1, 8, 5.0).squared_error < 1e-9
+    none = replace(cart, fallen=replace(cart.fallen, highest=np.array([-9.0])))
+    down = survives(none, policy, 0, 1, 8, 5.0)
+    assert (down.survival, down.squared_error) == (0.0, np.inf)
+
+
+def test_commands_change_every_three_seconds(cart, rng):
+    drawn = changing_commands(cart, 700, rng)
+    assert drawn.shape == (700, 1)
+    changes = 1 + np.flatnonzero(drawn[1:, 0] != drawn[:-1, 0])
+    assert changes.tolist() == [300, 600]
+
+
+def test_long_rollouts_are_judged_on_the_way():
+    assert judged_times(6.0) == (6.0,)
+    assert judged_times(20.0) == (20.0,)
+    assert judged_times(60.0) == (20.0, 60.0)
+
+
+def test_an_interval_is_wilsons():
+    """Of 0 of n it reaches z² / (n + z²)."""
+    low, high = interval(0.0, 40)
+    assert low == pytest.approx(0.0, abs=1e-12)
+    assert high == pytest.approx(1.959964**2 / (40 + 1.959964**2), rel=1e-6)
+
+
+def test_disturbances_of_a_commanded_robot_tell_who_obeys(cart):
+    """Of twice the mass it obeys; a cart of which the policy lags far behind falls."""
+    steps = 500
+    starts = np.tile(cart.initial_state, (4, 1))
+    commands = np.full((4, steps, 1), 0.7)
+    given = DisturbanceSettings(body="cart")
+    trials = Trials(starts, np.zeros((4, steps, 1)), 3, given, commands)
+    values = {"masses": [1.0, 2.0], "latencies": [0.045, 0.0]}
+    found = robustness(cart, reaching(cart), trials, values)
+    assert found["masses"]["obeys"] == [1.0, 1.0]
+    assert found["masses"]["obeyed"] == found["masses"]["borne"] == [1.0, 2.0]
+    assert found["latencies"]["survival"] == [1.0, 0.0]
+    assert found["latencies"]["borne"] == [0.0, 0.0]
+    assert_allclose(found["latencies"]["survival_interval"], [interval(1.0, 4), interval(0.0, 4)])
+    still = robustness(cart, reaching(cart, 0.0), trials, {"masses": [1.0]})["masses"]
+    assert (still["survival"], still["obeys"], still["obeyed"]) == ([1.0], [0.0], None)
+
+
+def test_usual_sensors_have_noise_by_what_they_measure(cart):
+    assert_array_equal(usual_noise(cart, reaching(cart)), [0.1])  # a slide's speed
+
+
+def test_too_short_and_too_many_rollouts_are_refused(cart):
+    with pytest.raises(InvalidInputError, match=r"seconds is 2, .* use at least 3"):
+        judged(cart, reaching(cart), seconds=2.0)
+    with pytest.raises(InvalidInputError, match="at each of 6 commands are too many"):
+        judged(cart, reaching(cart), rollouts=100_000)

@@ -1,0 +1,457 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""How well a policy obeys commands, and for how long it stays up.
+
+A command is achieved by the reading whose target in the cost follows it. Its error is that of the
+reading, in the command's unit:
+
+    e = (r − r*) / A,    r* = base + A z + … (`core.cost`).
+
+Errors count from `SETTLING` after the start and after each change of a command, and until a fall. A
+rollout obeys if it is up, and if over its last `LATE` seconds the mean error of no command is more
+than `TOLERANCE` of the command's range. So a robot that slides on its back does not obey, even
+where the task does not call that a fall.
+
+All draws are of a stream that no training uses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from vgps_ros.core.cost import FeatureCost, Following
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.evaluation import perturbed_starts
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks import Task
+from vgps_ros.tasks.driver import Driver
+from vgps_ros.tasks.signals import CommandSettings, Signals
+
+TIMES = (20.0, 60.0)  # at which a long rollout is judged, beside its end [s]
+CHANGE = 3.0  # time after which commands are drawn anew [s]
+SETTLING = 1.0  # time after a change of a command in which errors do not count [s]
+LATE = 2.0  # time at the end of a rollout in which it must obey [s]
+TOLERANCE = 0.2  # largest mean error of a rollout that obeys, as a share of the command's range
+STEPS = 100_000_000  # of all rollouts of a judgement together
+_AT_ONCE = 400_000  # steps of the rollouts whose states are in memory at once
+
+# The places of draws in the stream of judgements.
+GRID, TRIALS, PUSHES, SENSORS, TRAINING = range(5)
+
+
+@dataclass(frozen=True)
+class Achieved:
+    """Which readings achieve the commands of a task.
+
+    Attributes:
+        commands: places of the n_a commands that a reading follows, among the n_c.
+        names: names of these readings.
+        cost: the cost of these readings alone, one a command.
+    """
+
+    commands: tuple[int, ...]
+    names: tuple[str, ...]
+    cost: FeatureCost
+
+    @classmethod
+    def of(cls, task: Task) -> "Achieved":
+        """Returns them; of several readings that follow a command, the one of the largest weight.
+
+        Raises:
+            InvalidInputError: the cost has features of its own, in Python.
+        """
+        cost, following = task.cost, task.cost.following
+        if following is None:
+            return cls((), (), cost)
+        if not isinstance(cost.features, Readings):
+            raise InvalidInputError(
+                f"The cost of {task.name} is not one of readings, so that what achieves a command "
+                "is unknown; write its cost as terms of sensors."
+            )
+        weights = cost.weights.mean(axis=0) if cost.weights.ndim > 1 else cost.weights
+        strength = weights[:, None] * following.linear[:, : len(task.signals.commands)] ** 2
+        commands = tuple(np.flatnonzero(strength.any(axis=0)).tolist())
+        rows = [int(strength[:, i].argmax()) for i in commands]
+        names = tuple(cost.features.names[row] for row in rows)
+        alone = replace(
+            cost,
+            features=Readings(task.dynamics.simulations, names),
+            targets=cost.targets[..., rows],
+            weights=cost.weights[..., rows],
+            smooth=cost.smooth[rows],
+            following=Following(following.linear[rows], following.lifted[rows]),
+        )
+        return cls(commands, names, alone)
+
+    def errors(self, states: Array, controls: Array, context: Array) -> Array:
+        """Returns e of each step, shape (N, T, n_a).
+
+        Args:
+            states: shape (N, T+1, n_x); NaN where a rollout has diverged, as its errors are then.
+            controls: shape (N, T, n_u).
+            context: z, shape (N, T, n_z).
+        """
+        following = self.cost.following
+        if not self.commands or following is None:
+            return np.zeros((*controls.shape[:2], 0))
+        base = replace(self.cost, following=None).starting_at(0, controls.shape[1]).targets
+        read = self.cost.features(states[:, :-1], controls)
+        scale = following.linear[np.arange(len(self.commands)), self.commands]
+        return np.asarray((read - base - following(context)) / scale)
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """What N rollouts do.
+
+    Attributes:
+        up: whether each is up at each of K times, shape (N, K).
+        obeys: whether it obeys then, shape (N, K).
+        errors: mean of e of each, over the steps that count, shape (N, n_a); 0 where none do.
+        squares: mean of e², shape (N, n_a).
+        counts: how many steps count, shape (N,).
+    """
+
+    up: NDArray[np.bool_]
+    obeys: NDArray[np.bool_]
+    errors: Array
+    squares: Array
+    counts: NDArray[np.int64]
+
+    def of(self, rollouts: slice | NDArray[np.int_]) -> "Behaviour":
+        """Returns what some of the rollouts do."""
+        return Behaviour(*(values[rollouts] for values in vars(self).values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Behaviour"]) -> "Behaviour":
+        """Returns what the rollouts of all parts do, one part after another."""
+        fields = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*(np.concatenate(values) for values in fields))
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """The rollouts of a judgement, before they are run.
+
+    Attributes:
+        starts: x_1 of each, shape (N, n_x).
+        commands: shape (N, T, n_c).
+        noise: of the controls, shape (N, T, n_u), [N·m]; zeros for the policy without noise.
+        lag: steps by which the policy reads the state too late.
+        misread: what is added to each reading of the state, shape (N, T, r); None: nothing.
+    """
+
+    starts: Array
+    commands: Array
+    noise: Array
+    lag: int = 0
+    misread: Array | None = None
+
+    def of(self, rows: Sequence[int]) -> "Rollouts":
+        """Returns some of them."""
+        misread = None if self.misread is None else self.misread[rows]
+        return replace(
+            self,
+            starts=self.starts[rows],
+            commands=self.commands[rows],
+            noise=self.noise[rows],
+            misread=misread,
+        )
+
+
+def behaviour(task: Task, driver: Driver, rollouts: Rollouts, times: Sequence[float]) -> Behaviour:
+    """Runs rollouts, and says what they do.
+
+    Args:
+        task: dynamics, cost and what falling is.
+        driver: the policy; it may read another model's states, of which the names count alone.
+        rollouts: starts, commands and noise.
+        times: times at which the rollouts are judged [s].
+    """
+    context = _contexts(task.signals, rollouts.commands)
+    states, controls = _executed(task, driver, rollouts, context)
+    standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
+    standing = np.logical_and.accumulate(standing, axis=1)
+    achieved = Achieved.of(task)
+    errors = achieved.errors(states, controls, context)
+    period = task.dynamics.time_step
+    settled = _settled(rollouts.commands, round(SETTLING / period))
+    counted = settled & standing[:, :-1]
+    errors = np.where(counted[..., None], errors, 0.0)
+    counts = counted.sum(axis=1)
+    ranges = np.array([c.highest - c.lowest for c in task.signals.commands])
+    allowed = TOLERANCE * ranges[list(achieved.commands)]
+    up, obeys = [], []
+    for time in times:
+        end = round(time / period)
+        late = slice(max(0, end - round(LATE / period)), end)
+        mean = _mean(errors[:, late], counted[:, late].sum(axis=1))
+        up.append(standing[:, end])
+        obeys.append(standing[:, end] & (np.abs(mean) <= allowed).all(axis=1))
+    return Behaviour(
+        np.stack(up, axis=1),
+        np.stack(obeys, axis=1),
+        _mean(errors, counts),
+        _mean(errors**2, counts),
+        counts,
+    )
+
+
+def judge_controller(
+    task: Task,
+    driver: Driver,
+    *,
+    seconds: float,
+    rollouts: int,
+    perturbation: float,
+    seed: int,
+    stochastic: bool,
+) -> dict[str, Any]:
+    """Tries a policy at each command of a grid, and while commands change.
+
+    Args:
+        task: a task with commands.
+        driver: the policy, with what it reads.
+        seconds: length of each rollout [s].
+        rollouts: their number at each command.
+        perturbation: as for `measure_driving`.
+        seed: of all random draws.
+        stochastic: whether the policy's noise is drawn.
+
+    Returns:
+        Figures at each command and while commands change, each as `_figures` gives them, and those
+        of all rollouts at the grid's commands together.
+
+    Raises:
+        InvalidInputError: the rollouts are too short or too many.
+    """
+    check_lengths(task, seconds)
+    signals, steps = task.signals, round(seconds / task.dynamics.time_step)
+    grid = command_grid(signals)
+    total = (len(grid) + 1) * rollouts
+    if total * steps > STEPS:
+        raise InvalidInputError(
+            f"{rollouts} rollouts of {steps} steps at each of {len(grid) + 1} commands are too "
+            f"many: use at most {STEPS} steps in all."
+        )
+    rng = generator(seed, Stream.JUDGEMENT, GRID)
+    starts = perturbed_starts(task, perturbation, total, rng)
+    scale = driver.policy.noise_std if stochastic else np.zeros_like(driver.policy.noise_std)
+    times = judged_times(seconds)
+    size, parts = max(1, _AT_ONCE // steps), []
+    for first in range(0, total, size):
+        own = range(first, min(first + size, total))
+        commands = [
+            np.tile(grid[i // rollouts], (steps, 1))
+            if i < len(grid) * rollouts
+            else changing_commands(task, steps, rng)
+            for i in own
+        ]
+        noise = drawn_noise(scale, (len(own), steps), rng)
+        given = Rollouts(starts[own], np.array(commands), noise)
+        parts.append(behaviour(task, driver, given, times))
+    found = Behaviour.joined(parts)
+    each = [found.of(slice(i * rollouts, (i + 1) * rollouts)) for i in range(len(grid) + 1)]
+    achieved = Achieved.of(task)
+    names = [command.name for command in signals.commands]
+    return {
+        "times": list(times),
+        "units": {command.name: command.unit for command in signals.commands},
+        "achieved_by": {
+            names[i]: name for i, name in zip(achieved.commands, achieved.names, strict=True)
+        },
+        "commands": [
+            {"command": dict(zip(names, row.tolist(), strict=True)), **_figures(task, own)}
+            for row, own in zip(grid, each, strict=False)
+        ],
+        "all_commands": _figures(task, found.of(slice(0, len(grid) * rollouts))),
+        "changing": _figures(task, each[-1]),
+    }
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How well a policy does in rollouts under changing commands.
+
+    Attributes:
+        survival: share of the rollouts that are up at their end.
+        squared_error: mean of (e / range)² over the commands and the steps that count; 0 where no
+            reading achieves a command, inf where no step counts.
+    """
+
+    survival: float
+    squared_error: float
+
+
+def survives(
+    task: Task, policy: GaussianPolicy, seed: int, k: int, rollouts: int, seconds: float
+) -> Fitness:
+    """Rolls a policy out without noise from fresh starts, under fresh commands that change.
+
+    Args:
+        task: the task, which may have no commands.
+        policy: π_θ.
+        seed: seed of the run.
+        k: the iteration, by which all draws differ.
+        rollouts: their number.
+        seconds: their length [s].
+    """
+    rng, space = generator(seed, Stream.JUDGEMENT, TRAINING, k), task.dynamics.space
+    steps = max(1, round(seconds / task.dynamics.time_step))
+    spread = task.initial_std * rng.standard_normal((rollouts, space.tangent_dim))
+    given = Rollouts(
+        space.add(task.initial_state, spread),
+        np.array([changing_commands(task, steps, rng) for _ in range(rollouts)]),
+        np.zeros((rollouts, steps, task.dynamics.control_dim)),
+    )
+    driver = Driver(policy, task.observation)
+    found = behaviour(task, driver, given, (steps * task.dynamics.time_step,))
+    commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
+    if not commands:
+        error = 0.0
+    elif not found.counts.any():
+        error = np.inf
+    else:
+        ranges = np.array([c.highest - c.lowest for c in commands])
+        error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
+    return Fitness(float(found.up.mean()), float(error))
+
+
+def command_grid(signals: Signals) -> Array:
+    """Returns commands to try, shape (G, n_c).
+
+    They are: all at rest; each command alone at its lowest and highest value and half way there;
+    each pair of commands half way there.
+    """
+    rest = signals.rest
+    half = [(0.5 * (c.lowest + c.rest), 0.5 * (c.rest + c.highest)) for c in signals.commands]
+    rows = [rest]
+    for i, command in enumerate(signals.commands):
+        rows += [_with(rest, {i: v}) for v in (command.lowest, *half[i], command.highest)]
+    for i, j in combinations(range(len(rest)), 2):
+        rows += [_with(rest, {i: v, j: w}) for v, w in product(half[i], half[j])]
+    return np.array(list(dict.fromkeys(tuple(row.tolist()) for row in rows)))
+
+
+def changing_commands(task: Task, steps: int, rng: np.random.Generator) -> Array:
+    """Draws commands, anew after each `CHANGE` seconds, shape (steps, n_c)."""
+    hold = max(1, round(CHANGE / task.dynamics.time_step))
+    still = task.search.get("commands.still", CommandSettings().still)
+    drawn = [task.signals.draw(rng, still) for _ in range(-(-steps // hold))]
+    return np.repeat(np.array(drawn), hold, axis=0)[:steps]
+
+
+def drawn_noise(scale: Array, shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Draws noise of so much a number, shape (*shape, len(scale)); nothing is drawn for zeros."""
+    if not scale.any():
+        return np.zeros((*shape, len(scale)))
+    return np.asarray(scale * rng.standard_normal((*shape, len(scale))))
+
+
+def judged_times(seconds: float) -> tuple[float, ...]:
+    """Returns the times at which rollouts of so many seconds are judged [s]."""
+    return (*(time for time in TIMES if time < seconds - 1e-9), seconds)
+
+
+def check_lengths(task: Task, seconds: float) -> None:
+    """Checks that rollouts are long enough to tell whether commands are obeyed.
+
+    Raises:
+        InvalidInputError: they are shorter than `SETTLING` and `LATE` together.
+    """
+    if task.signals.commands and seconds < SETTLING + LATE:
+        raise InvalidInputError(
+            f"seconds is {seconds:g}, but the errors of commands count after {SETTLING:g} s, and "
+            f"are judged over {LATE:g} s; use at least {SETTLING + LATE:g}."
+        )
+
+
+def interval(share: float, count: int) -> tuple[float, float]:
+    """Returns Wilson's interval of 95 % of a share of so many rollouts."""
+    low, high = binomtest(round(share * count), count).proportion_ci(method="wilson")
+    return float(low), float(high)
+
+
+def _figures(task: Task, found: Behaviour) -> dict[str, Any]:
+    """Returns shares at each time with their intervals, and errors of each command.
+
+    The errors are over all steps that count: a root of the mean square `rms`, and the `mean`, each
+    None where no step counts.
+    """
+    count = len(found.up)
+    result: dict[str, Any] = {}
+    for name, values in (("survival", found.up), ("obeys", found.obeys)):
+        shares = values.mean(axis=0).tolist()
+        result[name] = shares
+        result[f"{name}_interval"] = [list(interval(share, count)) for share in shares]
+    names = [task.signals.commands[i].name for i in Achieved.of(task).commands]
+    if not found.counts.any():
+        return result | {key: dict.fromkeys(names) for key in ("rms", "mean")}
+    pooled = (
+        np.average(values, axis=0, weights=found.counts) for values in (found.squares, found.errors)
+    )
+    squares, means = (values.tolist() for values in pooled)
+    result["rms"] = {name: value**0.5 for name, value in zip(names, squares, strict=True)}
+    result["mean"] = dict(zip(names, means, strict=True))
+    return result
+
+
+def _contexts(signals: Signals, commands: Array) -> Array:
+    """Returns z of each step, shape (N, T, n_z), where the clock begins at 0."""
+    if not signals.frequency:
+        return commands
+    phases = np.array([signals.phases(each, 0.0)[:-1] for each in commands])
+    return signals.context(commands, phases)
+
+
+def _executed(
+    task: Task, driver: Driver, rollouts: Rollouts, context: Array
+) -> tuple[Array, Array]:
+    """Runs rollouts; returns states (N, T+1, n_x) and controls (N, T, n_u)."""
+    policy, observation = driver.policy, driver.observation.within(context)
+    readings = Readings(task.dynamics.simulations, driver.observation.readings.names)
+    observation = replace(observation, readings=readings)
+    noise, lag, misread = rollouts.noise, rollouts.lag, rollouts.misread
+    if isinstance(policy, GaussianPolicy):
+        return task.dynamics.execute(
+            policy, observation, rollouts.starts, noise, lag=lag, sensor_noise=misread
+        )
+    told, past = observation.values_told(), []
+
+    def law(t: int, x: Array) -> Array:
+        past.append(readings(x))
+        read = past[max(0, t - lag)]
+        read = read if misread is None else read + misread[:, t]
+        given = np.concatenate([read, told[:, t]], axis=1) if observation.told else read
+        return policy.mean(given) + noise[:, t]
+
+    states, controls, _ = task.dynamics.rollouts(rollouts.starts, law, noise.shape[1])
+    return states, controls
+
+
+def _settled(commands: Array, steps: int) -> NDArray[np.bool_]:
+    """Returns whether the commands (N, T, n_c) have not changed for so many steps, shape (N, T)."""
+    at = np.arange(commands.shape[1])
+    changes = np.zeros(commands.shape[:2], dtype=np.int64)
+    changes[:, 1:] = np.where((commands[:, 1:] != commands[:, :-1]).any(axis=2), at[1:], 0)
+    return np.asarray(at - np.maximum.accumulate(changes, axis=1) >= steps)
+
+
+def _mean(values: Array, counts: NDArray[np.int64]) -> Array:
+    """Returns the means over the counted steps of values (N, T, m) that are 0 elsewhere, (N, m)."""
+    return np.asarray(values.sum(axis=1) / np.maximum(counts, 1)[:, None])
+
+
+def _with(row: Array, values: dict[int, float]) -> Array:
+    """Returns a row with some other values."""
+    changed = row.copy()
+    for i, value in values.items():
+        changed[i] = value
+    return changed
