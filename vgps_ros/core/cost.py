@@ -71,8 +71,9 @@ class Following:
 
     @property
     def follows(self) -> NDArray[np.bool_]:
-        """Whether each target changes with the context, shape (m,)."""
-        return np.asarray(((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1))
+        """Whether target or weight of each reading changes with the context, shape (m,)."""
+        targets = ((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1)
+        return np.asarray(targets | (self.moving != self.still))
 
 
 @dataclass(frozen=True)

@@ -328,7 +328,8 @@ LARGEST_ADJUSTMENT = 1e6  # of a target, in its unit, and of a weight
 class AdjustableCost:
     """A task's cost, of which those readings can be changed whose target and weight are constant.
 
-    A reference that changes with time and what counts at the end of the horizon alone stay.
+    A reference that changes with time, what follows a command or the clock, and what counts at the
+    end of the horizon alone stay.
 
     Attributes:
         names: names of these readings.
@@ -371,11 +372,13 @@ class AdjustableCost:
 def adjustable(cost: FeatureCost) -> AdjustableCost:
     """Returns what of a cost can be changed; nothing of one whose readings have no names."""
     names = cost.features.names if isinstance(cost.features, Readings) else ()
+    follows = cost.following.follows if cost.following else np.zeros(len(names), bool)
     targets, weights = (np.atleast_2d(values) for values in (cost.targets, cost.weights))
     constant = [
         i
         for i in range(len(names))
-        if all((values[:, i] == values[0, i]).all() for values in (targets, weights))
+        if not follows[i]
+        and all((values[:, i] == values[0, i]).all() for values in (targets, weights))
     ]
     return AdjustableCost(
         names=tuple(names[i] for i in constant),

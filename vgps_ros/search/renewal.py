@@ -32,7 +32,7 @@ from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.simulation.model import cyclic_positions
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbance import DisturbanceSettings
+from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 
 _BEFORE_FALL = (0.3, 0.9)  # [s]
@@ -41,6 +41,7 @@ _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _TOLD_ANEW = 0.5  # share of the new situations with new commands, where there was no fall
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
+_TRIES = 4  # motions of the policy, until one falls
 _END = 0.25  # share of the horizon by which a solution is judged
 
 
@@ -111,20 +112,72 @@ def _new_situation(
     k: int,
     i: int,
 ) -> _Begun:
-    """Returns a situation that begins where a motion of the policy goes."""
+    """Returns a situation that begins where a motion of the policy goes.
+
+    Of a few motions it takes the first one with a fall, if there is one.
+    """
     task, settings, signals = work.task, work.settings, work.task.signals
     rng = generator(work.seed, Stream.RENEWAL, k, i)
-    period, space = task.dynamics.time_step, task.dynamics.space
-    steps = max(2, round(settings.renew.seconds / period))
+    period = task.dynamics.time_step
     lasting = draw_disturbance(task, settings.disturb, rng)
-    pushed, push_end = replace(lasting, push=(0.0, 0.0)), 0
+    for _ in range(_TRIES):
+        motion = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+        if motion.fall < len(motion.commands):
+            break
+    steps, fall, end = len(motion.commands), motion.fall, motion.push_end
+    early, late = (round(seconds / period) for seconds in reversed(_BEFORE_FALL))
+    if 0 < end < fall:
+        at = min(end + int(rng.integers(1 + round(_AFTER_PUSH / period))), fall - 1)
+    elif fall < steps and rng.uniform() < settings.renew.before_fall:
+        at = max(0, fall - int(rng.integers(late, early)))
+    else:
+        at = int(rng.integers(max(1, fall - late if fall < steps else steps)))
+    begun = _back_home(task, motion.states[at])
+    commands, phase = motion.commands[at], float(motion.phases[at])
+    context = signals.held(commands, task.planned_horizon, phase)
+    if fall == steps and not end and rng.uniform() < _TOLD_ANEW:
+        context = drawn_context(task, settings, rng)
+        commands, phase = context[0, : len(commands)], signals.phase_of(context[0])
+    return _Begun(Situation(begun, context, lasting), commands, phase)
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """A motion of the policy.
+
+    Attributes:
+        states: shape (T+1, n_x).
+        commands: of each step, shape (T, n_c); they change once.
+        phases: the clock's φ, shape (T+1,).
+        push_end: step after a push; 0 where there is none.
+        fall: step of the fall; T where there is none.
+    """
+
+    states: Array
+    commands: Array
+    phases: Array
+    push_end: int
+    fall: int
+
+
+def _driven(
+    work: Workspace,
+    solutions: Sequence[OptimizationResult],
+    policy: GaussianPolicy,
+    disturbance: Disturbance,
+    rng: np.random.Generator,
+) -> _Driven:
+    """Rolls the policy out for a while, from some start, under some commands, often with a push."""
+    task, settings, signals = work.task, work.settings, work.task.signals
+    period, space = task.dynamics.time_step, task.dynamics.space
+    steps, push_end = max(2, round(settings.renew.seconds / period)), 0
     if settings.renew.push and rng.uniform() < settings.renew.pushed:
         size = settings.renew.push * np.sqrt(rng.uniform(0.1, 1.0))
         drawn = DisturbanceSettings(
             body=settings.disturb.body, push=size, push_before=settings.renew.seconds / 4
         )
         push = draw_disturbance(task, drawn, rng)
-        pushed = replace(pushed, push=push.push, push_time=push.push_time)
+        disturbance = replace(disturbance, push=push.push, push_time=push.push_time)
         push_end = round((push.push_time + push.push_duration) / period)
     start = task.initial_state
     if rng.uniform() < 0.5:
@@ -132,34 +185,18 @@ def _new_situation(
     start = space.add(start, task.initial_std * rng.standard_normal(space.tangent_dim))
     first, later = (signals.draw(rng, settings.commands) for _ in range(2))
     change = min(steps, round(rng.uniform(*_CHANGE) / period))
-    each = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
-    phases = signals.phases(each, rng.uniform() if signals.moves(first) else 0.0)
-    here = disturbed(task, pushed)
-    noise = settings.renew.noise * policy.noise_std
+    commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
+    phases = signals.phases(commands, rng.uniform() if signals.moves(first) else 0.0)
+    here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
     states, _ = here.dynamics.execute(
         policy,
-        here.observation.within(signals.context(each, phases[:-1])),
+        here.observation.within(signals.context(commands, phases[:-1])),
         start[None],
         noise * rng.standard_normal((1, steps, len(noise))),
     )
     sound = np.isfinite(states[0]).all(axis=1) & ~task.fallen(states[0])
     fall = steps if sound.all() else int(np.argmin(sound))
-    early, late = (round(seconds / period) for seconds in reversed(_BEFORE_FALL))
-    if push_end and push_end < fall:
-        at = min(push_end + int(rng.integers(1 + round(_AFTER_PUSH / period))), fall - 1)
-    elif fall < steps and rng.uniform() < settings.renew.before_fall:
-        at = max(0, fall - int(rng.integers(late, early)))
-    else:
-        at = int(rng.integers(max(1, fall - late if fall < steps else steps)))
-    begun = _back_home(task, states[0, at])
-    if fall == steps and not push_end and rng.uniform() < _TOLD_ANEW:
-        context = drawn_context(task, settings, rng)
-        commands = context[0, : len(first)]
-        phase = signals.phase_of(context[0])
-    else:
-        commands, phase = each[min(at, steps - 1)], float(phases[at])
-        context = signals.held(commands, task.planned_horizon, phase)
-    return _Begun(Situation(begun, context, lasting), commands, phase)
+    return _Driven(states[0], commands, phases, push_end, fall)
 
 
 def _back_home(task: Task, state: Array) -> Array:

@@ -128,7 +128,7 @@ class RenewalSettings:
         4, "iterations at the end in which none are replaced", minimum=0, maximum=100_000
     )
     seconds: float = setting(
-        6.0,
+        8.0,
         "length of the policy's motion on which a new situation begins, in which the commands "
         "change once [s]",
         minimum=1e-3,
@@ -167,7 +167,7 @@ class RenewalSettings:
         maximum=1e6,
     )
     replay: int = setting(
-        96,
+        200,
         "situations that were replaced from whose samples the policy still learns",
         minimum=0,
         maximum=100_000,
