@@ -41,6 +41,7 @@ _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _TOLD_ANEW = 0.5  # share of the new situations with new commands, where there was no fall
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
+_MOST = 6.0  # cost of a solution, as a multiple of the first ones' median, that is no recovery
 _TRIES = 4  # motions of the policy, until one falls
 _END = 0.25  # share of the horizon by which a solution is judged
 
@@ -80,10 +81,14 @@ def renew(
             guess_states=motion.states,
         )
         requests.append(request)
-    worst = settings.worst * float(np.median([_end_cost(work, each) for each in solutions]))
+    first = work.initial_solutions
+    worst = settings.worst * float(np.median([_end_cost(work, each) for each in first]))
+    most = _MOST * float(np.median([each.cost for each in first]))
     found, dropped = list(solutions), []
     for i, outcome in zip(replaced, work.optimize(requests), strict=True):
-        if isinstance(outcome, DivergenceError) or not _end_cost(work, outcome) <= worst:
+        if isinstance(outcome, DivergenceError) or outcome.cost > most:
+            continue
+        if not _end_cost(work, outcome) <= worst:
             continue
         dropped.append(_samples(work, solutions[i], k, i))
         found[i] = outcome

@@ -160,9 +160,9 @@ class RenewalSettings:
         20, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
     )
     worst: float = setting(
-        2.0,
-        "cost at its end, as a multiple of the others' median, beyond which a new solution is "
-        "dropped",
+        1.5,
+        "cost at its end, as a multiple of the first solutions' median, beyond which a new "
+        "solution is dropped",
         minimum=0.0,
         maximum=1e6,
     )
