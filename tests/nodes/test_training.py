@@ -178,11 +178,13 @@ def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_pa
     program = start_training(graph, SHORT, 0, tmp_path / "out")
     graph.spin_until(lambda: iterations, what="the first iteration of DDP")
     learner.send(signal.SIGSTOP)
-    program.send(signal.SIGINT)
-    graph.spin_until_output(program, "Cancelling the training")
-    assert program.end(signal.SIGINT, timeout=10.0) == 1  # the learner has 15 s
-    assert "did not confirm the cancellation" in program.output
-    learner.send(signal.SIGCONT)
+    try:
+        program.send(signal.SIGINT)
+        graph.spin_until_output(program, "Cancelling the training")
+        assert program.end(signal.SIGINT, timeout=10.0) == 1  # the learner has 15 s
+        assert "did not confirm the cancellation" in program.output
+    finally:
+        learner.send(signal.SIGCONT)
 
 
 def test_a_second_learner_disturbs_no_training(graph, tmp_path):
