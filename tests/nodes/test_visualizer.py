@@ -143,19 +143,6 @@ def test_a_burst_of_states_is_recorded_whole(graph, swimmer, tmp_path):
         assert rows(tmp_path / "run.rrd", entity) == 500
 
 
-def test_more_states_than_it_can_draw_hide_no_node_from_it(graph, swimmer, tmp_path):
-    visualizer = start(graph, tmp_path / "run.rrd")
-    graph.start("trajectory_optimizer")
-    graph.diagnosis("trajectory_optimizer", DiagnosticStatus.OK)
-    states = graph.publisher(JointState, "joint_states", STREAM)
-    end, i = time.monotonic() + 12.0, 0
-    while time.monotonic() < end:
-        states.publish(state_to_msg(np.full(10, 0.1), swimmer.joint_names, stamp_of(i * 10**6)))
-        i += 1
-    graph.diagnosis("visualizer", DiagnosticStatus.OK)
-    assert "silent" not in visualizer.output
-
-
 def all_rows(path) -> dict[tuple[str, bool], int]:
     found: dict[tuple[str, bool], int] = {}
     for chunk in RrdReader(path).stream():
