@@ -186,13 +186,15 @@ class Controller(LifecycleNode):
 
     def stop(self) -> None:
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
-        if self._active:
-            self._send(self._supervisor.stop())
+        last = self._supervisor.stop() if self._active else None
         self._set_active(False)
         self._watchdog.cancel()
         self.training.stop_waiting()
         self.health.stop_waiting(self._awaited)
         self.health.clear("state", "distance")
+        if last:
+            self.health.publish()  # a recording must know that these torques are no policy's
+            self._send(last)
 
     def _set_active(self, is_active: bool) -> None:
         self._active = is_active
