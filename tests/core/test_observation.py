@@ -5,7 +5,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.dynamics import StateSpace
-from vgps_ros.core.observation import LOWEST_STD, observed_marginals, widened
+from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
 
 
 class Polar:
@@ -37,7 +37,7 @@ def test_marginals_of_a_curved_reading_are_those_of_samples_close_by(random_dist
     q = random_distribution(horizon=3)
     q.mean.states[:, :2] += 5.0
     q.state_covariances[:] *= 1e-6
-    means, covariances = observed_marginals(q, Polar())
+    means, covariances = observed_marginals(q, Observation(Polar()))
     for t in range(3):
         states = rng.multivariate_normal(q.mean.states[t], q.state_covariances[t], 100_000)
         read = Polar()(states)

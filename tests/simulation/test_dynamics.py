@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
@@ -229,7 +230,7 @@ def test_the_model_that_is_handed_in_stays_as_it_is(swimmer):
 def observation(swimmer):
     """Numbers of the state, and one of the centre of mass."""
     names = ["root_y/position", "back_joint/position", "root_yaw/velocity", "velocity/y"]
-    return Readings(swimmer.dynamics.simulations, names)
+    return Observation(Readings(swimmer.dynamics.simulations, names))
 
 
 def policy_of(observation, hidden, rng, *options, **biases):
@@ -270,7 +271,7 @@ def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no
 
 
 def test_a_policy_of_another_robot_is_not_executed(swimmer, observation, rng):
-    other = Readings(swimmer.dynamics.simulations, observation.names[:-1])
+    other = Observation(Readings(swimmer.dynamics.simulations, observation.names[:-1]))
     policy = policy_of(other, (3,), rng)
     with pytest.raises(InvalidInputError, match=r"policies read root_y/pos.*velocity/y;"):
         swimmer.dynamics.execute(policy, observation, np.zeros((1, 10)), np.zeros((1, 5, 2)))
