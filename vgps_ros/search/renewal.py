@@ -61,6 +61,8 @@ def renew(
     for i in replaced:
         situation, calm = _new_situation(work, solutions, policy, k, int(i))
         motion = _first_motion(work, situation, calm, policy, k, int(i))
+        if motion is None:
+            continue
         request = replace(
             work.request(int(i), situation, k),
             cost_scale=1.0,
@@ -71,9 +73,10 @@ def renew(
         requests.append(request)
     worst = settings.worst * float(np.median([each.cost for each in solutions]))
     found, dropped = list(solutions), []
-    for i, outcome in zip(replaced, work.optimize(requests), strict=True):
+    for request, outcome in zip(requests, work.optimize(requests), strict=True):
+        i = request.trajectory_index
         if not isinstance(outcome, DivergenceError) and outcome.cost <= worst:
-            dropped.append(_samples(work, solutions[i], k, int(i)))
+            dropped.append(_samples(work, solutions[i], k, i))
             found[i] = outcome
     return tuple(found), dropped
 
@@ -153,8 +156,8 @@ def _first_motion(
     policy: GaussianPolicy,
     k: int,
     i: int,
-) -> Trajectory:
-    """Returns the motion from which a situation's first solve starts.
+) -> Trajectory | None:
+    """Returns the motion from which a situation's first solve starts; None: all of them diverge.
 
     After a kick it is the policy's motion without the kick, which the kick's deviation joins and
     leaves again; the solve closes the gaps. Otherwise it is the cheaper one of the policy's own and
@@ -170,8 +173,8 @@ def _first_motion(
     rng = generator(work.seed, Stream.INITIAL_CONTROLS, k, i)
     with contextlib.suppress(VgpsError):
         motions.append(_task_motion(here, start, rng))
-    costs = [float(here.cost.values(motion).sum()) for motion in motions]  # NaN: diverged
-    return motions[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
+    sound = [motion for motion in motions if np.isfinite(motion.states).all()]
+    return min(sound, key=here.trajectory_cost, default=None)
 
 
 def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:
