@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
@@ -275,3 +276,51 @@ def test_a_policy_of_another_robot_is_not_executed(swimmer, observation, rng):
     policy = policy_of(other, (3,), rng)
     with pytest.raises(InvalidInputError, match=r"policies read root_y/pos.*velocity/y;"):
         swimmer.dynamics.execute(policy, observation, np.zeros((1, 10)), np.zeros((1, 5, 2)))
+
+
+def told_with(observation, context):
+    return Observation.of(observation.readings, ["b"], ["a", "b"]).within(context)
+
+
+def test_each_rollout_that_is_executed_is_told_its_own_context(swimmer, observation, rng):
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 20, 2))
+    context = rng.standard_normal((3, 25, 2))  # longer than the motion
+    each = told_with(observation, context)
+    policy = policy_of(each, (4,), rng)
+    states, controls = swimmer.dynamics.execute(policy, each, starts, noise)
+    expected = swimmer.dynamics.rollouts(
+        starts,
+        lambda t, x: (
+            policy.mean(each.within(context[:, t : t + 1])(x[:, None]))[:, 0] + noise[:, t]
+        ),
+        20,
+    )
+    assert_allclose(states, expected[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(controls, expected[1], rtol=1e-9, atol=1e-12)
+    for i in range(3):
+        alone = swimmer.dynamics.execute(
+            policy, each.within(context[i]), starts[i : i + 1], noise[i : i + 1]
+        )
+        assert_array_equal(alone[0][0], states[i])
+        assert_array_equal(alone[1][0], controls[i])
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_a_policy_may_read_late_and_wrongly(swimmer, observation, rng, lag):
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 15, 2))
+    context, misread = rng.standard_normal((15, 2)), 0.1 * rng.standard_normal((3, 15, 4))
+    told = told_with(observation, context)
+    policy = policy_of(told, (4,), rng)
+    states, controls = swimmer.dynamics.execute(
+        policy, told, starts, noise, lag=lag, sensor_noise=misread
+    )
+    execute, low, high = ExecutedPolicy(policy).mean, *swimmer.dynamics.control_limits
+    for i, start in enumerate(starts):
+        past = [start]
+        for t in range(15):
+            read = observation.readings(past[max(0, t - lag)]) + misread[i, t]
+            mean = execute(np.concatenate([read, context[t, 1:]]))
+            control = np.clip(mean + noise[i, t], low, high)
+            assert_array_equal(controls[i, t], control)
+            past.append(swimmer.dynamics.step(past[-1], control))
+            assert_array_equal(states[i, t + 1], past[-1])
