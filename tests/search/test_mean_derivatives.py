@@ -79,7 +79,9 @@ def test_limits_clamp_and_gaps_close_as_without_samples(tmp_path, begin):
     assert 5 < clamped.sum() < len(clamped)
     assert not q.gains[clamped].any()
     assert not q.control_covariances[clamped].any()
-    replayed = task.dynamics.rollout(task.initial_state, lambda t, _: q.mean.controls[t], task.horizon)
+    replayed = task.dynamics.rollout(
+        task.initial_state, lambda t, _: q.mean.controls[t], task.horizon
+    )
     assert_array_equal(replayed.states, q.mean.states)
 
 
