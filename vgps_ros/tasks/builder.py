@@ -154,6 +154,9 @@ class _Reader:
             place = ("observe", i)
             if entry in ("commands", "clock"):
                 self.document.refuse(
+                    entry in entries[:i], place, f"{entry} is read twice; leave it out."
+                )
+                self.document.refuse(
                     not self._told(entry),
                     place,
                     f"the task has no {entry}; leave it out, or add it.",
