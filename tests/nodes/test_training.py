@@ -25,7 +25,7 @@ from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.programs.command_line import with_parameters_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM, lively
 from vgps_ros.search.methods import search
-from vgps_ros.search.settings import SearchSettings, search_settings
+from vgps_ros.search.settings import RenewalSettings, SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.storage.run_folder import load_policy
@@ -109,6 +109,33 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     entries = [iteration.entry() for iteration in iterations]
     assert without_times(result["iterations"]) == without_times(entries)
     assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
+
+
+def test_commands_and_a_clock_reach_the_optimizer_and_situations_are_renewed(graph, told, tmp_path):
+    task = make_task(told)
+    settings = replace(
+        search_settings(task),
+        situations=3,
+        iterations=SHORT.iterations,
+        hidden_units=SHORT.hidden_units,
+        initial_ddp_iterations=SHORT.initial_ddp_iterations,
+        evaluation_rollouts=SHORT.evaluation_rollouts,
+    )
+    graph.start("trajectory_optimizer", task=told)
+    graph.start("policy_learner", task=told, **parameters(settings))
+    program = start_training(graph, settings, 3, tmp_path / "out")
+    assert program.wait() == 0, program.output
+
+    iterations = train_in_process(task, settings, 3)
+    entries = [iteration.entry() for iteration in iterations]
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert without_times(result["iterations"]) == without_times(entries)
+    policy, name = load_policy(tmp_path / "out" / "policy.json")
+    assert name == told
+    assert policy.observed[-4:] == ("command/angle", "command/lift", "clock/sin", "clock/cos")
+    assert same_bits(policy, iterations[-1].policy)
+    kept = train_in_process(task, replace(settings, renew=RenewalSettings()), 3)
+    assert not same_bits(policy, kept[-1].policy)
 
 
 def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
