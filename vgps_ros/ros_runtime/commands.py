@@ -10,7 +10,7 @@
 A task without commands has none of the first two, and one that tells its policies nothing has none.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -149,7 +149,7 @@ class Instructions:
         return f"Clamped what was commanded: {'; '.join(said)}." if said else ""
 
     def _of_twist(
-        self, fields: dict[str, Callable[[Any], Any]], message: Twist | TwistStamped
+        self, fields: Mapping[str, Callable[[Any], Any]], message: Twist | TwistStamped
     ) -> dict[str, float]:
         twist = message
         if isinstance(message, TwistStamped):
