@@ -62,7 +62,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
 
     def after(publisher, message, level, sentence=""):
         publisher.publish(message)
-        graph.diagnosis("policy_executor", level, sentence)
+        graph.diagnosis("policy_executor", level, sentence, 20.0)
 
     def moving(angle, lift, phase):
         turned = 2.0 * np.pi * phase

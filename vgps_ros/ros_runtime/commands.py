@@ -149,7 +149,7 @@ class Instructions:
         return f"Clamped what was commanded: {'; '.join(said)}." if said else ""
 
     def _of_twist(
-        self, fields: dict[str, attrgetter[float]], message: Twist | TwistStamped
+        self, fields: dict[str, Callable[[Any], Any]], message: Twist | TwistStamped
     ) -> dict[str, float]:
         twist = message
         if isinstance(message, TwistStamped):
