@@ -3,7 +3,7 @@
 
 | topic | type | holds |
 | --- | --- | --- |
-| `cmd_vel` | geometry_msgs/TwistStamped, or Twist | the commands whose source is one of its fields |
+| `cmd_vel` | geometry_msgs/TwistStamped, or Twist | commands whose source is one of its fields |
 | `command` | vgps_msgs/Signals | any commands, by name |
 | `context` | vgps_msgs/Signals | what was used with the answer to a state; published |
 
