@@ -40,6 +40,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     cmd_vel = graph.publisher(TwistStamped, "cmd_vel")
     command = graph.publisher(SignalsMsg, "command")
     policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    graph.diagnosis("policy_executor", OK, "Waiting for policy")
     policies.publish(policy_to_msg(policy, task.name, 1, Time()))
     state, steps = np.array([0.3, -0.2]), count(1)
 
@@ -68,7 +69,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
         turned = 2.0 * np.pi * phase
         return [angle, lift, np.sin(turned), np.cos(turned)]
 
-    graph.spin_for(1.0)  # until the policy is there
+    graph.spin_for(2.0)  # until the policy is there
     at_rest = [0.0, 0.0, 0.0, 0.0]
     np.testing.assert_array_equal(context(next(steps)), at_rest)
     after(cmd_vel, twist(0.5), OK)
