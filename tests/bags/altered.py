@@ -2,6 +2,7 @@
 """Copies of the recorded sample in which messages are altered, for the program `bag`."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -47,10 +48,16 @@ def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
     return rewritten(target, kept, attachments, **parameters)
 
 
-def sample() -> list[BagMessage]:
+@cache
+def sample() -> tuple[BagMessage, ...]:
     """The messages of the sample."""
     with BagReader(SAMPLE) as bag:
-        return list(bag.messages())
+        return tuple(bag.messages())
+
+
+@cache
+def _schemas() -> dict[str, str]:
+    return definitions_of(SAMPLE)
 
 
 def rewritten(
@@ -62,7 +69,7 @@ def rewritten(
     """
     writer = BagWriter(target)
     # The sample's definitions, since it may be older than the installed ones.
-    known = definitions_of(SAMPLE) | (definitions or {})
+    known = _schemas() | (definitions or {})
     writer._definitions = SimpleNamespace(find=known.__getitem__)
     with BagReader(SAMPLE) as bag:
         for topic, kind in bag.topics.items():

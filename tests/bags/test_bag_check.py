@@ -5,6 +5,7 @@ import shutil
 import struct
 import subprocess
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,12 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.recorded_nodes import RecordedExecutor
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg
+from vgps_ros.messages.conversions import (
+    distribution_from_msg,
+    nanoseconds,
+    pack,
+    policy_from_msg,
+)
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
@@ -69,14 +75,15 @@ def stated(change):
     return apply
 
 
-def state_at(stamp):
-    """The sample's state of a stamp [ns]."""
+@cache
+def states():
+    """The sample's states, the first of each stamp [ns]."""
+    found = {}
     with BagReader(SAMPLE) as bag:
-        for message in bag.messages(["/joint_states"]):
-            state = bag.decode(message)
-            if state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == stamp:
-                return np.concatenate([state.position, state.velocity])
-    raise AssertionError(stamp)
+        for _, state in bag.decoded("/joint_states"):
+            vector = np.concatenate([state.position, state.velocity])
+            found.setdefault(nanoseconds(state.header.stamp), vector)
+    return found
 
 
 def test_the_sample_agrees_and_the_last_line_says_what_that_proves(capsys):
@@ -223,7 +230,7 @@ def test_torques_of_the_safe_action_count_where_a_key_says_that_it_drove(tmp_pat
     def change(i, stamp, torques):
         if not 200 <= i < 205:
             return torques
-        return safe_torques(settings, state_at(stamp), [8, 9], [marginals])
+        return safe_torques(settings, states()[stamp], [8, 9], [marginals])
 
     for value, sentence in (
         ("True", "5 torques are those of the safe action, or zero, while the policy did not drive"),

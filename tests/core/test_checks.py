@@ -68,7 +68,7 @@ def test_a_record_is_checked_as_its_arrays_are_declared(
     random_distribution, name, change, sentence
 ):
     q = random_distribution()
-    sizes = {"T": 6, "n_x": 4, "n_dx": 4, "n_u": 2}
+    sizes = {"T": 6, "n_x": 4, "n_dx": 4, "n_u": 2, "n_z": 0}
     check_record("q", q, **sizes)
     arrays = arrays_of(q)
     bad = from_arrays(type(q), {**arrays, name: change(arrays[name])})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vgps_ros.core.cost import FeatureCost
+from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.records import Trajectory
 
 HORIZON = 5
@@ -152,3 +152,44 @@ def test_the_cost_of_some_steps_is_a_part_of_the_whole(varying, rng):
         assert_array_equal(part(x, u), varying(x, u, first))
         expansion = part.expand(Trajectory(states[: steps + 1], u))
         assert_allclose(expansion.c, varying(x, u, first), rtol=1e-12)
+
+
+# The second target follows the first number of a context, the third one swings with the others.
+FOLLOWING = Following(
+    np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+    np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.6, 0.8]]),
+)
+CONTEXT = np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 1.0], [-2.0, -1.0, 0.5], [0.0, 0.0, 0.0]])
+
+
+def test_targets_follow_the_context(cost, rng):
+    cost = dataclasses.replace(cost, following=FOLLOWING)
+    states, controls = rng.standard_normal((4, 3)), rng.standard_normal((4, 2))
+    targets = [[1.0, -1.5, 1.1], [1.0, -1.5, 1.3], [1.0, -4.0, 0.5], [1.0, -2.0, 0.5]]
+    parts = cost.in_context(CONTEXT).parts(states, controls)
+    assert_allclose(parts, WEIGHTS * (Features()(states, controls) - targets) ** 2)
+    assert_array_equal(FOLLOWING.follows, [False, True, True])
+
+
+def test_a_plan_on_the_way_follows_the_context_of_its_steps(cost, rng):
+    cost = dataclasses.replace(cost, following=FOLLOWING).in_context(CONTEXT)
+    states, controls = rng.standard_normal((2, 3)), rng.standard_normal((2, 2))
+    expected = cost(states, controls, 1)
+    assert_array_equal(cost.starting_at(1, 2)(states, controls), expected)
+
+
+def test_a_cost_that_follows_nothing_is_the_same_in_each_context(cost):
+    assert cost.in_context(CONTEXT) is cost
+
+
+def test_derivatives_of_a_cost_that_follows_are_along_state_and_control(
+    cost, rng, finite_differences
+):
+    cost = dataclasses.replace(cost, following=FOLLOWING).in_context(CONTEXT)
+    states, controls = rng.standard_normal((5, 3)), rng.standard_normal((4, 2))
+    found = cost.expand(Trajectory(states, controls))
+    by_state = finite_differences(lambda x: cost(x, controls).sum(), states[:-1])
+    by_control = finite_differences(lambda u: cost(states[:-1], u).sum(), controls)
+    assert_allclose(found.c_x, by_state, atol=1e-7)
+    assert_allclose(found.c_u, by_control, atol=1e-7)
+    assert_array_equal(found.c, cost.values(Trajectory(states, controls)))

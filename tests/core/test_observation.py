@@ -1,11 +1,13 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Marginals of what a policy reads."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.dynamics import StateSpace
-from vgps_ros.core.observation import LOWEST_STD, observed_marginals, widened
+from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
 
 
 class Polar:
@@ -37,7 +39,7 @@ def test_marginals_of_a_curved_reading_are_those_of_samples_close_by(random_dist
     q = random_distribution(horizon=3)
     q.mean.states[:, :2] += 5.0
     q.state_covariances[:] *= 1e-6
-    means, covariances = observed_marginals(q, Polar())
+    means, covariances = observed_marginals(q, Observation(Polar()))
     for t in range(3):
         states = rng.multivariate_normal(q.mean.states[t], q.state_covariances[t], 100_000)
         read = Polar()(states)
@@ -50,3 +52,40 @@ def test_marginals_of_a_curved_reading_are_those_of_samples_close_by(random_dist
 def test_a_covariance_that_is_singular_can_be_inverted_once_it_is_widened():
     flat = np.diag([1.0, 0.0])
     assert_allclose(np.linalg.inv(widened(flat))[1, 1], LOWEST_STD**-2)
+
+
+def told_of(coordinates, context):
+    """Reads x_1 and the last number of a context of two."""
+    reading = coordinates(1).readings
+    return Observation.of(reading, ["clock"], ["command", "clock"]).within(context)
+
+
+def test_what_is_told_comes_after_what_is_read(coordinates, rng):
+    states, context = rng.standard_normal((5, 4)), rng.standard_normal((5, 2))
+    observation = told_of(coordinates, context)
+    assert observation.names == ("x1", "clock")
+    assert_array_equal(observation(states), np.stack([states[:, 1], context[:, 1]], -1))
+    assert_array_equal(observation(states[:3]), observation(states)[:3])
+    assert_array_equal(observation.within(context[2])(states[2]), [states[2, 1], context[2, 1]])
+    many = observation(np.stack([states, -states]))
+    assert_array_equal(many[1], np.stack([-states[:, 1], context[:, 1]], -1))
+
+
+def test_each_of_several_motions_is_told_its_own(coordinates, rng):
+    states, context = rng.standard_normal((3, 5, 4)), rng.standard_normal((3, 5, 2))
+    found = told_of(coordinates, context)(states)
+    assert_array_equal(found[..., 1], context[..., 1])
+
+
+def test_nothing_is_differentiated_along_what_is_told(coordinates, rng):
+    jacobians, states = rng.standard_normal((5, 2, 2)), rng.standard_normal((5, 4))
+    found = told_of(coordinates, np.zeros((5, 2))).pull_back(jacobians, states)
+    assert_array_equal(found, jacobians[..., :1] * np.eye(4)[1])
+
+
+def test_marginals_of_what_is_told_have_no_spread(coordinates, random_distribution, rng):
+    q = replace(random_distribution(), context=rng.standard_normal((6, 2)))
+    means, covariances = observed_marginals(q, told_of(coordinates, None))
+    assert_array_equal(means[:, 1], q.context[:, 1])
+    assert_array_equal(covariances[:, 1], 0.0)
+    assert_array_equal(covariances[:, 0, 0], q.state_covariances[:-1, 1, 1])

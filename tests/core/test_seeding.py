@@ -29,4 +29,7 @@ def test_purposes_keep_their_numbers():
         "COVERAGE": 12,
         "DISTURBANCES": 13,
         "DYNAMICS_DERIVATIVES": 14,
+        "COMMANDS": 15,
+        "RENEWAL": 16,
+        "JUDGEMENT": 17,
     }

@@ -98,7 +98,7 @@ def test_what_the_page_on_tuning_advises_may_stand_in_a_task_file(tmp_path):
 
 def test_the_readme_is_short_and_its_picture_is_small():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
-    assert (ROOT / "docs" / "images" / "robots.gif").stat().st_size < 2**20
+    assert (ROOT / "docs" / "images" / "controller.gif").stat().st_size < 2**20
 
 
 def test_the_readmes_lines_of_python_train_a_swimmer(tmp_path):

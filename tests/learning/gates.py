@@ -127,16 +127,6 @@ GATES = {
         cost_beyond=1.3,  # 0.903
         survival=0.6,  # 0.85
     ),
-    "quadruped": Gate(
-        search={"iterations": 16, "initial_ddp_iterations": 60, "alphas": (1.0, 20.0)},
-        horizon=1.5,
-        ddp_iterations=100,
-        converged={0: 79.269, 1: 79.269},
-        beyond=1,  # its policies walk for little longer
-        cost=1.4,  # 1.159
-        cost_beyond=1.4,  # 1.159
-        survival=0.9,  # 1
-    ),
 }
 
 

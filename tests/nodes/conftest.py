@@ -12,6 +12,7 @@ Processes that a test leaves running are ended with INT, and must then exit with
 """
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -32,6 +33,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
+import vgps_ros.tasks
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
@@ -294,6 +296,36 @@ def random_policy(swimmer: Task) -> Callable[[int], GaussianPolicy]:
         return GaussianPolicy(shape, parameters, np.array([2.0, 3.0]))
 
     return draw
+
+
+TOLD = """
+model: rotor.xml
+control_period: 0.05
+horizon: 2.5
+start:
+  std: {position: 0.1, velocity: 0.1}
+commands:
+  angle: {from: cmd_vel/angular/z, range: [-1.0, 1.0], unit: rad}
+  lift: {range: [0.0, 0.5], unit: rad}
+clock: {frequency: 2.0}
+cost:
+  - {sensor: rotor/position, target: {command: angle}}
+  - {sensor: rotor/position, target: {command: lift}, weight: 0.1}
+  - {sensor: rotor/velocity, target: {swing: 0.1}, weight: 0.1}
+  - {control: all, weight: 1.0}
+observe: [joint_positions, joint_velocities, commands, clock]
+search: {renew: {share: 1.0, begin: 1, end: 0, worst: 1.0e+3}}
+"""
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> str:
+    """The file of a task with commands and a clock: a rotor that is told its angle."""
+    folder = tmp_path / "told"
+    folder.mkdir()
+    shutil.copy(Path(vgps_ros.tasks.__file__).parent / "rotor" / "rotor.xml", folder)
+    (folder / "task.yaml").write_text(TOLD)
+    return str(folder / "task.yaml")
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ def test_executor_simulation_check_and_process_clip_to_the_same_bit(graph, tmp_p
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(policy, task.name, 1, Time()))
     graph.start("simulation", task=task.name, start_paused=True)
-    graph.start("policy_executor", task=task.name)
+    executor = graph.start("policy_executor", task=task.name)
     for topic in ("joint_states", "joint_command", "policy"):
         count = graph.node.count_subscribers
         graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
@@ -36,6 +36,8 @@ def test_executor_simulation_check_and_process_clip_to_the_same_bit(graph, tmp_p
     program = graph.start("execute_policy", "--task", task.name, "--steps", "50")
     graph.spin_until(lambda: not program.running)
     assert program.wait() == 0, program.output
+    assert executor.end() == 0
+    graph.spin_for(0.5)  # until its last torques, which are zero, are recorded
     assert recorder.end(signal.SIGINT) == 0, recorder.output
 
     with BagReader(tmp_path / "bag") as bag:
@@ -46,5 +48,6 @@ def test_executor_simulation_check_and_process_clip_to_the_same_bit(graph, tmp_p
     found = check_bag(tmp_path / "bag")
     assert found.wrong == []
     assert found.counts["mean"] >= 50
+    assert found.counts["safe"] == 1  # the executor's last word: it did not drive any more
     assert_array_equal(episode.controls[1:51], controls[0])
     assert_array_equal(episode.states[:51], states[0])

@@ -120,9 +120,9 @@ def test_who_drives_is_said_in_words(message, values, said):
 @pytest.mark.slow
 @pytest.mark.skipif(bool(LACKING), reason=LACKING)
 def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
-    graph.start("simulation", start_paused=True)
     graph.start("mpc", horizon=0.2, plan_every=5)
     graph.diagnosis("mpc", OK, "Waiting for joint_states")
+    graph.start("simulation", start_paused=True)  # its state, once a second, ends the waiting
     _, address = start(graph)
     states = graph.messages(JointState, "joint_states")
     pushes = graph.messages(WrenchStamped, "push")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from vgps_msgs.msg import LearningProgress, OptimizerIteration
+from vgps_msgs.msg import OptimizerIteration
 
 from tests.nodes.test_training import SHORT, parameters, same_bits, start_training, train_in_process
 from vgps_ros.storage.run_folder import load_policy
@@ -22,19 +22,31 @@ def expected(swimmer):
     return train_in_process(swimmer, replace(SHORT, initial_ddp_iterations=40), 7)[-1].policy
 
 
+@pytest.fixture(scope="module")
+def learner(shared_graph):
+    """A learner that the trainings of this file have in common, one after another."""
+    learner = shared_graph.start("policy_learner", **SETTINGS)
+    shared_graph.diagnosis("policy_learner", DiagnosticStatus.OK, "Running")
+    return learner
+
+
 class Training:
     """A training in which one solve is under way."""
 
-    def __init__(self, graph, folder):
-        self.graph = graph
-        self.folder = folder
-        self.optimizer = graph.start("trajectory_optimizer")
-        self.learner = graph.start("policy_learner", **SETTINGS)
-        self.progress = graph.messages(LearningProgress, "learning_progress")
+    def __init__(self, graph, learner, folder):
+        self.graph, self.learner, self.folder = graph, learner, folder
+        self._said = len(learner.output)
         self.solver = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
-        graph.diagnosis("policy_learner", DiagnosticStatus.OK, "Running")
+        self.start_optimizer()
         self.program = start_training(graph, SHORT, 7, folder / "out")
         graph.spin_until(lambda: len(self.solver) >= 2, what="a solve")
+
+    def start_optimizer(self):
+        self.optimizer = self.graph.start("trajectory_optimizer")
+
+    def loses_a_solve(self):
+        """Whether the learner has said so in this training."""
+        return "is lost with a solve, which is done again" in self.learner.output[self._said :]
 
     def end(self):
         assert self.program.wait() == 0, self.program.output
@@ -42,48 +54,52 @@ class Training:
 
 
 @pytest.fixture
-def training(graph, tmp_path):
-    return Training(graph, tmp_path)
+def training(shared_graph, learner, tmp_path):
+    training = Training(shared_graph, learner, tmp_path)
+    yield training
+    if training.program.running:  # the test has failed
+        training.program.end()
+    assert training.optimizer.end() == 0
 
 
-def test_one_that_is_killed_and_back_at_once_is_asked_again(graph, training, expected):
+def test_one_that_is_killed_and_back_at_once_is_asked_again(training, expected):
     training.optimizer.kill()
-    graph.start("trajectory_optimizer")
+    training.start_optimizer()
     assert same_bits(training.end(), expected)
-    assert "is lost with a solve, which is done again" in training.learner.output
+    assert training.loses_a_solve()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_one_that_is_ended_in_a_solve_hands_it_back(graph, training, expected, number):
+def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected, number):
     assert training.optimizer.end(number) == 0
-    graph.spin_until_output(training.learner, "is lost with a solve, which is done again")
-    graph.start("trajectory_optimizer")
+    shared_graph.spin_until(training.loses_a_solve, what="the learner to miss it")
+    training.start_optimizer()
     assert same_bits(training.end(), expected)
 
 
-def test_one_that_is_killed_is_missed_and_waited_for(graph, training, expected):
+def test_one_that_is_killed_is_missed_and_waited_for(shared_graph, training, expected):
     training.optimizer.kill()
-    graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
-    graph.spin_for(1.0)
+    shared_graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
+    shared_graph.spin_for(1.0)
     assert training.program.running
-    graph.start("trajectory_optimizer")
+    training.start_optimizer()
     assert same_bits(training.end(), expected)
-    graph.diagnosis("policy_learner", DiagnosticStatus.OK)
+    shared_graph.diagnosis("policy_learner", DiagnosticStatus.OK)
 
 
-def test_one_that_hangs_is_missed_and_goes_on(graph, training, expected):
+def test_one_that_hangs_is_missed_and_goes_on(shared_graph, training, expected):
     training.optimizer.send(signal.SIGSTOP)
     try:
-        graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
+        shared_graph.diagnosis("policy_learner", DiagnosticStatus.OK, MISSED, timeout=NOTICED)
     finally:
         training.optimizer.send(signal.SIGCONT)
     assert same_bits(training.end(), expected)
 
 
 @pytest.mark.slow
-def test_a_learner_that_was_stopped_itself_goes_on(graph, training, expected):
+def test_a_learner_that_was_stopped_itself_goes_on(shared_graph, training, expected):
     training.learner.send(signal.SIGSTOP)
-    graph.spin_for(6.0)
+    shared_graph.spin_for(6.0)
     training.learner.send(signal.SIGCONT)
     assert same_bits(training.end(), expected)
 

@@ -25,7 +25,7 @@ from vgps_ros.messages.optimization import request_from_msg, result_to_msg
 from vgps_ros.programs.command_line import with_parameters_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM, lively
 from vgps_ros.search.methods import search
-from vgps_ros.search.settings import SearchSettings, search_settings
+from vgps_ros.search.settings import RenewalSettings, SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.storage.run_folder import load_policy
@@ -111,6 +111,33 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
 
 
+def test_commands_and_a_clock_reach_the_optimizer_and_situations_are_renewed(graph, told, tmp_path):
+    task = make_task(told)
+    settings = replace(
+        search_settings(task),
+        situations=3,
+        iterations=SHORT.iterations,
+        hidden_units=SHORT.hidden_units,
+        initial_ddp_iterations=SHORT.initial_ddp_iterations,
+        evaluation_rollouts=SHORT.evaluation_rollouts,
+    )
+    graph.start("trajectory_optimizer", task=told)
+    graph.start("policy_learner", task=told, **parameters(settings))
+    program = start_training(graph, settings, 3, tmp_path / "out")
+    assert program.wait() == 0, program.output
+
+    iterations = train_in_process(task, settings, 3)
+    entries = [iteration.entry() for iteration in iterations]
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert without_times(result["iterations"]) == without_times(entries)
+    policy, name = load_policy(tmp_path / "out" / "policy.json")
+    assert name == told
+    assert policy.observed[-4:] == ("command/angle", "command/lift", "clock/sin", "clock/cos")
+    assert same_bits(policy, iterations[-1].policy)
+    kept = train_in_process(task, replace(settings, renew=RenewalSettings()), 3)
+    assert not same_bits(policy, kept[-1].policy)
+
+
 def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
     graph, swimmer, tmp_path
 ):
@@ -178,18 +205,20 @@ def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_pa
     program = start_training(graph, SHORT, 0, tmp_path / "out")
     graph.spin_until(lambda: iterations, what="the first iteration of DDP")
     learner.send(signal.SIGSTOP)
-    program.send(signal.SIGINT)
-    graph.spin_until_output(program, "Cancelling the training")
-    assert program.end(signal.SIGINT, timeout=10.0) == 1  # the learner has 15 s
-    assert "did not confirm the cancellation" in program.output
-    learner.send(signal.SIGCONT)
+    try:
+        program.send(signal.SIGINT)
+        graph.spin_until_output(program, "Cancelling the training")
+        assert program.end(signal.SIGINT, timeout=10.0) == 1  # the learner has 15 s
+        assert "did not confirm the cancellation" in program.output
+    finally:
+        learner.send(signal.SIGCONT)
 
 
 def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     graph.start("trajectory_optimizer")
     graph.start("policy_learner", **parameters(SHORT), checkpoint_folder=tmp_path / "kept")
-    program = start_training(graph, replace(SHORT, iterations=30), 0, tmp_path / "out")
-    graph.spin_until_output(program, "2/30")
+    program = start_training(graph, replace(SHORT, iterations=12), 0, tmp_path / "out")
+    graph.spin_until_output(program, "2/12")
     second = graph.start("policy_learner", **parameters(SHORT))
     assert second.wait() == 1
     assert program.wait() == 0, program.output
@@ -217,23 +246,13 @@ def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
     assert f"{len(warned)} had trouble, last iteration {warned[-1]}: " in program.output
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"cost": float("nan")}, "costs is nan at index 0"),
-        ({"status": "fine"}, "status is 'fine', but it must be one of"),
-        ({"distribution": TrajectoryDistribution()}, "n_x=0 and n_u=0"),
-    ],
-)
-def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
-    graph, tmp_path, change, sentence
-):
-    task = make_task("rotor")
+def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(graph, tmp_path):
+    task, changes = make_task("rotor"), {}
 
     def answer(message, _):
         request = request_from_msg(message, task)
         response = result_to_msg(optimize(task, request), request, task, Time())
-        for name, value in change.items():
+        for name, value in changes.items():
             setattr(response, name, value)
         return response
 
@@ -242,11 +261,16 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(
     graph.node.create_service(GetParameters, f"{name}/get_parameters", lambda _, none: none)
     graph.node.create_service(OptimizeTrajectory, f"{name}/optimize", answer)
     learner = graph.start("policy_learner", task="rotor", **parameters(SHORT))
-    program = start_training(graph, SHORT, 0, tmp_path / "out")
-    graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, sentence)
-    assert program.wait() == 1
-    assert sentence in program.output
-    assert learner.running
+    for changes, sentence in (  # noqa: B007
+        ({"cost": float("nan")}, "costs is nan at index 0"),
+        ({"status": "fine"}, "status is 'fine', but it must be one of"),
+        ({"distribution": TrajectoryDistribution()}, "n_x=0 and n_u=0"),
+    ):
+        program = start_training(graph, SHORT, 0, tmp_path / "out")
+        graph.diagnosis("policy_learner", DiagnosticStatus.ERROR, sentence)
+        assert program.wait() == 1
+        assert sentence in program.output
+        assert learner.running
     assert "Traceback" not in learner.output
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A normal colcon workspace, built by the line of the README, and what is in its packages."""
+"""A normal colcon workspace, built as docs/how_to/install.md says, and what is in its packages."""
 
 import json
 import os
@@ -37,8 +37,9 @@ def underlay(workspace: Path) -> str:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_the_readmes_line_builds_a_workspace_whose_node_runs_and_whose_tests_pass(tmp_path):
-    line = re.search("^ln -.* && colcon build$", (ROOT / "README.md").read_text(), re.MULTILINE)
+def test_the_pages_lines_build_a_workspace_whose_node_runs_and_whose_tests_pass(tmp_path):
+    page = (ROOT / "docs" / "how_to" / "install.md").read_text()
+    link, build = re.findall("^(?:ln -sfn|colcon build).*$", page, re.MULTILINE)
     source = tmp_path / "src" / "vgps_ros"
     source.mkdir(parents=True)
     files = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
@@ -56,7 +57,7 @@ def test_the_readmes_line_builds_a_workspace_whose_node_runs_and_whose_tests_pas
         assert done.returncode == 0, done.stdout
         return done.stdout
 
-    assert "2 packages finished" in ran(line[0])
+    assert "2 packages finished" in ran(f"{link}\n{build}")
     ran("colcon test --packages-select vgps_ros --pytest-args tests/core/test_seeding.py")
     assert "0 errors, 0 failures" in ran("colcon test-result --all")
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import Observation
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import safe_torques
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
@@ -84,7 +85,7 @@ def test_sensors_count_as_they_change_with_the_state(random_distribution, swimme
     """A velocity's differences along root x are zero but for rounding."""
     q = random_distribution(horizon=5, n_x=10, n_u=2)
     observation = Readings(swimmer.dynamics.simulations, ["velocity/x", "front_joint/position"])
-    marginals = TrainingMarginals(q, observation, 2)
+    marginals = TrainingMarginals(q, Observation(observation), 2)
     state = q.mean.states[3] + 0.1 * rng.standard_normal(10)
     distances = []
     for mean, covariance in zip(q.mean.states[:-1], q.state_covariances[:-1], strict=True):

@@ -14,8 +14,9 @@ from vgps_ros.tasks import make_task
 def test_the_readings_values_are_those_of_the_task_and_change_nothing():
     task = make_task("quadruped")
     changed = adjustable(task.cost)
-    assert changed.names[:2] == ("velocity/x", "velocity/y")
-    assert changed.targets[:2].tolist() == [0.5, 0.0]
+    # Velocities and turning follow commands, and the feet the clock.
+    assert changed.names[:2] == ("height/z", "up/x")
+    assert changed.targets[:2].tolist() == [0.27, 0.0]
     same = changed(changed.targets, changed.weights)
     np.testing.assert_array_equal(same.targets, task.cost.targets)
     np.testing.assert_array_equal(same.weights, task.cost.weights)

@@ -27,7 +27,7 @@ def test_each_step_of_a_rollout_has_its_weight(rng, coordinates):
     states, controls = rng.standard_normal((3, 4, 4)), rng.standard_normal((3, 4, 1))
     costs = np.array([[0.1] * 4, [50.0] * 4, [0.2] * 4])
     draws = [Rollouts(states, controls, costs)]
-    targets, weights = weighted_targets(draws, coordinates(1, 3), alpha=1.0)
+    targets, weights = weighted_targets(draws, [coordinates(1, 3)], alpha=1.0)
     share = 1 / (1 + np.exp(-0.4))
     assert_array_equal(targets.inputs, states[..., [1, 3]].reshape(-1, 2))
     assert_array_equal(targets.means, controls.reshape(-1, 1))
@@ -41,5 +41,6 @@ def test_initial_states_count_alike_however_much_they_cost(rng, coordinates):
             rng.standard_normal((2, 3, 4)), rng.standard_normal((2, 3, 1)), np.full((2, 3), cost)
         )
 
-    _, weights = weighted_targets([rollouts(1.0), rollouts(100.0)], coordinates(0, 1), alpha=1.0)
+    read = [coordinates(0, 1), coordinates(0, 1)]
+    _, weights = weighted_targets([rollouts(1.0), rollouts(100.0)], read, alpha=1.0)
     assert_allclose(weights, np.full(12, 1 / 12))

@@ -110,7 +110,7 @@ def test_the_teacher_answers_a_push_that_it_does_not_know(walker):
     costs = []
     for law in (teacher, feedback):
         start = walker.initial_state[None]
-        states, controls, _ = situation.task.dynamics.rollouts(start, law, steps)
+        states, controls, _ = situation.of(walker).dynamics.rollouts(start, law, steps)
         costs.append(walker.cost(states[:, :-1], controls).sum())
     assert costs[0] < 0.85 * costs[1]
 

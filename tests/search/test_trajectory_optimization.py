@@ -118,6 +118,10 @@ def changed(array, value):
     return array
 
 
+def starting(request, state):
+    return {"situation": dataclasses.replace(request.situation, initial_state=state)}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -125,9 +129,9 @@ def changed(array, value):
         (lambda r: {"cost_scale": -1.0}, r"cost_scale is -1\.0"),
         (lambda r: {"cost_scale": np.nan}, r"cost_scale is nan"),
         (lambda r: {"max_iterations": 0}, r"max_iterations is 0"),
-        (lambda r: {"initial_state": np.zeros(9)}, r"initial_state has shape \(9,\)"),
-        (lambda r: {"initial_state": changed(r.initial_state, np.nan)}, r"initial_state is nan"),
-        (lambda r: {"initial_state": np.zeros((10, 1))}, r"initial_state .*shape"),
+        (lambda r: starting(r, np.zeros(9)), r"initial_state has shape \(9,\)"),
+        (lambda r: starting(r, changed(r.initial_state, np.nan)), r"initial_state is nan"),
+        (lambda r: starting(r, np.zeros((10, 1))), r"initial_state .*shape"),
         (lambda r: {"guess": r.guess[:-1]}, r"guess\.controls has shape \(39, 2\)"),
         (lambda r: {"guess": changed(r.guess, np.inf)}, r"guess\.controls is inf at index 3"),
         (lambda r: {"guess": r.guess.T}, r"guess\.controls .*shape"),

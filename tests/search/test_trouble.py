@@ -10,7 +10,7 @@ import pytest
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import SearchSettings
-from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
 
 SHORT = SearchSettings(
@@ -24,20 +24,20 @@ def rotor():
 
 
 def run(task, settings, change=lambda request: request):
-    solve = lambda requests: [optimize(task, change(r)) for r in requests]  # noqa: E731
+    solve = lambda requests: optimize_all(task, [change(r) for r in requests])  # noqa: E731
     return list(search("vgps", task, settings, 0, solve))
 
 
-def test_a_solve_that_diverges_leaves_the_solutions_as_they_were(rotor):
+def test_a_solve_that_diverges_leaves_its_solution_as_it_was(rotor):
     def wild(request):
         if request.iteration != 1:
             return request
         return replace(request, guess=np.full((50, 1), 1e8), previous=None, policy=None)
 
     first, second = run(rotor, SHORT, wild)
-    assert "solutions of iteration 1 stay as they were" in first.warnings[0]
+    assert "Solution 0 of iteration 1 stays as it was: " in first.warnings[0]
     assert first.ddp_cost == first.initial_ddp_cost
-    assert not any("stay as they were" in warning for warning in second.warnings)
+    assert not any("stays as it was" in warning for warning in second.warnings)
     assert second.ddp_cost != first.ddp_cost
 
 

@@ -7,6 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
@@ -229,7 +231,7 @@ def test_the_model_that_is_handed_in_stays_as_it_is(swimmer):
 def observation(swimmer):
     """Numbers of the state, and one of the centre of mass."""
     names = ["root_y/position", "back_joint/position", "root_yaw/velocity", "velocity/y"]
-    return Readings(swimmer.dynamics.simulations, names)
+    return Observation(Readings(swimmer.dynamics.simulations, names))
 
 
 def policy_of(observation, hidden, rng, *options, **biases):
@@ -270,7 +272,55 @@ def test_number_of_threads_does_not_change_an_execution_and_one_that_diverges_no
 
 
 def test_a_policy_of_another_robot_is_not_executed(swimmer, observation, rng):
-    other = Readings(swimmer.dynamics.simulations, observation.names[:-1])
+    other = Observation(Readings(swimmer.dynamics.simulations, observation.names[:-1]))
     policy = policy_of(other, (3,), rng)
     with pytest.raises(InvalidInputError, match=r"policies read root_y/pos.*velocity/y;"):
         swimmer.dynamics.execute(policy, observation, np.zeros((1, 10)), np.zeros((1, 5, 2)))
+
+
+def told_with(observation, context):
+    return Observation.of(observation.readings, ["b"], ["a", "b"]).within(context)
+
+
+def test_each_rollout_that_is_executed_is_told_its_own_context(swimmer, observation, rng):
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 20, 2))
+    context = rng.standard_normal((3, 25, 2))  # longer than the motion
+    each = told_with(observation, context)
+    policy = policy_of(each, (4,), rng)
+    states, controls = swimmer.dynamics.execute(policy, each, starts, noise)
+    expected = swimmer.dynamics.rollouts(
+        starts,
+        lambda t, x: (
+            policy.mean(each.within(context[:, t : t + 1])(x[:, None]))[:, 0] + noise[:, t]
+        ),
+        20,
+    )
+    assert_allclose(states, expected[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(controls, expected[1], rtol=1e-9, atol=1e-12)
+    for i in range(3):
+        alone = swimmer.dynamics.execute(
+            policy, each.within(context[i]), starts[i : i + 1], noise[i : i + 1]
+        )
+        assert_array_equal(alone[0][0], states[i])
+        assert_array_equal(alone[1][0], controls[i])
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_a_policy_may_read_late_and_wrongly(swimmer, observation, rng, lag):
+    starts, noise = rng.uniform(-0.5, 0.5, (3, 10)), rng.standard_normal((3, 15, 2))
+    context, misread = rng.standard_normal((15, 2)), 0.1 * rng.standard_normal((3, 15, 4))
+    told = told_with(observation, context)
+    policy = policy_of(told, (4,), rng)
+    states, controls = swimmer.dynamics.execute(
+        policy, told, starts, noise, lag=lag, sensor_noise=misread
+    )
+    execute, low, high = ExecutedPolicy(policy).mean, *swimmer.dynamics.control_limits
+    for i, start in enumerate(starts):
+        past = [start]
+        for t in range(15):
+            read = observation.readings(past[max(0, t - lag)]) + misread[i, t]
+            mean = execute(np.concatenate([read, context[t, 1:]]))
+            control = np.clip(mean + noise[i, t], low, high)
+            assert_array_equal(controls[i, t], control)
+            past.append(swimmer.dynamics.step(past[-1], control))
+            assert_array_equal(states[i, t + 1], past[-1])

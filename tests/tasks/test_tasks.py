@@ -18,7 +18,7 @@ from vgps_ros.tasks.task import smoothed_noise
 
 
 def test_swimmer_has_three_links_five_degrees_of_freedom_and_two_torques(swimmer):
-    assert swimmer.dims == {"n_x": 10, "n_dx": 10, "n_u": 2}
+    assert swimmer.dims == {"n_x": 10, "n_dx": 10, "n_u": 2, "n_z": 0}
     assert swimmer.joint_names == ["root_x", "root_y", "root_yaw", "front_joint", "back_joint"]
     assert swimmer.actuated_joint_names == ["front_joint", "back_joint"]
     mass = swimmer.dynamics.model.body_mass[1:]
@@ -71,7 +71,7 @@ def test_a_diverged_rollout_costs_infinity_and_the_others_their_own(swimmer):
 def test_a_robot_with_a_free_base_has_its_coordinates_named_and_told_apart(swimmer, rng):
     model = everything()
     task = dataclasses.replace(swimmer, dynamics=Dynamics(model))
-    assert task.dims == {"n_x": 13 + 11 + 1, "n_dx": 11 + 11 + 1, "n_u": 4}
+    assert task.dims == {"n_x": 13 + 11 + 1, "n_dx": 11 + 11 + 1, "n_u": 4, "n_z": 0}
     assert task.joint_names == ["hip", "knee"]
     assert task.position_names[:6] == [f"base/{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
     assert deviation_names(model)[task.velocities][:3] == ["base/vx", "base/vy", "base/vz"]

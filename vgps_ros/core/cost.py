@@ -7,9 +7,10 @@ where r are readings of the state, such as a velocity or a height, and ρ is a n
 smooth absolute value √(e² + s²) − s, which grows only linearly for |e| above s. Gauss-Newton's
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 
-A target may follow the context z_t, the commands and the clock of a step, which are known ahead:
+A target may follow the context z_t, the commands and the clock of a step, which are known ahead,
+and a weight may count only while the clock turns, or only while it stands:
 
-    r*_t = base_t + A z_t + max(0, B z_t).
+    r*_t = base_t + A z_t + max(0, B z_t),    w_t = base_t · m_t or base_t · (1 − m_t).
 """
 
 from dataclasses import dataclass, replace
@@ -43,24 +44,36 @@ class TrajectoryCost(Protocol):
 
 @dataclass(frozen=True)
 class Following:
-    """How targets follow the context, r* = base + A z + max(0, B z).
+    """How targets and weights follow the context.
 
     Attributes:
         linear: A, shape (m, n_z).
         lifted: B, shape (m, n_z), which lifts a target and never lowers it, as a swinging foot's.
+        moving: factor on each weight while the clock turns, shape (m,), 0 or 1.
+        still: factor on each weight while it stands, shape (m,), 0 or 1.
+        clock: places of the clock's sine and cosine in z; none of a task without a clock.
     """
 
     linear: Array
     lifted: Array
+    moving: Array
+    still: Array
+    clock: tuple[int, ...] = ()
 
-    def __call__(self, context: Array) -> Array:
+    def added(self, context: Array) -> Array:
         """Returns what the contexts (T, n_z) add to the targets, shape (T, m)."""
         return np.asarray(context @ self.linear.T + np.maximum(context @ self.lifted.T, 0.0))
 
+    def factors(self, context: Array) -> Array:
+        """Returns the factors on the weights in contexts (T, n_z), shape (T, m)."""
+        turns = (context[:, self.clock] ** 2).sum(axis=1, keepdims=True) > 0.5
+        return np.where(turns, self.moving, self.still)
+
     @property
     def follows(self) -> NDArray[np.bool_]:
-        """Whether each target changes with the context, shape (m,)."""
-        return np.asarray(((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1))
+        """Whether target or weight of each reading changes with the context, shape (m,)."""
+        targets = ((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1)
+        return np.asarray(targets | (self.moving != self.still))
 
 
 @dataclass(frozen=True)
@@ -163,7 +176,9 @@ class FeatureCost:
         targets, weights = (_rows(values, first, steps) for values in (self.targets, self.weights))
         if self.following:
             assert self.context is not None  # `in_context` comes first
-            targets = targets + self.following(_rows(self.context, first, steps))
+            context = _rows(self.context, first, steps)
+            targets = targets + self.following.added(context)
+            weights = weights * self.following.factors(context)
         return targets, weights
 
 

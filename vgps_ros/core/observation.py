@@ -89,14 +89,15 @@ class Observation:
     def __call__(self, states: Array) -> Array:
         """Returns o, shape (..., n_o), for states (..., n_x).
 
-        Where the context has steps, the states are those of its first steps, (..., T, n_x).
+        Where the context has steps, the states are those of its first steps, (..., T, n_x); a
+        single state is that of the first one.
         """
         read = self.readings(states)
         if not self.told:
             return read
         told = self.values_told()
         if told.ndim > 1:
-            told = told[..., : states.shape[-2], :]
+            told = told[..., : states.shape[-2], :] if states.ndim > 1 else told[0]
         told = np.broadcast_to(told, (*states.shape[:-1], len(self.told)))
         return np.concatenate([read, told], axis=-1)
 

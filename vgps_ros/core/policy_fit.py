@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
 from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
 from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
@@ -127,6 +128,7 @@ def fit_policy(
     settings: FitSettings,
     rng: np.random.Generator,
     visited: Sequence[Targets] = (),
+    augmentation: Augmentation | None = None,
 ) -> GaussianPolicy:
     """Returns the policy that maximises L(q, θ), started from `policy`.
 
@@ -139,6 +141,7 @@ def fit_policy(
         settings: settings of the fit.
         rng: source of the samples.
         visited: further samples, of the states that the policy itself has visited.
+        augmentation: what becomes of the samples; None: they stay as they are.
     """
 
     def samples() -> Iterator[Targets]:
@@ -146,7 +149,11 @@ def fit_policy(
             drawn = draw_targets(
                 distributions, observation, settings.form, settings.samples_per_step, rng
             )
-            yield joined([drawn, *visited])
+            found = joined([drawn, *visited])
+            if augmentation:
+                samples = found.inputs, found.means, found.variances
+                found = Targets(*augmentation(samples, rng))
+            yield found
 
     scaling = Standardization.of(policy.architecture, observation, distributions)
     return fit_to_targets(policy, samples(), scaling, settings)

@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 from vgps_msgs.msg import Plan as PlanMsg
+from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
@@ -259,6 +260,24 @@ def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     """
     order = name_order(tuple(message.name), tuple(joint_names))
     return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
+
+
+def signals_to_msg(values: Array, names: Sequence[str], stamp: Time) -> SignalsMsg:
+    """Returns commands, or commands and clock, as a message."""
+    return SignalsMsg(header=Header(stamp=stamp), names=list(names), values=pack(values))
+
+
+def signals_from_msg(message: SignalsMsg) -> dict[str, float]:
+    """Returns the message's numbers by name.
+
+    Raises:
+        InvalidInputError: a name comes twice, or a value is missing or not finite.
+    """
+    names = list(message.names)
+    values = finite_array("values", message.values, (len(names),)).tolist()
+    if len(set(names)) != len(names):
+        raise InvalidInputError(f"The names are {quoted(names)}, but each may come only once.")
+    return dict(zip(names, values, strict=True))
 
 
 def push_to_msg(body: str, wrench: Array) -> WrenchStamped:

@@ -13,6 +13,9 @@ from vgps_ros.core.errors import InvalidInputError
 # Topics that describe the robot: MJCF for this project's nodes, URDF for all others.
 MJCF, URDF = "mjcf_description", "robot_description"
 
+# What a controller was told in each state that it answered.
+CONTEXT = "context"
+
 # Keys of values that controllers show on /diagnostics.
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation

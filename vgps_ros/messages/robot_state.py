@@ -72,6 +72,7 @@ class StateMessages:
         self._limb_names = [name for name in self.joint_names if name not in on_base]
         self._limbs = _places(names, self._limb_names)
         self._bodies = [body for body in bodies if body is not self.base]
+        self._first_body = model.body(min(1, model.nbody - 1)).name
         needed = {
             ODOMETRY: (Odometry, bool(bases)),
             BODIES: (MultiDOFJointState, bool(self._bodies)),
@@ -80,6 +81,12 @@ class StateMessages:
         }
         self.topics = {topic: kind for topic, (kind, is_there) in needed.items() if is_there}
         self.sources = ({ODOMETRY: Odometry} if self._planar else {}) | self.topics
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the base's frame; of a robot that stands on a fixed base, its first body's."""
+        base = self.base or self._planar
+        return base.name if base else self._first_body
 
     def lacks_base(self, joints: Any) -> bool:
         """Returns whether joint states have all joints but those that `odom` may tell."""

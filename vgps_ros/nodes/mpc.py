@@ -67,11 +67,12 @@ class Mpc(Controller):
         every, seed = declare(self, PLAN_EVERY), declare(self, SEED)
         prepare(task)
         planner = Planner(task, settings)
+        self._steps = planner.steps
         declare_cost(self, task.cost, partial(setattr, planner, "cost"))
         self._horizon = PlanFollower(planner, every, seed, self._take_plan)
 
-    def law(self, state: Array, stamp: int) -> Array:
-        """Returns the newest plan's torques.
+    def law(self, state: Array, stamp: int, context: Array) -> Array:
+        """Returns the newest plan's torques; a plan holds the commands.
 
         Raises:
             InvalidInputError: the newest plan is too old.
@@ -80,8 +81,9 @@ class Mpc(Controller):
         executed = self.training.policy
         policy = executed.policy if executed else None
         assert policy is None or isinstance(policy, GaussianPolicy)  # others are refused
+        ahead = self.instructions.ahead(self._steps)
         try:
-            torques, age = self._horizon.control(state, step, policy)
+            torques, age = self._horizon.control(state, step, policy, ahead)
         finally:
             trouble = self._horizon.trouble
             self.health.report("plan", warning=f"At step {step} {trouble}" if trouble else "")

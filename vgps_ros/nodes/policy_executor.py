@@ -25,12 +25,13 @@ class PolicyExecutor(Controller):
         for setting in (SEED, STOCHASTIC):
             declare(self, setting, may_change=True)
 
-    def law(self, state: Array, stamp: int) -> Array:
+    def law(self, state: Array, stamp: int, context: Array) -> Array:
         """Returns the policy's torques, with its noise where asked."""
         policy = self.training.policy
         assert policy is not None  # no state comes here before
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
-        return policy.control(self.training.observation(state), stamp, seed)
+        inputs = self.training.observation.within(context)(state)
+        return policy.control(inputs, stamp, seed)
 
 
 def main() -> int:

@@ -175,11 +175,11 @@ class TrainingClient(Node):
         """Cancels the training; returns once it has ended, or raises VgpsError."""
         if self._handle is None:
             return
-        print("Cancelling the training ...", flush=True)
-        self._handle.cancel_goal_async()
-        result = self._handle.get_result_async()
-        end = time.monotonic() + _CANCEL_TIMEOUT
         try:
+            print("Cancelling the training ...", flush=True)
+            self._handle.cancel_goal_async()
+            result = self._handle.get_result_async()
+            end = time.monotonic() + _CANCEL_TIMEOUT
             while not result.done():
                 if not self._action.server_is_ready() or time.monotonic() > end:
                     raise KeyboardInterrupt

@@ -24,6 +24,7 @@ from vgps_ros.core.checks import one_of
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
@@ -44,6 +45,7 @@ from vgps_ros.messages.names import (
 )
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
+from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM, lively
@@ -54,6 +56,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.carried_signals import spread_of_told
 from vgps_ros.tasks.driver import Driver, driver_of
 from vgps_ros.tasks.registry import TASK
 
@@ -99,6 +102,7 @@ class Controller(LifecycleNode):
     Attributes:
         task: the control problem.
         health: the node's diagnostics.
+        instructions: what it is told as it runs, commands and a clock.
         training: the policy and the trajectory distributions of a training.
     """
 
@@ -115,8 +119,11 @@ class Controller(LifecycleNode):
         low, high = self.task.dynamics.control_limits
         limits = tuple(np.maximum(-low, high).clip(0.0, CONTROL_BOUND).tolist())
         self._settings = settings = declare_settings(self, SafetySettings(torque_limits=limits))
+        self._states = StateMessages(self.task.dynamics.model)
+        self.instructions = Instructions(self, self.task.signals, self._states.base_frame)
         topic = "commands" if self._plain else "joint_command"
         self.health = Health(self, owns=(topic,), when_alone=when_alone)
+        self.instructions.report_to(self.health)
         self._set_active(False)
         self._sent = 0
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
@@ -134,7 +141,6 @@ class Controller(LifecycleNode):
             needs_policy=needs_policy,
             needs_distribution=settings.needs_distribution,
         )
-        self._states = StateMessages(self.task.dynamics.model)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
         self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
@@ -154,12 +160,13 @@ class Controller(LifecycleNode):
         """Declares the parameters that only this controller has, and prepares its law."""
 
     @abstractmethod
-    def law(self, state: Array, stamp: int) -> Array:
+    def law(self, state: Array, stamp: int, context: Array) -> Array:
         """Returns the torques in a usable state, shape (n_u,), [N·m].
 
         Args:
             state: x, shape (n_x,).
             stamp: its stamp [ns].
+            context: the commands and the clock in it, shape (n_z,).
 
         Raises:
             InvalidInputError: the law must not drive now; the safe action does.
@@ -186,13 +193,15 @@ class Controller(LifecycleNode):
 
     def stop(self) -> None:
         """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
-        if self._active:
-            self._send(self._supervisor.stop())
+        last = self._supervisor.stop() if self._active else None
         self._set_active(False)
         self._watchdog.cancel()
         self.training.stop_waiting()
         self.health.stop_waiting(self._awaited)
         self.health.clear("state", "distance")
+        if last:
+            self.health.publish()  # a recording must know that these torques are no policy's
+            self._send(last)
 
     def _set_active(self, is_active: bool) -> None:
         self._active = is_active
@@ -207,7 +216,14 @@ class Controller(LifecycleNode):
             return
         if self._watchdog.is_canceled():
             self._watchdog.reset()
-        began = time.monotonic()
+        began, context = time.monotonic(), NO_CONTEXT
+
+        def told() -> Array:
+            nonlocal context
+            context = self.instructions.at(stamp)
+            self.instructions.publish(context, stamp)
+            return context
+
         try:
             state = self._states.join(messages)
             stamp = nanoseconds(messages[JOINTS].header.stamp)
@@ -221,7 +237,8 @@ class Controller(LifecycleNode):
                 stamp,
                 lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
                 time.monotonic(),
-                lambda: self.law(state, stamp),
+                lambda: self.law(state, stamp, context),
+                told,
             )
         except InvalidInputError as error:
             command = self._supervisor.refuse(str(error), time.monotonic())
@@ -378,7 +395,9 @@ class TrainingResults:
         """Hands on the marginals of the steps that a policy is trained on."""
         one_of("the distribution's task", task, [self._task.name])
         trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
-        self._marginals[index] = TrainingMarginals(trained, self._task.observation, n_u)
+        observation = self._task.observation
+        told = spread_of_told(self._task.signals, observation)
+        self._marginals[index] = TrainingMarginals(trained, observation, n_u, told)
         self._waits_for_distribution = False
         self._health.arrived(_DISTRIBUTION)
 

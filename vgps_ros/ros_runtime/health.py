@@ -108,7 +108,7 @@ class Health:
         self._over.discard(about)
         if before != level:
             self._log(about)
-            self._publish()
+            self.publish()
 
     def clear(self, *abouts: str) -> None:
         """Reports that faults are over; /diagnostics shows each once, however short it was."""
@@ -166,12 +166,12 @@ class Health:
         for about, (_, sentence) in list(self._faults.items()):
             if sentence != self._said[about][0]:
                 self._log(about)
-        self._publish()
+        self.publish()
         for about in self._over:
             self._faults.pop(about, None)
         self._over = set()
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
         """Publishes the worst level, and all sentences on what is wrong, the worst first."""
         well, said = DiagnosticStatus.OK, list(self._faults.values())
         for what in list(self._waiting):

@@ -25,6 +25,9 @@ NEWEST = QoSProfile(depth=1)
 # The same for the sensors of a real robot, to which REP 2003 has nodes listen with best effort.
 NEWEST_OF_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+# What a person or a planner commands: the newest ones matter, whatever their sender guarantees.
+COMMANDED = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
 # The requests and responses of services and actions. As many calls may wait at once; of more the
 # middleware drops the oldest, without a word to who waits for their answer.
 CALLS = QoSProfile(depth=100)

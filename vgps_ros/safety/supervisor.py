@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
@@ -66,6 +67,7 @@ class Supervisor:
         self._broken_limit = broken_limit
         self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
         self._stamp = -1  # of the newest usable state
+        self._context = NO_CONTEXT  # in that state
         self.begin()
 
     def begin(self) -> None:
@@ -87,6 +89,7 @@ class Supervisor:
         age: Callable[[], float],
         now: float,
         law: Callable[[], Array],
+        context: Callable[[], Array] = lambda: NO_CONTEXT,
     ) -> Command | None:
         """Returns the command that answers a state, or None if nothing must be sent.
 
@@ -97,11 +100,14 @@ class Supervisor:
                 settings limit the age.
             now: time at which the state came.
             law: returns the policy's torques for the state, shape (n_u,) [N·m].
+            context: returns the commands and the clock in the state, shape (n_z,). It is called
+                before the law, and only for a usable state.
         """
         if reason := self._unusable(stamp, age, now):
             return self.refuse(reason, now)
         self._state, self._received = state, now
         self._stamp = self._newest = stamp
+        self._context = context()
         torques = law()
         self._fail(self._distrusted(state, torques))
         if self.fault:
@@ -161,7 +167,7 @@ class Supervisor:
         settings = self._settings
         if not (settings.distance_warning or settings.distance_limit):
             return None
-        nearest = nearest_of(self.marginals.values(), state)
+        nearest = nearest_of(self.marginals.values(), state, self._context)
         if nearest is None:
             return None
         self.distance = nearest.distance
@@ -196,7 +202,8 @@ class Supervisor:
         if self._state is None:
             return None
         state = self._state if self._is_fresh(now) else None
-        torques = safe_torques(self._settings, state, self._velocities, self.marginals.values())
+        marginals = self.marginals.values()
+        torques = safe_torques(self._settings, state, self._velocities, marginals, self._context)
         return self._sent_safely(self._limiter.clipped(torques))
 
     def _sent_safely(self, torques: Array) -> Command:
@@ -209,6 +216,7 @@ def safe_torques(
     state: Array | None,
     velocities: list[int],
     marginals: Iterable[TrainingMarginals],
+    context: Array = NO_CONTEXT,
 ) -> Array:
     """Returns the torques of the safe action, shape (n_u,) [N·m], before limits apply.
 
@@ -219,6 +227,7 @@ def safe_torques(
         state: the newest usable state, shape (n_x,), or None.
         velocities: index in the state of the velocity that each control drives; -1 for none.
         marginals: training marginals of the DDP solutions whose feedback law may be used.
+        context: the commands and the clock in that state, shape (n_z,).
     """
     zero = np.zeros(len(velocities))
     if state is None or settings.safe_action == "zero":
@@ -227,7 +236,7 @@ def safe_torques(
         if settings.safe_action == "damping":
             torques = np.where(np.array(velocities) < 0, 0.0, -settings.damping * state[velocities])
         else:
-            nearest = nearest_of(marginals, state)
+            nearest = nearest_of(marginals, state, context)
             if nearest is None:
                 return zero
             torques = nearest.marginals.feedback(state, nearest.step)

@@ -7,7 +7,9 @@ nearest of the marginals q(o_t),
     d(x) = min_t √((o − ō_t)ᵀ Σ_t⁻¹ (o − ō_t)),
 
 over the n numbers that the policy reads. The minimum is over all times, since the policy does
-not depend on time. States like those of the training have distances of about √n or less.
+not depend on time. States like those of the training have distances of about √n or less. What the
+policy is told, commands and a clock, is known exactly along q, so that it has a standard deviation
+of its own.
 """
 
 from collections.abc import Iterable
@@ -46,6 +48,8 @@ class TrainingMarginals:
         distribution: q(ζ).
         observation: h, what the policy reads of a state.
         control_dim: n_u.
+        told_std: standard deviations of the numbers of the context that the policy reads, shape
+            (c,), in their units.
 
     Raises:
         InvalidInputError: the distribution has no steps or other dimensions, or a Σ_t is not a
@@ -53,7 +57,11 @@ class TrainingMarginals:
     """
 
     def __init__(
-        self, distribution: TrajectoryDistribution, observation: Observation, control_dim: int
+        self,
+        distribution: TrajectoryDistribution,
+        observation: Observation,
+        control_dim: int,
+        told_std: Array = NO_CONTEXT,
     ):
         q, n, space = distribution, len(observation.names), observation.space
         if not q.mean.horizon:
@@ -61,8 +69,9 @@ class TrainingMarginals:
         check_array("mean.states", q.mean.states, (q.mean.horizon + 1, space.state_dim))
         check_array("mean.controls", q.mean.controls, (q.mean.horizon, control_dim))
         means, covariances = observed_marginals(q, observation)
+        told = np.diag(np.concatenate([np.zeros(n - len(told_std)), told_std**2]))
         try:
-            roots = np.linalg.cholesky(widened(covariances))
+            roots = np.linalg.cholesky(widened(covariances) + told)
         except np.linalg.LinAlgError as error:
             raise InvalidInputError(
                 "The state_covariances have a matrix that is not positive semidefinite, but each "

@@ -167,8 +167,13 @@ def _check(state: SearchState, run: Run) -> None:
         raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
     pairs = state.last.pairs if state.last else ()
     for solutions in (state.initial_solutions, *(pair.solutions for pair in pairs)):
+        # Situations may have been left out at first, but none is later.
+        if not solutions or len(solutions) != len(state.initial_solutions):
+            raise InvalidInputError("it has not one solution for each situation.")
         for each in solutions:
             check_distribution("q", each.distribution, run.task, each.situation.initial_state)
+            if not np.array_equal(each.situation.context, each.distribution.context):
+                raise InvalidInputError("a solution is not the one of its situation's commands.")
     if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
         raise InvalidInputError("its policy has another shape.")
     if state.last:

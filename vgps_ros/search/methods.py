@@ -134,6 +134,7 @@ def search(
         if checkpoints:
             checkpoints.save(run, state)
         figures, alarms = history[-1], work.take_warnings()
-        if chosen.raises_bound:
+        # With new situations the M-step also fits what L(q, θ) of the old ones does not know.
+        if chosen.raises_bound and not settings.renew.share:
             alarms = (*alarms, *lost_bound(figures), *lost_coverage(figures))
         yield SearchIteration.of(state, evaluation, alarms)

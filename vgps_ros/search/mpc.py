@@ -111,7 +111,9 @@ class Planner:
                 f"{period:g} to {longest * period:g} s."
             )
         self.age_limit = min(self.steps - 1, round(settings.plan_age_limit / period))
-        self._task, self._settings = task, settings
+        self._settings = settings
+        self._at_rest = task.signals.held(task.signals.rest, self.steps)
+        self._task = task.commanded(task.signals.rest)
         self.cost = task.cost
 
     def first_plan(self, seed: int = 0) -> Plan:
@@ -128,7 +130,7 @@ class Planner:
         motion = first_motion(replace(self._task, horizon=self.steps, lookahead=0), request)
         gaps = None if motion.gaps is None else motion.gaps[: self.steps]
         begun = motion.trajectory.first(self.steps)
-        cost, iterations = self._cost(0, None), settings.first_iterations
+        cost, iterations = self._cost(0, None, self._at_rest), settings.first_iterations
         found = solve(self._task.dynamics, cost, begun, settings.ddp, iterations, gaps=gaps)
         return Plan(0, found.trajectory, found.policy.gains, found.cost, found.status)
 
@@ -140,6 +142,7 @@ class Planner:
         policy: GaussianPolicy | None = None,
         is_cancelled: Callable[[], bool] = lambda: False,
         known: Sequence[Plan] = (),
+        context: Array | None = None,
     ) -> Plan:
         """Returns a plan from a newer state, warm-started by an older plan.
 
@@ -150,6 +153,7 @@ class Planner:
             policy: π_θ, which continues the plan.
             is_cancelled: asked between the parts of the iteration; true ends it.
             known: other plans, of any length, that may be better to begin with.
+            context: commands and clock over the plan, shape (T, n_z); None: commands at rest.
 
         Raises:
             InvalidInputError: the state is from before the plan.
@@ -161,9 +165,10 @@ class Planner:
                 f"The state is of control step {step}, but it must not be from before the plan, "
                 f"which begins at step {plan.start}."
             )
-        cost = self._cost(step, policy)
-        motions = [self._continued(old, state, step, policy) for old in (plan, *known)]
-        motions.append(self._tail(state, policy))
+        context = self._at_rest if context is None else context
+        cost = self._cost(step, policy, context)
+        motions = [self._continued(old, state, step, policy, context) for old in (plan, *known)]
+        motions.append(self._tail(state, policy, context))
         costs = [float(np.sum(cost.values(motion))) for motion in motions]
         # A motion that diverges costs NaN.
         best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
@@ -182,7 +187,7 @@ class Planner:
         return np.clip(control, *dynamics.control_limits)
 
     def _continued(
-        self, plan: Plan, state: Array, step: int, policy: GaussianPolicy | None
+        self, plan: Plan, state: Array, step: int, policy: GaussianPolicy | None, context: Array
     ) -> Trajectory:
         """Returns the old plan's motion from the state, continued by the tail."""
         passed = min(step - plan.start, len(plan.gains))
@@ -191,34 +196,35 @@ class Planner:
         gains = np.ascontiguousarray(plan.gains[passed:end])
         nominal = Trajectory(np.ascontiguousarray(x), np.ascontiguousarray(u))
         (kept,) = self._task.dynamics.follow_each(state, [nominal], gains)
-        tail = self._tail(kept.states[-1], policy, self.steps - len(u))
+        tail = self._tail(kept.states[-1], policy, context[len(u) :])
         return Trajectory(
             np.concatenate([kept.states, tail.states[1:]]),
             np.concatenate([kept.controls, tail.controls]),
         )
 
-    def _tail(
-        self, state: Array, policy: GaussianPolicy | None, steps: int | None = None
-    ) -> Trajectory:
-        """Returns the policy's motion from a state, or that of no torques."""
-        task, count = self._task, self.steps if steps is None else steps
+    def _tail(self, state: Array, policy: GaussianPolicy | None, context: Array) -> Trajectory:
+        """Returns the policy's motion from a state, or that of no torques, over a context."""
+        task, count = self._task, len(context)
         zero = np.zeros((count, task.dynamics.control_dim))
         if policy is None:
             return task.dynamics.rollout(state, lambda t, _: zero[t], count)
         start, noise = state[None], zero[None]
-        states, controls = task.dynamics.execute(policy, task.observation, start, noise)
+        observation = task.observation.within(context)
+        states, controls = task.dynamics.execute(policy, observation, start, noise)
         return Trajectory(states[0], controls[0])
 
-    def _cost(self, step: int, policy: GaussianPolicy | None) -> TrajectoryCost:
-        """Returns the cost of a plan that begins at a control step."""
+    def _cost(self, step: int, policy: GaussianPolicy | None, context: Array) -> TrajectoryCost:
+        """Returns the cost of a plan that begins at a control step, in its context."""
         task, weight = self._task, self._settings.policy_weight
-        cost = self.cost.starting_at(step, self.steps)
+        cost = replace(self.cost, following=None, context=None).starting_at(step, self.steps)
+        cost = replace(cost, following=self.cost.following).in_context(context)
         if policy is None or not weight:
             return cost
         n_dx, n_u = task.dims["n_dx"], task.dims["n_u"]
         deviations, gains = np.zeros((1, self.steps, n_dx)), np.zeros((self.steps, n_u, n_dx))
         scaled = ScaledCost(cost, 1.0 / weight)
-        return ScaledCost(PolicyCost(scaled, policy, task.observation, deviations, gains), weight)
+        observation = task.observation.within(context)
+        return ScaledCost(PolicyCost(scaled, policy, observation, deviations, gains), weight)
 
 
 class PlanFollower:
@@ -264,7 +270,11 @@ class PlanFollower:
         self._worker.shutdown()
 
     def control(
-        self, state: Array, step: int, policy: GaussianPolicy | None = None
+        self,
+        state: Array,
+        step: int,
+        policy: GaussianPolicy | None = None,
+        context: Array | None = None,
     ) -> tuple[Array, int]:
         """Returns the torques in a state, shape (n_u,), [N·m], and the age of their plan in steps.
 
@@ -272,6 +282,7 @@ class PlanFollower:
             state: x, shape (n_x,).
             step: control step of the state; one before that of the last state starts a new time.
             policy: π_θ, which continues plans.
+            context: commands and clock from this state on, shape (T, n_z); None: at rest.
 
         Raises:
             InvalidInputError: the newest plan is too old to drive.
@@ -284,9 +295,9 @@ class PlanFollower:
         if not self._every:
             if self._work is None or self._work.done():
                 self._take_plan()
-                self._begin(state, step, policy)
+                self._begin(state, step, policy, context)
         elif is_new_time or step - self._plan.start >= self._every:
-            self._begin(state, step, policy)
+            self._begin(state, step, policy, context)
             self._take_plan()
         age = step - self._plan.start
         if age > self._planner.age_limit:
@@ -297,10 +308,13 @@ class PlanFollower:
             )
         return self._planner.control(self._plan, state, step), age
 
-    def _begin(self, state: Array, step: int, policy: GaussianPolicy | None) -> None:
+    def _begin(
+        self, state: Array, step: int, policy: GaussianPolicy | None, context: Array | None
+    ) -> None:
         def solve(old: Plan) -> tuple[Plan, float]:
             began = time.perf_counter()
-            plan = self._planner.next_plan(old, state, step, policy, self._ending.is_set)
+            cancelled = self._ending.is_set
+            plan = self._planner.next_plan(old, state, step, policy, cancelled, context=context)
             return plan, time.perf_counter() - began
 
         assert self._plan is not None
@@ -328,7 +342,8 @@ LARGEST_ADJUSTMENT = 1e6  # of a target, in its unit, and of a weight
 class AdjustableCost:
     """A task's cost, of which those readings can be changed whose target and weight are constant.
 
-    A reference that changes with time and what counts at the end of the horizon alone stay.
+    A reference that changes with time, what follows a command or the clock, and what counts at the
+    end of the horizon alone stay.
 
     Attributes:
         names: names of these readings.
@@ -371,11 +386,13 @@ class AdjustableCost:
 def adjustable(cost: FeatureCost) -> AdjustableCost:
     """Returns what of a cost can be changed; nothing of one whose readings have no names."""
     names = cost.features.names if isinstance(cost.features, Readings) else ()
+    follows = cost.following.follows if cost.following else np.zeros(len(names), bool)
     targets, weights = (np.atleast_2d(values) for values in (cost.targets, cost.weights))
     constant = [
         i
         for i in range(len(names))
-        if all((values[:, i] == values[0, i]).all() for values in (targets, weights))
+        if not follows[i]
+        and all((values[:, i] == values[0, i]).all() for values in (targets, weights))
     ]
     return AdjustableCost(
         names=tuple(names[i] for i in constant),

@@ -128,8 +128,9 @@ class RenewalSettings:
         4, "iterations at the end in which none are replaced", minimum=0, maximum=100_000
     )
     seconds: float = setting(
-        4.0,
-        "length of the policy's motion on which a new situation begins [s]",
+        8.0,
+        "length of the policy's motion on which a new situation begins, in which the commands "
+        "change once [s]",
         minimum=1e-3,
         maximum=1e4,
     )
@@ -146,24 +147,27 @@ class RenewalSettings:
         minimum=0.0,
         maximum=1.0,
     )
-    kick: float = setting(
+    push: float = setting(
         0.0,
-        "standard deviation of what is added to each velocity of the robot's base in half of the "
-        "new situations [m/s, rad/s]",
+        "largest impulse of a push in that motion; the situation begins up to 0.5 s after it [N*s]",
         minimum=0.0,
-        maximum=100.0,
+        maximum=1e6,
+    )
+    pushed: float = setting(
+        0.6, "share of the new situations with a push", minimum=0.0, maximum=1.0
     )
     ddp_iterations: int = setting(
-        25, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
+        20, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
     )
     worst: float = setting(
-        2.0,
-        "cost, as a multiple of the others' median, beyond which a new solution is dropped",
+        1.5,
+        "cost at its end, as a multiple of the first solutions' median, beyond which a new "
+        "solution is dropped",
         minimum=0.0,
         maximum=1e6,
     )
     replay: int = setting(
-        96,
+        200,
         "situations that were replaced from whose samples the policy still learns",
         minimum=0,
         maximum=100_000,

@@ -109,7 +109,7 @@ def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator
     """Draws commands, which may change once on the way, and the clock's first phase, (T, n_z)."""
     signals, steps = task.signals, task.planned_horizon
     phase, share, when = rng.uniform(size=3)
-    before, after = (signals.draw(rng, settings.commands.still) for _ in range(2))
+    before, after = (signals.draw(rng, settings.commands) for _ in range(2))
     change = int(when * steps) if share < settings.commands.change else steps
     commands = np.concatenate([np.tile(before, (change, 1)), np.tile(after, (steps - change, 1))])
     first = phase if signals.moves(before) else 0.0

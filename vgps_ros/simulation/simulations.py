@@ -22,13 +22,13 @@ _PARTS = 4
 
 T = TypeVar("T")
 
-_most_threads = len(os.sched_getaffinity(0))  # of simulations that are made from now on
+_others_use_the_cores = False
 
 
 def use_one_thread() -> None:
     """Lets simulations of this process use one thread each, since others use the other cores."""
-    global _most_threads  # noqa: PLW0603
-    _most_threads = 1
+    global _others_use_the_cores  # noqa: PLW0603
+    _others_use_the_cores = True
 
 
 class Simulations:
@@ -62,7 +62,8 @@ class Simulations:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.space = state_space(model)
         self.substeps = substeps
-        self.threads = threads or _most_threads
+        cores = 1 if _others_use_the_cores else len(os.sched_getaffinity(0))
+        self.threads = threads or cores
         self._data = [mujoco.MjData(model) for _ in range(self.threads)]
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:

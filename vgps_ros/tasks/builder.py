@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import msgspec
 import mujoco
 import numpy as np
 
+from vgps_ros.core.augmentation import Augmentation, Mirror
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
@@ -30,6 +32,7 @@ from vgps_ros.tasks.schema import (
     CostTerm,
     Followed,
     Limit,
+    MirrorEntry,
     ObservedEntry,
     SpreadLimit,
     Start,
@@ -80,6 +83,7 @@ def load_task(path: Path, name: str) -> Task:
             optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),
             search=Entries(flattened(file.search), document, "search"),
             signals=signals,
+            augmentation=read.augmentation(file),
         ),
         file.begin,
         document,
@@ -150,6 +154,9 @@ class _Reader:
             place = ("observe", i)
             if entry in ("commands", "clock"):
                 self.document.refuse(
+                    entry in entries[:i], place, f"{entry} is read twice; leave it out."
+                )
+                self.document.refuse(
                     not self._told(entry),
                     place,
                     f"the task has no {entry}; leave it out, or add it.",
@@ -175,6 +182,56 @@ class _Reader:
                 "yet to choose; read positions and velocities.",
             )
         return Observation.of(readings, told, self.signals.names)
+
+    def augmentation(self, file: TaskFile) -> Augmentation | None:
+        """Returns the noise and the mirror of a file; None where it has neither."""
+        if not file.sensor_noise and file.mirror is None:
+            return None
+        observation = self.observation(file.observe)
+        names, read = list(observation.names), list(observation.readings.names)
+        noise = np.zeros(len(names))
+        for pattern, std in file.sensor_noise.items():
+            with self.document.at(("sensor_noise", pattern)):
+                for name in matching("reading", pattern, read):
+                    noise[names.index(name)] = std
+        return Augmentation(noise, self._mirror(file.mirror, names) if file.mirror else None)
+
+    def _mirror(self, entry: MirrorEntry, names: list[str]) -> Mirror:
+        """Returns the exchange of left and right of what is read, and of the actuators."""
+        actuators = [self.model.actuator(i).name for i in range(self.model.nu)]
+        signs: dict[str, float] = dict.fromkeys([*names, *actuators], 1.0)
+        for pattern in entry.flip:
+            found = [
+                name
+                for name in signs
+                if fnmatchcase(name, pattern) or fnmatchcase(name.rpartition("/")[0], pattern)
+            ]
+            self.document.refuse(
+                not found,
+                ("mirror", "flip"),
+                f"{quoted(pattern)} is no name or pattern of a reading or an actuator.",
+            )
+            signs |= dict.fromkeys(found, -1.0)
+
+        def places(of: list[str]) -> list[int]:
+            found = []
+            for name in of:
+                other = _exchanged(name, entry.swap)
+                self.document.refuse(
+                    other not in of or signs[other] != signs[name],
+                    ("mirror",),
+                    f"the mirror image of {name} would be {other}, which is not there, or has "
+                    "another sign.",
+                )
+                found.append(of.index(other))
+            return found
+
+        return Mirror(
+            np.array(places(names)),
+            np.array([signs[name] for name in names]),
+            np.array(places(actuators)),
+            np.array([signs[name] for name in actuators]),
+        )
 
     def _told(self, entry: str) -> list[str]:
         """Returns the numbers of the context that commands, or clock, stand for."""
@@ -214,12 +271,19 @@ class _Reader:
         return values
 
 
+def _exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
+    """Returns a name with the parts of each pair exchanged."""
+    for one, other in pairs:
+        name = other.join(part.replace(other, one) for part in name.split(one))
+    return name
+
+
 def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
     """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
     steps = round((file.horizon + file.lookahead) / file.control_period)
     names: list[str] = []
     targets, weights, smooth = [], [], []
-    linear, lifted = [], []
+    linear, lifted, whens = [], [], []
     controls, poses = np.zeros((2, read.model.nu))
     for i, term in enumerate(file.cost):
         place = ("cost", i)
@@ -236,6 +300,12 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         parts = _parts(term.target, size, "target", read, place)
         target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], dtype=float)
         follow = [_following(part, read, (*place, "target")) for part in parts]
+        read.document.refuse(
+            term.when is not None and not read.signals.frequency,
+            (*place, "when"),
+            "the task has no clock that could turn or stand; add one.",
+        )
+        whens += [term.when] * size
         linear += [a for a, _ in follow]
         lifted += [b for _, b in follow]
         if term.reference is not None:
@@ -252,9 +322,15 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         smooth=np.concatenate([np.empty(0), *smooth]),
         control_weights=controls,
         control_targets=poses,
-        following=Following(np.array(linear), np.array(lifted))
-        if np.any([*linear, *lifted])
-        else None,
+        following=None
+        if not np.any([*linear, *lifted]) and not any(whens)
+        else Following(
+            np.array(linear),
+            np.array(lifted),
+            moving=np.array([float(when != "still") for when in whens]),
+            still=np.array([float(when != "moving") for when in whens]),
+            clock=tuple(read.signals.names.index(name) for name in CLOCK if read.signals.frequency),
+        ),
     )
 
 

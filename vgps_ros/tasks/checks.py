@@ -25,7 +25,7 @@ from vgps_ros.tasks.yaml_file import Document, Entries, Place
 MOST_STEPS = 100_000
 _ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
 SOURCE = re.compile(r"cmd_vel/(linear|angular)/[xyz]")
-_OF_SENSORS = ("index", "target", "reference", "norm", "width", "terminal")
+_OF_SENSORS = ("index", "target", "reference", "norm", "width", "terminal", "when")
 
 
 def check_task_file(task: TaskFile, document: Document) -> None:

@@ -55,8 +55,8 @@ def driver_of(task: Task, file: PolicyFile) -> Driver:
     observation = Observation.of(readings, told, signals).within(task.planned_context)
     if observation.names != tuple(policy.observed):
         raise InvalidInputError(
-            f"{file.name} reads {', '.join(told)} before other numbers, but commands and clock must "
-            "come last; export it with them at the end."
+            f"{file.name} reads {', '.join(told)} before other numbers, but commands and clock "
+            "must come last; export it with them at the end."
         )
     if readings.needs_controls:
         raise InvalidInputError(

@@ -79,7 +79,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
             noise = self.np_random.standard_normal(task.initial_std.shape)
             self.state = task.dynamics.space.add(self.state, task.initial_std * noise)
         self._t = 0
-        return self._task.observation(self.state), {}
+        return self._observed(), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Applies torques for one step of the task, within the robot's limits."""
@@ -96,7 +96,13 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         truncated = not terminated and self._t >= task.horizon
         charged = cost + task.cost.rest(task.horizon - self._t, self._t).sum() * terminated
         reward = -self._reward_scale * charged
-        return self._task.observation(self.state), reward, terminated, truncated, {"cost": cost}
+        return self._observed(), reward, terminated, truncated, {"cost": cost}
+
+    def _observed(self) -> Array:
+        """Returns what a policy reads now, shape (n_o,)."""
+        context = self._task.planned_context
+        now = context[min(self._t, len(context) - 1)]
+        return self._task.observation.within(now)(self.state)
 
 
 _ENTRY_POINT = "vgps_ros.tasks.environment:TaskEnvironment"

@@ -98,6 +98,10 @@ class CostTerm(Record, frozen=True, kw_only=True):
         Positive, about("deviation below which smooth_abs is round, in the sensor's unit", 0.1)
     ] = 0.1
     terminal: Annotated[bool, about("whether only the last state counts", True)] = False
+    when: Annotated[
+        Literal["moving", "still"] | None,
+        about("moving: it counts only while the clock turns; still: only while it stands", "still"),
+    ] = None
     control: Annotated[
         Name | tuple[Name, ...] | None,
         about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
@@ -127,6 +131,23 @@ class CommandEntry(Record, frozen=True, kw_only=True):
         ),
     ] = field(name="from", default=None)
     unit: Annotated[str, about("its unit, for people", "m/s")] = ""
+
+
+class MirrorEntry(Record, frozen=True, kw_only=True):
+    """The exchange of left and right, by names."""
+
+    swap: Annotated[
+        tuple[tuple[Name, Name], ...],
+        about("parts of names to exchange", [["left", "right"]]),
+    ]
+    flip: Annotated[
+        tuple[Name, ...],
+        about(
+            "what has the other sign on the other side, by name or pattern: joints, readings, "
+            "command/NAME, clock/*",
+            ["*_hip", "up/y", "turning/[xz]", "command/turn"],
+        ),
+    ] = ()
 
 
 class Clock(Record, frozen=True, kw_only=True):
@@ -579,6 +600,22 @@ class TaskFile(Record, frozen=True, kw_only=True):
         about("what the policy is told, by name", {"forward": {"range": (-0.5, 1.0)}}),
     ] = field(default_factory=dict)
     clock: Annotated[Clock | None, about("a clock", {"frequency": 2.0})] = None
+    mirror: Annotated[
+        MirrorEntry | None,
+        about(
+            "exchange of left and right, for a robot that is alike on both sides: it learns from "
+            "the mirror image of each sample too",
+            {"swap": [["left", "right"]], "flip": ["*_hip"]},
+        ),
+    ] = None
+    sensor_noise: Annotated[
+        dict[str, NonNegative],
+        about(
+            "standard deviation by which a reading is wrong, by name or pattern, which the policy "
+            "learns to bear; later ones win",
+            {"*/position": 0.01},
+        ),
+    ] = field(default_factory=dict)
     observe: Annotated[
         tuple[Name | ObservedEntry, ...],
         Meta(

@@ -59,6 +59,9 @@ class CommandSettings:
     still: float = setting(
         0.12, "share of the situations in which all commands are at rest", minimum=0.0, maximum=1.0
     )
+    axis: float = setting(
+        0.3, "share in which each command by itself is at rest", minimum=0.0, maximum=1.0
+    )
     change: float = setting(
         0.0,
         "share of the situations in which all commands are drawn anew on the way",
@@ -97,13 +100,18 @@ class Signals:
         """The commands where nothing is commanded, shape (n_c,)."""
         return np.array([c.rest for c in self.commands])
 
-    def draw(self, rng: np.random.Generator, still: float) -> Array:
-        """Draws commands, shape (n_c,); all are at rest in a share `still` of the draws."""
-        share, *values = rng.uniform(size=1 + len(self.commands))
-        if share < still:
-            return self.rest.copy()
+    def draw(self, rng: np.random.Generator, settings: CommandSettings) -> Array:
+        """Draws commands, shape (n_c,); see the settings."""
+        n = len(self.commands)
+        share, *values = rng.uniform(size=1 + n)
         pairs = zip(self.commands, values, strict=True)
-        return np.array([c.lowest + (c.highest - c.lowest) * value for c, value in pairs])
+        drawn = np.array([c.lowest + (c.highest - c.lowest) * value for c, value in pairs])
+        at_rest = rng.uniform(size=n) < settings.axis
+        if share < settings.still:
+            at_rest[:] = True
+        elif at_rest.all() and n:
+            at_rest[int(rng.integers(n))] = False
+        return np.where(at_rest, self.rest, drawn)
 
     def phases(self, commands: Array, first: float) -> Array:
         """Returns φ of each step and of the one after them, shape (T+1,), in turns.
@@ -130,6 +138,12 @@ class Signals:
         turned = 2.0 * np.pi * phases
         clock = np.stack([np.sin(turned), np.cos(turned)], axis=-1)
         return np.concatenate([commands, clock * self.moves(commands)[..., None]], axis=-1)
+
+    def phase_of(self, context: Array) -> float:
+        """Returns φ of a context (n_z,), in turns; 0 where the clock stands, or there is none."""
+        if not self.frequency:
+            return 0.0
+        return float(np.arctan2(*context[-2:]) / (2.0 * np.pi) % 1.0)
 
     def held(self, commands: Array, steps: int, first: float = 0.0) -> Array:
         """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""

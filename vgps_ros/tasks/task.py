@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
@@ -101,6 +102,7 @@ class Task:
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
         signals: the commands and the clock.
+        augmentation: what becomes of the samples that a policy is fitted to; None: they stay.
         context: what they are over the planned horizon, shape (T, n_z); None where there are none.
         optimizer: settings of the trajectory optimisation that suit the task.
         search: settings of a policy search that suit the task, by dotted name.
@@ -124,6 +126,7 @@ class Task:
     demonstrate: Demonstrate | None = None
     lookahead: int = 0
     signals: Signals = field(default_factory=Signals)
+    augmentation: Augmentation | None = None
     context: Array | None = None
     optimizer: OptimizerSettings = field(default_factory=OptimizerSettings)
     search: Mapping[str, Any] = field(default_factory=dict)

@@ -1,0 +1,96 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A controller that is told what to do: commands, a clock, and what becomes of wrong ones."""
+
+from itertools import count
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Signals as SignalsMsg
+
+from tests.nodes.conftest import executed
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.messages.conversions import nanoseconds, policy_to_msg, stamp_of, state_to_msg
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.tasks import make_task
+
+PERIOD = 50_000_000  # [ns]
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def twist(z, frame=""):
+    message = TwistStamped()
+    message.header.frame_id = frame
+    message.twist.angular.z = z
+    return message
+
+
+def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(graph, told):
+    task = make_task(told)
+    shape = Architecture(task.observation.names, (5,), 1)
+    draw = np.random.default_rng(0).standard_normal
+    policy = GaussianPolicy(shape, draw(shape.num_parameters), np.ones(1))
+    graph.start("policy_executor", task=told, command_timeout=1000.0)
+    contexts = graph.messages(SignalsMsg, "context")
+    answers = graph.messages(JointState, "joint_command")
+    states = graph.publisher(JointState, "joint_states")
+    cmd_vel = graph.publisher(TwistStamped, "cmd_vel")
+    command = graph.publisher(SignalsMsg, "command")
+    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    graph.diagnosis("policy_executor", OK, "Waiting for policy")
+    policies.publish(policy_to_msg(policy, task.name, 1, Time()))
+    state, steps = np.array([0.3, -0.2]), count(1)
+
+    def context(step):
+        """Sends a state; returns the context of the answer, which must be the policy's."""
+        contexts.clear()
+        answers.clear()
+
+        def are_there():
+            said = [c for c in contexts if nanoseconds(c.header.stamp) == step * PERIOD]
+            sent = [a for a in answers if nanoseconds(a.header.stamp) == step * PERIOD]
+            return (said[-1], sent[-1]) if said and sent else None
+
+        states.publish(state_to_msg(state, task.joint_names, stamp_of(step * PERIOD)))
+        said, sent = graph.spin_until(are_there, what="an answer with its context")
+        assert tuple(said.names) == task.signals.names
+        inputs = np.concatenate([state, said.values])
+        np.testing.assert_array_equal(sent.effort, executed(policy, inputs))
+        return np.array(said.values)
+
+    def after(publisher, message, level, sentence=""):
+        publisher.publish(message)
+        graph.diagnosis("policy_executor", level, sentence, 20.0)
+
+    def moving(angle, lift, phase):
+        turned = 2.0 * np.pi * phase
+        return [angle, lift, np.sin(turned), np.cos(turned)]
+
+    graph.spin_for(2.0)  # until the policy is there
+    at_rest = [0.0, 0.0, 0.0, 0.0]
+    np.testing.assert_array_equal(context(next(steps)), at_rest)
+    after(cmd_vel, twist(0.5), OK)
+    for phase in (0.0, 0.1, 0.2):
+        np.testing.assert_allclose(context(next(steps)), moving(0.5, 0.0, phase), atol=1e-12)
+    np.testing.assert_allclose(context(4), moving(0.5, 0.0, 0.2), atol=1e-12)  # again
+    after(cmd_vel, twist(7.0), WARN, "angle is 7, but it must be from -1 to 1 rad")
+    np.testing.assert_allclose(context(next(steps)), moving(1.0, 0.0, 0.3), atol=1e-12)
+    after(cmd_vel, twist(float("nan")), ERROR, "Refused a cmd_vel; any before it stays")
+    after(cmd_vel, twist(0.1, "map"), ERROR, "its frame is 'map', but it must be that of")
+    wrong = SignalsMsg(names=["speed"], values=[1.0])
+    after(command, wrong, ERROR, "there is no command 'speed', but angle, lift.")
+    np.testing.assert_allclose(context(next(steps)), moving(1.0, 0.0, 0.4), atol=1e-12)
+    command.publish(SignalsMsg(names=["lift"], values=[0.25]))
+    after(cmd_vel, twist(-0.5), OK)
+    np.testing.assert_allclose(context(next(steps)), moving(-0.5, 0.25, 0.5), atol=1e-12)
+    # A gap, and then a time that goes back, begin the clock anew.
+    np.testing.assert_allclose(context(100), moving(-0.5, 0.25, 0.0), atol=1e-12)
+    np.testing.assert_allclose(context(101), moving(-0.5, 0.25, 0.1), atol=1e-12)
+    np.testing.assert_allclose(context(0), moving(-0.5, 0.25, 0.0), atol=1e-12)
+    assert graph.set_parameter("policy_executor", "command_timeout", 0.01).successful
+    np.testing.assert_array_equal(context(1), at_rest)
+    values = {v.key: v.value for v in graph.diagnosis("policy_executor", OK).values}
+    assert values["command angle"] == "0 rad"

@@ -1,0 +1,193 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Situations with commands that are renewed as a policy learns: the same bits wherever it runs."""
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tests.told_rotor import maker, write_task
+from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.settings import with_values
+from vgps_ros.search.checkpoints import Checkpoints
+from vgps_ros.search.methods import search
+from vgps_ros.search.renewal import renew
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.situations import situations
+from vgps_ros.search.solver_processes import SolverProcesses
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.workspace import Workspace
+from vgps_ros.storage.files import to_tree
+from vgps_ros.tasks import make_task
+
+VALUES = {
+    "iterations": 5,
+    "situations": 4,
+    "initial_ddp_iterations": 5,
+    "visited_limit": 1.0,
+    "policy_rollouts": 2,
+    "commands.change": 0.5,
+    "disturb.payload": 0.1,
+    "renew.share": 0.6,
+    "renew.begin": 2,
+    "renew.end": 1,
+    "renew.seconds": 1.0,
+    "renew.worst": 100.0,
+    "renew.replay": 5,
+}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return write_task(tmp_path_factory.mktemp("told"))
+
+
+@pytest.fixture(scope="module")
+def task(path):
+    return make_task(path)
+
+
+def run(task, solve=None, checkpoints=None, **values):
+    chosen = with_values(search_settings(task), {**VALUES, **values})
+    return search("vgps", task, chosen, 3, solve or partial(optimize_all, task), checkpoints)
+
+
+@pytest.fixture(scope="module")
+def whole(task):
+    return list(run(task))
+
+
+def bits(iteration):
+    """All that an iteration ends with but wall times, and the bytes of its arrays."""
+    arrays = {}
+    tree = to_tree((iteration.policy, iteration.initial_solutions, iteration.solutions), arrays)
+    history = [
+        {k: v for k, v in vars(figures).items() if not k.endswith("_seconds")}
+        for figures in iteration.history
+    ]
+    return tree, history, {name: array.tobytes() for name, array in arrays.items()}
+
+
+def stayed(before, after):
+    pairs = zip(before.solutions, after.solutions, strict=True)
+    return [old.situation.is_same(new.situation) for old, new in pairs]
+
+
+def test_situations_are_renewed_but_the_first_and_only_in_their_time(whole):
+    kept = [stayed(a, b) for a, b in pairwise(whole)]
+    assert all(each[0] for each in kept)
+    assert [sum(each) for each in kept] == [2, 2, 2, 4]  # two of three are renewed in 2, 3 and 4
+
+
+def test_solver_processes_change_no_bit(path, task, whole):
+    with SolverProcesses(maker(path), 2) as processes:
+        assert bits(list(run(task, processes.optimize_all))[-1]) == bits(whole[-1])
+
+
+def test_a_run_that_is_killed_between_renewals_ends_with_the_same_bits(task, whole, tmp_path):
+    begun = run(task, checkpoints=Checkpoints(tmp_path))
+    for _ in range(3):
+        next(begun)
+    begun.close()
+    said = []
+    went_on = list(run(task, checkpoints=Checkpoints(tmp_path, said.append)))
+    assert said == ["Going on from iteration 3 of 5."]
+    assert bits(went_on[-1]) == bits(whole[-1])
+
+
+def test_a_solve_that_diverges_in_another_process_says_so(path, task):
+    work = Workspace(
+        task, with_values(search_settings(task), VALUES), 3, partial(optimize_all, task)
+    )
+    good = replace(work.request(0, work.initial_solutions[0].situation, 0), guess=np.zeros((20, 1)))
+    bad = replace(good, guess=np.full((20, 1), 1e12))
+    with SolverProcesses(maker(path), 2) as processes:
+        first, second = processes.optimize_all([bad, good])
+    assert isinstance(first, DivergenceError)
+    assert first.status == "diverged"
+    (alone,) = optimize_all(task, [good])
+    assert_array_equal(second.distribution.mean.states, alone.distribution.mean.states)
+
+
+def without_guess_of(i, task):
+    """Solves, but from a guess that diverges in situation i at first."""
+
+    def solve(requests):
+        changed = [
+            replace(r, guess=np.full((20, 1), 1e12), guess_states=None)
+            if r.iteration == 0 and r.trajectory_index == i
+            else r
+            for r in requests
+        ]
+        return optimize_all(task, changed)
+
+    return solve
+
+
+def test_a_situation_whose_first_solve_diverges_is_left_out_with_a_warning(task):
+    first, *_, last = run(task, without_guess_of(2, task))
+    assert len(first.initial_solutions) == len(last.solutions) == 3
+    assert any(w.startswith("Situation 2 is left out: ") for w in first.warnings)
+    assert not any("is left out" in warning for warning in last.warnings)
+
+
+def test_the_first_situation_must_have_a_solution(task):
+    with pytest.raises(DivergenceError):
+        next(run(task, without_guess_of(0, task)))
+
+
+@pytest.fixture
+def work(task):
+    def make(task=task, **values):
+        chosen = with_values(search_settings(task), {**VALUES, **values})
+        return Workspace(task, chosen, 3, partial(optimize_all, task))
+
+    return make
+
+
+def test_solutions_worse_than_the_limit_are_dropped(work, whole):
+    before, policy = whole[0].solutions, whole[0].policy
+    after, replaced = renew(work(), before, policy, 2)
+    assert len(replaced) == 2
+    assert sum(a is not b for a, b in zip(before, after, strict=True)) == 2
+    kept, none = renew(work(**{"renew.worst": 1e-9}), before, policy, 2)
+    assert not none
+    assert all(a is b for a, b in zip(before, kept, strict=True))
+
+
+def test_a_policy_whose_motions_diverge_still_leads_to_sound_situations(work, whole):
+    policy, before = whole[0].policy, whole[0].solutions
+    wild = replace(policy, parameters=1e30 * np.ones_like(policy.parameters))
+    after, _ = renew(work(), before, wild, 2)
+    for each in after:
+        assert np.isfinite(each.situation.initial_state).all()
+        assert np.isfinite(each.distribution.mean.states).all()
+
+
+@pytest.mark.parametrize(("cap", "expected"), [(0, [0, 0, 0, 0, 0]), (3, [0, 2, 3, 3, 3])])
+def test_samples_of_replaced_solutions_are_kept_up_to_a_number(task, tmp_path, cap, expected):
+    saved = []
+
+    class Watched(Checkpoints):
+        def save(self, run, state):
+            super().save(run, state)
+            saved.extend([len(state.last.replay)] if state.last else [])
+
+    list(run(task, checkpoints=Watched(tmp_path), **{"renew.replay": cap}))
+    assert saved == expected
+
+
+def test_commands_of_situations_are_drawn_but_the_first_one_has_the_tasks(task):
+    chosen = {"situations": 30, "commands.still": 0.3, "commands.change": 0.5}
+    found = [s for s, _ in situations(task, with_values(search_settings(task), chosen), 0)]
+    assert_array_equal(found[0].context, task.planned_context)
+    speeds = np.array([each.context[:, 0] for each in found[1:]])
+    changes = (np.diff(speeds) != 0.0).sum(axis=1)
+    assert set(changes) == {0, 1}
+    assert ((speeds >= -1.0) & (speeds <= 2.0)).all()
+    still = speeds == 0.0
+    assert still.all(axis=1).any()
+    assert_array_equal(np.array([e.context[:, 1:] for e in found[1:]])[still], 0.0)

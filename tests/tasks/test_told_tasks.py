@@ -1,0 +1,90 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Task files with commands and a clock, and the sentence, with its line, for each fault of them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tests.told_rotor import write_task
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.environment import TaskEnvironment
+
+
+def test_a_policy_reads_the_state_then_the_commands_then_the_clock(tmp_path):
+    task = make_task(write_task(tmp_path))
+    assert task.signals.names == ("command/speed", "clock/sin", "clock/cos")
+    assert task.observation.names == ("rotor/position", "rotor/velocity", *task.signals.names)
+    assert task.dims["n_z"] == 3
+    assert_array_equal(task.planned_context, task.signals.held([0.5], 20))
+    (speed,) = task.signals.commands
+    assert (speed.lowest, speed.highest, speed.source, speed.unit) == (
+        *(-1.0, 2.0),
+        *("cmd_vel/angular/z", "rad/s"),
+    )
+
+
+def test_targets_follow_and_controls_count_from_a_pose(tmp_path):
+    task = make_task(write_task(tmp_path)).commanded(np.array([2.0]))
+    states, controls = np.tile([0.1, 1.0], (20, 1)), np.full((20, 1), 0.7)
+    swing = np.maximum(0.3 * np.sin(2 * np.pi * (0.05 * np.arange(20) + 0.25)), 0.0)
+    gear = task.dynamics.model.actuator_gear[0, 0]
+    expected = (1.0 - 2.5) ** 2 + 0.1 * (0.1 - swing) ** 2 + 0.1 * (0.7 - 0.25 * gear) ** 2
+    assert_allclose(task.cost(states, controls), expected)
+    still = task.commanded(np.zeros(1)).cost(states, controls)
+    assert_allclose(still, 0.25 + 0.001 + 0.1 * (0.7 - 0.25 * gear) ** 2)
+
+
+def test_an_environment_tells_commands_and_clock_of_the_step(tmp_path):
+    environment = TaskEnvironment(write_task(tmp_path), torque_scale=1.0)
+    first, _ = environment.reset(options={"exact": True})
+    assert_allclose(first[2:], [0.5, 0.0, 1.0])
+    second, *_ = environment.step(np.zeros(1))
+    assert_allclose(second[3:], [np.sin(0.1 * np.pi), np.cos(0.1 * np.pi)])
+    for _ in range(19):
+        last, *_ = environment.step(np.zeros(1))
+    assert np.isfinite(last).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("command: speed", "command: sped", r"line 9, cost\[0\]\.target\.command: .*'speed'"),
+        ("clock: {frequency: 1.0}\n", "", r"line 9, cost\[1\]\.target: the task has no clock"),
+        ("command: speed", "command: speed, swing: 1.0", r"line 9, cost\[0\]\.target: exactly one"),
+        ("command: speed, ", "", r"line 9, cost\[0\]\.target: exactly one of command, swing"),
+        ("command: speed", "command: speed, phase: 0.5", r"line 9, .*phase: only a swing has a"),
+        ("[-1.0, 2.0]", "[2.0, 2.0]", r"line 6, commands\.speed\.range: it is 2 to 2, but"),
+        ("speed: {r", "a/b: {r", r"line 6, commands\.a/b: its name must hold no slash"),
+        ("angular/z", "angular/w", r"line 6, commands\.speed: .* must be cmd_vel/linear/x"),
+        ("frequency: 1.0", "frequency: 0", r"line 7, clock\.frequency: it is 0, but"),
+        (
+            "[commands, j",
+            "[commands, commands, j",
+            r"line 12, observe\[1\]: commands is read twice",
+        ),
+        ("pose: turned", "pose: turnd", r"line 11, cost\[2\]\.pose: .*'turned'"),
+        ("phase: 0.25}", "phase: 0.25}, pose: turned", r"line 10, cost\[1\]\.pose: only a term of"),
+        (
+            "[commands, joint_positions, joint_velocities, clock]",
+            "[commands, clock]",
+            "line 12, observe: the policy reads nothing",
+        ),
+    ],
+)
+def test_a_fault_is_named_with_its_line_and_entry(tmp_path, old, new, message):
+    with pytest.raises(InvalidInputError, match=message):
+        make_task(write_task(tmp_path, (old, new)))
+
+
+@pytest.mark.parametrize("entry", ["commands", "clock"])
+def test_what_a_task_lacks_cannot_be_read(tmp_path, entry):
+    text = [
+        ("commands:\n  speed: {range: [-1.0, 2.0], from: cmd_vel/angular/z, unit: rad/s}\n", ""),
+        ("clock: {frequency: 1.0}\n", ""),
+        ("{command: speed, rest: 0.5}", "0.5"),
+        ("{swing: 0.3, phase: 0.25}", "0.3"),
+        ("[commands, joint_positions, joint_velocities, clock]", f"[joint_positions, {entry}]"),
+    ]
+    with pytest.raises(InvalidInputError, match=rf"line 9, observe\[1\]: the task has no {entry};"):
+        make_task(write_task(tmp_path, *text))

@@ -1,0 +1,175 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What a controller is told: commands that come by topics, and the clock that it carries.
+
+| topic | type | holds |
+| --- | --- | --- |
+| `cmd_vel` | geometry_msgs/TwistStamped, or Twist | commands whose source is one of its fields |
+| `command` | vgps_msgs/Signals | any commands, by name |
+| `context` | vgps_msgs/Signals | what was used with the answer to a state; published |
+
+A task without commands has none of the first two, and one that tells its policies nothing has none.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.node import Node
+from vgps_msgs.msg import Signals as SignalsMsg
+
+from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import signals_from_msg, signals_to_msg, stamp_of
+from vgps_ros.messages.names import CONTEXT
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare, value
+from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
+from vgps_ros.tasks.carried_signals import CarriedClock
+from vgps_ros.tasks.signals import Signals
+
+CMD_VEL, COMMAND = "cmd_vel", "command"
+STAMPED_CMD_VEL = Setting(
+    "stamped_cmd_vel",
+    True,
+    "true: cmd_vel is geometry_msgs/TwistStamped, whose frame must be that of the robot's base or "
+    "empty; false: it is geometry_msgs/Twist",
+)
+COMMAND_TIMEOUT = Setting(
+    "command_timeout",
+    0.5,
+    "time after its receipt, by the node's clock, from which a command is at rest, which is zero "
+    "or what of its range is nearest to zero [s]",
+    minimum=1e-3,
+    maximum=1e6,
+)
+
+
+class Instructions:
+    """Takes commands, and gives each state its context; a wrong message changes nothing.
+
+    Args:
+        node: the controller.
+        signals: the commands and the clock of its task.
+        base_frame: the frame in which cmd_vel must be.
+
+    Attributes:
+        commands: those in the newest state, shape (n_c,).
+        phase: the clock's φ there, in turns.
+    """
+
+    def __init__(self, node: Node, signals: Signals, base_frame: str):
+        self.commands, self.phase = signals.rest, 0.0
+        self._node, self._signals, self._base_frame = node, signals, base_frame
+        self._health: Health | None = None
+        self._names = [command.name for command in signals.commands]
+        self._given = signals.rest.copy()
+        self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
+        self._clock = CarriedClock(signals)
+        if signals.names:
+            self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STREAM)
+        if self._names:
+            declare(node, COMMAND_TIMEOUT, may_change=True)
+            self._subscribe(SignalsMsg, COMMAND, signals_from_msg)
+        sources = {c.name: c.source for c in signals.commands if c.source}
+        if sources:
+            fields = {name: attrgetter(s.replace("/", ".")) for name, s in sources.items()}
+            kind = TwistStamped if declare(node, STAMPED_CMD_VEL) else Twist
+            self._subscribe(kind, CMD_VEL, partial(self._of_twist, fields))
+
+    def report_to(self, health: Health) -> None:
+        """Sets the diagnostics on which commands stand."""
+        self._health = health
+
+    def at(self, stamp: int) -> Array:
+        """Returns the context in a state of a stamp [ns], shape (n_z,)."""
+        signals = self._signals
+        if not signals.names:
+            return signals.rest
+        age = (self._node.get_clock().now().nanoseconds - self._received) * 1e-9
+        is_fresh = (age >= 0.0) & (age <= self._timeout)
+        self.commands = np.where(is_fresh, self._given, signals.rest)
+        self.phase = self._clock.phase(stamp, self.commands)
+        if self._health:
+            for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
+                said = f"{number:.3g} {command.unit}".rstrip()
+                self._health.set_value(f"{COMMAND} {command.name}", said)
+        return signals.context(self.commands, np.array(self.phase))
+
+    def ahead(self, steps: int) -> Array:
+        """Returns the context of the newest state and of those after it, (steps, n_z).
+
+        The commands are held.
+        """
+        return self._signals.held(self.commands, steps, self.phase)
+
+    def publish(self, context: Array, stamp: int) -> None:
+        """Publishes the context that the answer to a state used."""
+        if self._signals.names:
+            self._contexts.publish(signals_to_msg(context, self._signals.names, stamp_of(stamp)))
+
+    @property
+    def _timeout(self) -> float:
+        return float(value(self._node, COMMAND_TIMEOUT)) if self._names else 0.0
+
+    def _subscribe(
+        self, kind: type, topic: str, values_of: Callable[[Any], dict[str, float]]
+    ) -> None:
+        def take(message: Any) -> None:
+            try:
+                clamped = self._take(values_of(message))
+            except InvalidInputError as error:
+                self._report(topic, error=f"Refused a {topic}; any before it stays: {error}")
+            else:
+                self._report(topic, warning=clamped)
+
+        self._node.create_subscription(kind, topic, take, COMMANDED)
+
+    def _take(self, given: dict[str, float]) -> str:
+        """Takes the values of some commands; says which of them are out of their ranges."""
+        if unknown := [name for name in given if name not in self._names]:
+            raise InvalidInputError(
+                f"there is no command {quoted(unknown[0])}, but {', '.join(self._names)}."
+            )
+        now, said = self._node.get_clock().now().nanoseconds, []
+        for i, command in enumerate(self._signals.commands):
+            if command.name in given:
+                number = given[command.name]
+                low, high = command.lowest, command.highest
+                self._given[i], self._received[i] = min(max(number, low), high), now
+                if not low <= number <= high:
+                    said.append(
+                        f"{command.name} is {number:g}, but it must be from {low:g} to "
+                        f"{high:g}{' ' * bool(command.unit)}{command.unit}"
+                    )
+        return f"Clamped what was commanded: {'; '.join(said)}." if said else ""
+
+    def _of_twist(
+        self, fields: Mapping[str, Callable[[Any], Any]], message: Twist | TwistStamped
+    ) -> dict[str, float]:
+        twist = message
+        if isinstance(message, TwistStamped):
+            twist, frame = message.twist, message.header.frame_id
+            if frame not in ("", self._base_frame):
+                raise InvalidInputError(
+                    f"its frame is {quoted(frame)}, but it must be that of the robot's base, "
+                    f"{quoted(self._base_frame)}, or empty."
+                )
+        found = [get(_Topic(twist)) for get in fields.values()]
+        values = finite_array(CMD_VEL, found, (len(fields),)).tolist()
+        return dict(zip(fields, values, strict=True))
+
+    def _report(self, about: str, *, error: str = "", warning: str = "") -> None:
+        if self._health:
+            self._health.report(about, error=error, warning=warning)
+
+
+class _Topic:
+    """A message of cmd_vel by the name that a command's source has for it."""
+
+    def __init__(self, twist: Twist):
+        self.cmd_vel = twist
