@@ -23,16 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from vgps_ros.core.cost import FeatureCost, Following
+from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import perturbed_starts
+from vgps_ros.search.settings import search_settings
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.driver import Driver
-from vgps_ros.tasks.signals import CommandSettings, Signals
+from vgps_ros.tasks.signals import Signals
 
 TIMES = (20.0, 60.0)  # at which a long rollout is judged, beside its end [s]
 CHANGE = 3.0  # time after which commands are drawn anew [s]
@@ -86,7 +87,13 @@ class Achieved:
             targets=cost.targets[..., rows],
             weights=cost.weights[..., rows],
             smooth=cost.smooth[rows],
-            following=Following(following.linear[rows], following.lifted[rows]),
+            following=replace(
+                following,
+                linear=following.linear[rows],
+                lifted=following.lifted[rows],
+                moving=following.moving[rows],
+                still=following.still[rows],
+            ),
         )
         return cls(commands, names, alone)
 
@@ -104,7 +111,7 @@ class Achieved:
         base = replace(self.cost, following=None).starting_at(0, controls.shape[1]).targets
         read = self.cost.features(states[:, :-1], controls)
         scale = following.linear[np.arange(len(self.commands)), self.commands]
-        return np.asarray((read - base - following(context)) / scale)
+        return np.asarray((read - base - following.added(context)) / scale)
 
 
 @dataclass(frozen=True)
@@ -343,8 +350,8 @@ def command_grid(signals: Signals) -> Array:
 def changing_commands(task: Task, steps: int, rng: np.random.Generator) -> Array:
     """Draws commands, anew after each `CHANGE` seconds, shape (steps, n_c)."""
     hold = max(1, round(CHANGE / task.dynamics.time_step))
-    still = task.search.get("commands.still", CommandSettings().still)
-    drawn = [task.signals.draw(rng, still) for _ in range(-(-steps // hold))]
+    settings = search_settings(task).commands
+    drawn = [task.signals.draw(rng, settings) for _ in range(-(-steps // hold))]
     return np.repeat(np.array(drawn), hold, axis=0)[:steps]
 
 

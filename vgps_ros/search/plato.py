@@ -117,11 +117,16 @@ def plato(work: Workspace, last: Lessons | None, k: int) -> Lessons:
 
 
 def check_teacher(task: Task, settings: SearchSettings) -> None:
-    """Checks that a plan of the teacher has a step.
+    """Checks that a plan of the teacher has a step, and that it knows all that the policy reads.
 
     Raises:
-        InvalidInputError: its horizon is too short.
+        InvalidInputError: its horizon is too short, or the task has commands or a clock.
     """
+    if task.signals.names:
+        raise InvalidInputError(
+            f"The method plato teaches motions, but the task {task.name} has "
+            f"{', '.join(task.signals.names)}; use vgps."
+        )
     horizon, period = settings.teacher.horizon, task.dynamics.time_step
     if round(horizon / period) < 1:
         raise InvalidInputError(
