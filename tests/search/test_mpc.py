@@ -114,7 +114,7 @@ class Slow:
         self.first_plan = lambda _: first
         self.may_end, self.failure, self.asked, self.warm = Event(), None, [], []
 
-    def next_plan(self, plan, state, step, policy, is_cancelled):
+    def next_plan(self, plan, state, step, policy, is_cancelled, context=None):
         self.asked.append(step)
         self.warm.append(plan.start)
         assert self.may_end.wait(60.0)
