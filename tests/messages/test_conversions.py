@@ -30,7 +30,7 @@ def same_bits(one, other):
 def test_a_distribution_crosses_bit_for_bit(random_distribution, swimmer):
     q = random_distribution()
     message = distribution_to_msg(q, swimmer, 3, 7, Time(sec=5))
-    assert len(arrays_of(q)) == 7
+    assert len(arrays_of(q)) == 8
     assert same_bits(distribution_from_msg(message), q)
     place = (message.task, message.trajectory_index, message.iteration, message.header.stamp.sec)
     assert place == ("swimmer", 3, 7, 5)

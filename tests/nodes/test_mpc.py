@@ -131,7 +131,7 @@ def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_a
 )
 def test_a_signal_ends_it_at_any_moment(graph, number, moment):
     # A first plan that would take minutes, of which it must let go.
-    long = {"first_iterations": 10_000, "horizon": 2.5} if moment == "Compiling" else {}
+    long = {"first_iterations": 10_000, "horizon": 1.4} if moment == "Compiling" else {}
     node = graph.start("mpc", task="quadruped" if long else "swimmer", plan_every=0, **long)
     if moment == "Compiling":
         graph.spin_until(lambda: graph.node.get_node_names().count("mpc"), what="the node")

@@ -7,9 +7,11 @@ from threading import Event
 import numpy as np
 import pytest
 
+from tests.nodes.conftest import told  # noqa: F401
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner
+from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner, adjustable
+from vgps_ros.tasks import make_task
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +116,7 @@ class Slow:
         self.first_plan = lambda _: first
         self.may_end, self.failure, self.asked, self.warm = Event(), None, [], []
 
-    def next_plan(self, plan, state, step, policy, is_cancelled):
+    def next_plan(self, plan, state, step, policy, is_cancelled, context=None):
         self.asked.append(step)
         self.warm.append(plan.start)
         assert self.may_end.wait(60.0)
@@ -174,3 +176,19 @@ def test_a_plan_of_the_time_before_a_reset_is_not_taken(slow, swimmer):
 def test_a_state_from_before_the_plan_is_refused(planner, first, swimmer):
     with pytest.raises(InvalidInputError, match="which begins at step 3"):
         planner.next_plan(replace(first, start=3), swimmer.initial_state, 2)
+
+
+def test_plans_follow_commands_and_the_policy_that_continues_them_is_told(told):  # noqa: F811
+    task = make_task(told)
+    planner = Planner(task, MpcSettings(horizon=2.5, ddp=task.optimizer.ddp))
+    plan, ends = planner.first_plan(), {}
+    shape = Architecture(task.observation.names, (1,), 1)
+    policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
+    for angle in (-0.5, 0.0, 0.5):
+        context = task.signals.held(np.array([angle, 0.0]), planner.steps)
+        found = plan
+        for _ in range(3):
+            found = planner.next_plan(found, np.zeros(2), 0, policy, context=context)
+        ends[angle] = found.trajectory.states[-1, 0]
+    assert ends[-0.5] < ends[0.0] - 0.1 < ends[0.5] - 0.2
+    assert adjustable(task.cost).names == ()  # each target follows a command or the clock

@@ -20,6 +20,7 @@ from vgps_ros.messages.conversions import (
     command_to_msg,
     distribution_to_msg,
     plan_to_msg,
+    signals_to_msg,
     stamp_of,
     state_to_msg,
 )
@@ -186,6 +187,17 @@ def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(re
         np.testing.assert_allclose(plotted, state[:3])
         np.testing.assert_allclose(trunk[0], data.geom("trunk").xpos, rtol=1e-6)
         np.testing.assert_allclose(joints, state[7:9])
+
+
+def test_what_a_policy_is_told_is_plotted_over_the_robots_time(recorded, swimmer):
+    recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
+    values = [np.array([0.5, 0.0, 1.0]), np.array([0.2, 1.0, 0.0])]
+    names = ["command/forward", "clock/sin", "clock/cos"]
+    for i, each in enumerate(values):
+        recorded.scene.show("/robot/context", signals_to_msg(each, names, stamp_of(i)))
+    assert [text for _, text in recorded.reports if text] == []
+    plotted = column(recorded.close()["/context"], "scalars")
+    np.testing.assert_array_equal(plotted, values)
 
 
 def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_distribution):

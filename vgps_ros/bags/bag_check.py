@@ -6,6 +6,8 @@
   `onnx_policy.TOLERANCE`. Torques of the safe action count where the diagnostics say that it drove.
 - States: in lock-step, x' = f(x, u) from each recorded state and torque, by MuJoCo and the recorded
   MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
+- Contexts: the clock that the executor told its policy, from state to state, and the commands'
+  ranges. Torques are computed with the recorded context.
 - Policies: by the digests that their learner published, each of which holds the one before.
 - Files: by the digests in `SHA256SUMS`.
 
@@ -37,11 +39,18 @@ from vgps_ros.bags.recorded_nodes import (
     onnx_policy,
     policy_messages,
 )
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import ExecutedPolicy, Policy
+from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
-from vgps_ros.messages.conversions import command_from_msg, distribution_from_msg, nanoseconds
-from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    distribution_from_msg,
+    nanoseconds,
+    signals_from_msg,
+)
+from vgps_ros.messages.names import COMMANDS_SENT, CONTEXT, IS_ACTIVE, SAFE_ACTION
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, policy_digest
@@ -55,6 +64,7 @@ UNPROVED = (
     "when, where and by whom it was recorded, the commit, and the costs of the training; a "
     "simulation that was computed elsewhere would pass too"
 )
+_CLOCK_TOLERANCE = 1e-9  # of a sine or cosine
 # Versions whose executors did not count their commands computed torques by BLAS.
 _OLD_TOLERANCE = 1e-9
 
@@ -84,6 +94,12 @@ class _State(NamedTuple):
     x: Array
 
 
+class _Context(NamedTuple):
+    received: int  # [ns]
+    stamp: int  # of the state [ns]
+    z: Array  # commands and clock
+
+
 class _Command(NamedTuple):
     received: int  # [ns]
     stamp: int  # [ns]
@@ -110,8 +126,10 @@ def check_bag(
         executor = RecordedExecutor(bag, model)
         states = _states(bag, model, found)
         commands = _commands(bag, model, found)
-        _check_torques(bag, executor, states, commands, found)
+        contexts = _contexts(bag, executor, found)
+        _check_torques(bag, executor, states, commands, contexts, found)
         period = _check_gaps(states, found)
+        _check_contexts(executor, contexts, period, found)
         if executor.is_in_lock_step and period:
             _check_states(bag, executor, model, states, commands, period, found)
         else:
@@ -154,6 +172,65 @@ def _commands(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_C
     return commands
 
 
+def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[_Context]:
+    """Reads what the executor told its policy in each state, in the order of receipt."""
+    names, contexts, refused = executor.signals.names, list[_Context](), list[str]()
+    topic = bag.filled_topics.get(CONTEXT)
+    if not names or topic is None:
+        return contexts
+    for received, message in bag.decoded(topic, refused=refused):
+        stamp = nanoseconds(message.header.stamp)
+        try:
+            values = signals_from_msg(message)
+            if tuple(values) != names:
+                raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
+            contexts.append(_Context(received, stamp, np.array(list(values.values()))))
+        except InvalidInputError as error:
+            refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
+    if refused:
+        found.wrong.append(_unreadable("contexts", refused))
+    return contexts
+
+
+def _check_contexts(
+    executor: RecordedExecutor, contexts: list[_Context], period: int, found: BagCheck
+) -> None:
+    """Computes the clock again from each state to the next, and checks the commands' ranges."""
+    signals = executor.signals
+    commands = signals.commands
+    agreeing, different = 0, list[str]()
+    earlier: _Context | None = None
+    latest: _Context | None = None
+    for each in contexts:
+        if latest and latest.stamp != each.stamp:
+            earlier = latest
+        latest = each
+        told = each.z[: len(commands)]
+        sentence = ""
+        for command, value in zip(commands, told.tolist(), strict=True):
+            if not command.lowest <= value <= command.highest:
+                sentence = f"{command.name} is {value:g}, which its range does not hold"
+        moves, phase = bool(signals.moves(told)), 0.0
+        is_known = not (signals.frequency and moves)
+        if not is_known and earlier and 0 < each.stamp - earlier.stamp <= GAP * period:
+            is_known = True
+            if signals.moves(earlier.z[: len(commands)]):
+                passed = (each.stamp - earlier.stamp) * 1e-9
+                phase = signals.phase_of(earlier.z) + signals.frequency * passed
+        if is_known:
+            expected = signals.context(told, np.array(phase))
+            if not sentence and not np.allclose(each.z, expected, rtol=0.0, atol=_CLOCK_TOLERANCE):
+                sentence = f"the clock is {each.z[-2:].tolist()}, not {expected[-2:].tolist()}"
+        if sentence:
+            different.append(f"at {each.stamp * 1e-9:.3f} s {sentence}")
+        agreeing += is_known and not sentence
+    if agreeing:
+        found.proved.append(f"{agreeing} of {len(contexts)} contexts")
+    if different:
+        words = f"{len(different)} contexts are none that the executor tells"
+        found.wrong.append(f"{words}: {different[0]}")
+
+
 def _unreadable(kind: str, sentences: list[str]) -> str:
     return f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"
 
@@ -166,16 +243,28 @@ def _check_torques(
     executor: RecordedExecutor,
     states: list[_State],
     commands: list[_Command],
+    contexts: list[_Context],
     found: BagCheck,
 ) -> None:
     by_stamp: dict[int, Timeline] = defaultdict(Timeline)
+    told: dict[int, Timeline] = defaultdict(Timeline)
     for state in states:
         by_stamp[state.stamp].add(state.received, state.x)
+    for context in contexts:
+        told[context.stamp].add(context.received, context.z)
     check = _TorqueCheck(bag, executor)
     first = ""
     counts = found.counts
     for command in commands:
-        answered = by_stamp[command.stamp].around(command.received)
+        answered = [
+            (x, z)
+            for x in by_stamp[command.stamp].around(command.received)
+            for z in (
+                told[command.stamp].around(command.received)
+                if executor.signals.names
+                else [NO_CONTEXT]
+            )
+        ]
         kind, sentence = check.kind_of(command, answered)
         counts[kind] += 1
         first = first or sentence
@@ -186,7 +275,11 @@ def _check_torques(
         words = f"{counts['different']} torques are not what the policy gives for their states"
         found.wrong.append(f"{words}: {first}")
     for kind, words in (
-        ("stateless", "torques answer states that are not in the bag"),
+        (
+            "stateless",
+            "torques answer states that are not in the bag"
+            + ", or whose context is not" * bool(executor.signals.names),
+        ),
         ("first", "torques are the first under a torque_rate_limit, so that none before is known"),
         ("unsaid", "torques may be of the safe action, of which this version says nothing"),
     ):
@@ -215,12 +308,12 @@ class _TorqueCheck:
         self._marginals = _marginals(bag, executor)
         self._is_first = True
 
-    def kind_of(self, command: _Command, states: list[Array]) -> tuple[str, str]:
+    def kind_of(self, command: _Command, states: list[tuple[Array, Array]]) -> tuple[str, str]:
         """Returns what recorded torques are, and a sentence if they are wrong.
 
         Args:
             command: the torques.
-            states: the states that they may answer, the likeliest first.
+            states: the states that they may answer, each with its context, the likeliest first.
         """
         limiter = self._executor.limiter
         kind, sentence = self._compared(command, states) if states else ("stateless", "")
@@ -231,7 +324,7 @@ class _TorqueCheck:
             limiter.note(command.torques, command.stamp)
         return kind, sentence
 
-    def _compared(self, command: _Command, states: list[Array]) -> tuple[str, str]:
+    def _compared(self, command: _Command, states: list[tuple[Array, Array]]) -> tuple[str, str]:
         executor, torques = self._executor, command.torques
         # Even the first policy may be recorded late, since it was published long before.
         policies = self._policies.around(command.received) or self._policies.values[:1]
@@ -242,12 +335,13 @@ class _TorqueCheck:
             for seed in executor.seeds
         ]
         for state, iteration, policy, seed in reversed(tries):  # noqa: B007
-            wanted = policy.control(executor.inputs(policy.policy, state), command.stamp, seed)
+            inputs = executor.inputs(policy.policy, *state)
+            wanted = policy.control(inputs, command.stamp, seed)
             expected = executor.limiter.limited(wanted, command.stamp)
             if kind := self._agreement(torques, expected, policy, seed):
                 return kind, ""
         marginals = self._marginals.around(command.received) or [()]
-        may_be_safe = any(executor.is_safe(torques, state, marginals) for state in states)
+        may_be_safe = any(executor.is_safe(torques, x, marginals, z) for x, z in states)
         if may_be_safe and (is_said := self._did_not_drive(command.received)) is not False:
             return ("safe" if is_said else "unsaid"), ""
         if self._is_first and executor.settings.torque_rate_limit:

@@ -16,6 +16,7 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy
+from vgps_ros.core.observation import NO_CONTEXT, Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
@@ -30,6 +31,8 @@ from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
+from vgps_ros.tasks.carried_signals import spread_of_told
+from vgps_ros.tasks.signals import Signals
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
@@ -154,6 +157,7 @@ class RecordedExecutor:
         seeds: those of the noise that torques may have; None is no noise.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
+        signals: the commands and the clock of its task.
 
     Raises:
         InvalidInputError: a recorded parameter has a value that no executor accepts.
@@ -168,12 +172,13 @@ class RecordedExecutor:
         self.model = model
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
-        self._readings: dict[tuple[str, ...], Readings] = {}
+        self._observations: dict[tuple[str, ...], Observation] = {}
         self._task = (
             recorded_task(str(parameters["task"]))
             if {"safe_action", "task"} <= set(parameters)
             else None
         )
+        self.signals = self._task.signals if self._task else Signals()
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
@@ -212,9 +217,9 @@ class RecordedExecutor:
         observed = tuple(names[n] if isinstance(n, int) else n for n in given)
         return replace(policy, architecture=replace(policy.architecture, observed=observed))
 
-    def inputs(self, policy: Policy, state: Array) -> Array:
-        """Returns what the policy reads of a state, shape (n_o,)."""
-        return self._readings_of(policy)(state)
+    def inputs(self, policy: Policy, state: Array, context: Array = NO_CONTEXT) -> Array:
+        """Returns what the policy reads of a state in its context (n_z,), shape (n_o,)."""
+        return self._observation_of(policy).within(context)(state)
 
     def check_fits(self, policy: Policy) -> None:
         """Refuses a policy that no executor of this robot could use.
@@ -222,25 +227,35 @@ class RecordedExecutor:
         Raises:
             InvalidInputError: the robot lacks what it reads, or has another number of torques.
         """
-        self._readings_of(policy)
+        self._observation_of(policy)
         wanted = len(self._simulations.model.actuator_ctrlrange)
         if isinstance(policy, GaussianPolicy) and (given := len(policy.noise_std)) != wanted:
             raise InvalidInputError(f"The policy has {given} torques, but the robot has {wanted}.")
 
-    def _readings_of(self, policy: Policy) -> Readings:
-        names = policy.observed
-        if names not in self._readings:
-            self._readings[names] = Readings(self._simulations, names)
-        return self._readings[names]
+    def _observation_of(self, policy: Policy) -> Observation:
+        names = tuple(policy.observed)
+        if names not in self._observations:
+            told = [name for name in names if name in self.signals.names]
+            readings = Readings(self._simulations, [name for name in names if name not in told])
+            observation = Observation.of(readings, told, self.signals.names)
+            if observation.names != names:
+                raise InvalidInputError("The policy reads commands before other numbers.")
+            self._observations[names] = observation
+        return self._observations[names]
 
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
         """Returns the training marginals that the executor computed from a distribution."""
         assert self._task is not None
         task, scored = self._task, distribution.first(self._task.horizon)
-        return TrainingMarginals(scored, task.observation, task.dynamics.control_dim)
+        told = spread_of_told(task.signals, task.observation)
+        return TrainingMarginals(scored, task.observation, task.dynamics.control_dim, told)
 
     def is_safe(
-        self, torques: Array, state: Array, marginals: Iterable[Iterable[TrainingMarginals]]
+        self,
+        torques: Array,
+        state: Array,
+        marginals: Iterable[Iterable[TrainingMarginals]],
+        context: Array = NO_CONTEXT,
     ) -> bool:
         """Returns True if torques are zero, or those of the safe action in a state.
 
@@ -248,10 +263,13 @@ class RecordedExecutor:
             torques: recorded torques, shape (n_u,) [N·m].
             state: recorded state, shape (n_x,).
             marginals: the sets of training marginals that the executor may have had at the time.
+            context: commands and clock in that state, shape (n_z,).
         """
         if self._task is None:
             return False
         if not torques.any():
             return True
-        safe = (safe_torques(self.settings, state, self._velocities, had) for had in marginals)
+        safe = (
+            safe_torques(self.settings, state, self._velocities, had, context) for had in marginals
+        )
         return any(np.array_equal(torques, self.limiter.clipped(each)) for each in safe)

@@ -142,10 +142,12 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
     n_x, n_u, horizon = _sizes(message.mean)
     arrays, n_dx = {}, len(message.gains) // (horizon * n_u)
     sizes = {"T": horizon, "n_x": n_x, "n_dx": n_dx, "n_u": n_u}
-    sizes["n_z"] = len(message.context) // horizon
+    context = getattr(message, "context", ())  # which bags of old versions lack
+    sizes["n_z"] = len(context) // horizon
     for name, shape in array_shapes(TrajectoryDistribution, **sizes).items():
         field = _MESSAGE_NAMES.get(name, name)
-        arrays[name] = finite_array(field, attrgetter(field)(message), shape)
+        given = context if name == "context" else attrgetter(field)(message)
+        arrays[name] = finite_array(field, given, shape)
     return from_arrays(TrajectoryDistribution, arrays)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vgps_ros.messages.names import CONTEXT
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape, floor
 
@@ -99,6 +100,8 @@ def blueprint(
             _series("cost of the plans", contents=[PLAN_COST], legend=False),
             _series("solve time of the plans [s]", contents=[PLAN_TIME], legend=False),
         ]
+    if logged is not None and CONTEXT in logged:
+        below.insert(0, _series("commands and clock", origin=CONTEXT))
     tabs = [rrb.Tabs(*below)] if below else []
     left = rrb.Vertical(robot, *tabs, row_shares=[1] * (1 + len(tabs)))
     tubes = [

@@ -25,9 +25,10 @@ from vgps_ros.messages.conversions import (
     nanoseconds,
     policy_from_msg,
     result_from_msgs,
+    signals_from_msg,
     trajectory_from_msg,
 )
-from vgps_ros.messages.names import MJCF, URDF, is_mjcf
+from vgps_ros.messages.names import CONTEXT, MJCF, URDF, is_mjcf
 from vgps_ros.messages.robot_state import JOINTS, TOPICS, StateCollector
 from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import LEARNING_CURVE
@@ -45,6 +46,7 @@ DRAWN = {  # topics that are drawn, and their types
     "activations": "sensor_msgs/msg/JointState",
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_command": "sensor_msgs/msg/JointState",
+    CONTEXT: "vgps_msgs/msg/Signals",
     "learning_progress": "vgps_msgs/msg/LearningProgress",
     "plan": "vgps_msgs/msg/Plan",
     "policy": "vgps_msgs/msg/GaussianPolicy",
@@ -157,6 +159,9 @@ class GraphScene:
     def _show_joint_command(self, message: Any) -> None:
         torques = command_from_msg(message, self.robot.actuated_joint_names)
         self.robot.log_command(nanoseconds(message.header.stamp), torques)
+
+    def _show_context(self, message: Any) -> None:
+        self.robot.log_context(nanoseconds(message.header.stamp), signals_from_msg(message))
 
     def _show_learning_progress(self, message: Any) -> None:
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))

@@ -5,7 +5,7 @@ Joint states get the same entities and timeline as from Rerun's own MCAP reader,
 recording and one made from a bag look alike.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import mujoco
@@ -13,6 +13,7 @@ import numpy as np
 import rerun as rr
 
 from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.simulation.model import (
     actuated_joint_names,
@@ -131,6 +132,13 @@ class RobotScene:
         """Plots torques, shape (n_u,) [N·m], at a time [ns]."""
         self._recording.set_time(stamp)
         self._recording.log("joint_command/effort", rr.Scalars, scalars=torques)
+
+    def log_context(self, stamp: int, values: Mapping[str, float]) -> None:
+        """Plots the commands and the clock in the state of a time [ns], by name."""
+        if CONTEXT not in self._recording.logged:
+            self._recording.name_series(CONTEXT, list(values))
+        self._recording.set_time(stamp)
+        self._recording.log(CONTEXT, rr.Scalars, scalars=list(values.values()))
 
     def log_plan(self, stamp: int, states: Array, cost: float, solve_time: float) -> None:
         """Draws the path of the centre of mass in a plan that begins at a time [ns]."""

@@ -1,0 +1,95 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A bag of a robot that was told what to do: its clock and its torques are computed again."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TwistStamped
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
+from vgps_msgs.msg import Signals as SignalsMsg
+
+from tests.nodes.conftest import PATIENCE, graph, told  # noqa: F401
+from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks import make_task
+
+
+def rewritten(bag, target, change):
+    """Writes a bag again, each message as `change` has it."""
+    writer = BagWriter(target)
+    with BagReader(bag) as old:
+        for topic, kind in old.topics.items():
+            writer.add_topic(topic, kind, old.type_hashes[topic], old.qos[topic])
+        for name, text in old.attachments().items():
+            writer.attach(name, text, old.start)
+        for message in old.messages():
+            writer.write(message.topic, message.stamp, change(message))
+    writer.close()
+    return target
+
+
+@pytest.fixture
+def bag(graph, told, tmp_path):  # noqa: F811
+    """A robot in lock-step that stands for 5 steps, and is then told an angle for 20."""
+    task = make_task(told)
+    shape = Architecture(task.observation.names, (5,), 1)
+    draw = np.random.default_rng(0).standard_normal
+    policy = GaussianPolicy(shape, 0.2 * draw(shape.num_parameters), np.ones(1))
+    save_policy(policy, told, tmp_path / "policy.json")
+    recorder = graph.start("recorder", output=str(tmp_path / "bag"))
+    executor = {"policy_file": str(tmp_path / "policy.json"), "command_timeout": 1000.0}
+    graph.start("policy_executor", task=told, **executor)
+    graph.diagnosis("policy_executor", None, "Waiting for joint_states")
+    commands = graph.messages(JointState, "joint_command")
+    cmd_vel = graph.publisher(TwistStamped, "cmd_vel")
+    graph.start("simulation", task=told, start_paused=True, wait_timeout=PATIENCE)
+    request = StepSimulation.Request(steps=5)
+    graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.spin_for(1.0)  # until the recorder has found the topics
+    message = TwistStamped()
+    message.twist.angular.z = 0.5
+    cmd_vel.publish(message)
+    graph.spin_for(0.5)
+    for _ in range(4):
+        graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.spin_until(lambda: len(commands) > 20, what="the torques")
+    graph.spin_for(1.5)  # for the diagnostics
+    assert recorder.end() == 0
+    return tmp_path / "bag"
+
+
+def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_path):
+    found = check_bag(bag)
+    assert not found.wrong, found.wrong
+    assert found.counts["mean"] >= 20
+    assert any("contexts" in words for words in found.proved), found
+    moved = []
+
+    def alter(change):
+        def apply(message):
+            if message.topic != "/context":
+                return message.data
+            context = deserialize_message(message.data, SignalsMsg)
+            if context.values[0]:
+                moved.append(context)
+                change(context.values)
+            return serialize_message(context)
+
+        return apply
+
+    def turn(values):
+        if len(moved) == 8:
+            values[2], values[3] = values[3], -values[2]  # a quarter of a turn
+
+    wrong = check_bag(rewritten(bag, tmp_path / "turned", alter(turn))).wrong
+    assert any("contexts are none that the executor tells" in words for words in wrong), wrong
+    assert any("torques are not what the policy gives" in words for words in wrong), wrong
+
+    def exceed(values):
+        values[0] = 3.0
+
+    wrong = check_bag(rewritten(bag, tmp_path / "exceeding", alter(exceed))).wrong
+    assert any("angle is 3, which its range does not hold" in words for words in wrong), wrong
