@@ -157,7 +157,7 @@ def _show_controller(result: dict[str, Any], *, can_fall: bool) -> None:
 
 def _share(share: float, interval: list[float]) -> str:
     low, high = (100.0 * end for end in interval)
-    return f"{100 * share:.0f} % ({low:.0f} to {high:.0f})"
+    return f"{100 * share:.0f} % ({low:.0f}-{high:.0f})"
 
 
 def _show_robustness(result: dict[str, Any]) -> None:
@@ -199,8 +199,17 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_settings(
         Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5),
-        Setting("rollouts", 20, "number of rollouts", minimum=1, maximum=1_000_000),
-        unset="10 s and 20 rollouts; 60 s and 40 rollouts at each command of a task with commands",
+        unset="10; of a task with commands 60",
+    )
+    parser.add_settings(
+        Setting(
+            "rollouts",
+            20,
+            "number of rollouts, at each command if there are any",
+            minimum=1,
+            maximum=1_000_000,
+        ),
+        unset="20; of a task with commands 40",
     )
     parser.add_settings(
         Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0),
@@ -231,8 +240,7 @@ def add_arguments(parser: Parser) -> None:
             "contacts", (0,), "hardness of contacts: 0 the model's, 1 MuJoCo's default", minimum=0,
             maximum=1,
         ),
-        unset="nothing is tried; of a task with commands, where none of these flags is given, the "
-        "usual sizes of all are",
+        unset="not tried; of a task with commands, usual sizes if no kind is named",
     )  # fmt: skip
     parser.add_settings(
         Setting(
