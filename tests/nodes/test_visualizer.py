@@ -99,6 +99,7 @@ def solution(swimmer, iteration: int) -> TrajectoryDistribution:
         control_covariances=np.tile(np.eye(n_u), (T, 1, 1)),
         linear_dynamics=LinearDynamics(np.zeros((T, n_x, n_x)), np.zeros((T, n_x, n_u))),
         state_covariances=covariances,
+        context=np.empty((T, 0)),
     )
     return distribution_to_msg(q, swimmer, 0, iteration, Time())
 

@@ -51,7 +51,7 @@ from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM, lively
 from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.supervisor import Command, Supervisor
+from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.storage.run_folder import load_distributions
@@ -253,7 +253,7 @@ class Controller(LifecycleNode):
             self._send(command)
             self._report()
 
-    def _send(self, command: Command | None) -> None:
+    def _send(self, command: Answer | None) -> None:
         if not command:
             return
         self._sent += 1

@@ -24,7 +24,7 @@ from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 
 @dataclass(frozen=True)
-class Command:
+class Answer:
     """Torques that must be sent to the robot.
 
     Attributes:
@@ -90,7 +90,7 @@ class Supervisor:
         now: float,
         law: Callable[[], Array],
         context: Callable[[], Array] = lambda: NO_CONTEXT,
-    ) -> Command | None:
+    ) -> Answer | None:
         """Returns the command that answers a state, or None if nothing must be sent.
 
         Args:
@@ -114,14 +114,14 @@ class Supervisor:
             return self._safe_command(now)
         torques = self._limiter.limited(torques, stamp)
         self._limiter.note(torques, stamp)
-        return Command(torques, stamp)
+        return Answer(torques, stamp)
 
-    def refuse(self, reason: str, now: float) -> Command | None:
+    def refuse(self, reason: str, now: float) -> Answer | None:
         """Notes the reason why a state is unusable, and returns the safe action's command."""
         self._fail(reason)
         return self._safe_command(now)
 
-    def watch(self, now: float) -> Command | None:
+    def watch(self, now: float) -> Answer | None:
         """Returns the safe action's command while there is a fault, and None otherwise.
 
         It must be called once in each control period, since a fault may be that no state comes.
@@ -133,7 +133,7 @@ class Supervisor:
             )
         return self._safe_command(now) if self.fault else None
 
-    def stop(self) -> Command | None:
+    def stop(self) -> Answer | None:
         """Returns a last command with zero torques, or None if none was sent before."""
         if self._state is None:
             return None
@@ -193,7 +193,7 @@ class Supervisor:
     def _is_fresh(self, now: float) -> bool:
         return now - self._received <= self._settings.state_timeout
 
-    def _safe_command(self, now: float) -> Command | None:
+    def _safe_command(self, now: float) -> Answer | None:
         """Returns the safe action's command, or None before the first usable state.
 
         The command has the stamp of the newest usable state. A simulation in lock-step has an
@@ -206,9 +206,9 @@ class Supervisor:
         torques = safe_torques(self._settings, state, self._velocities, marginals, self._context)
         return self._sent_safely(self._limiter.clipped(torques))
 
-    def _sent_safely(self, torques: Array) -> Command:
+    def _sent_safely(self, torques: Array) -> Answer:
         self._limiter.note_safe(torques)
-        return Command(torques, self._stamp)
+        return Answer(torques, self._stamp)
 
 
 def safe_torques(
