@@ -158,6 +158,8 @@ def test_the_cost_of_some_steps_is_a_part_of_the_whole(varying, rng):
 FOLLOWING = Following(
     np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
     np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.6, 0.8]]),
+    moving=np.ones(3),
+    still=np.ones(3),
 )
 CONTEXT = np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 1.0], [-2.0, -1.0, 0.5], [0.0, 0.0, 0.0]])
 

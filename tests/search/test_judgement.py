@@ -11,7 +11,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.judgement import (
-    Rollouts,
+    Trial,
     behaviour,
     changing_commands,
     command_grid,
@@ -111,7 +111,7 @@ def test_rollouts_are_judged_at_each_time_by_what_comes_before_it(cart):
     """From 4 s on the command is 1 m/s more than the policy reaches."""
     commands = np.zeros((1, 800, 1))
     commands[:, 400:] = 2.0
-    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 800, 1)))
+    given = Trial(cart.initial_state[None], commands, np.zeros((1, 800, 1)))
     found = behaviour(cart, reaching(cart, 0.5), given, (4.0, 8.0))
     assert found.up.tolist() == [[True, True]]
     assert found.obeys.tolist() == [[True, False]]
@@ -124,7 +124,7 @@ def test_a_fall_ends_what_counts(cart):
     """At 3 s the command is 2 m/s, where the cart falls at once."""
     commands = np.full((1, 600, 1), 1.0)
     commands[:, 300:] = 2.0
-    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 600, 1)))
+    given = Trial(cart.initial_state[None], commands, np.zeros((1, 600, 1)))
     found = behaviour(cart, reaching(cart), given, (3.0, 6.0))
     assert found.up.tolist() == [[True, False]]
     assert found.counts.tolist() == [200]
@@ -133,7 +133,7 @@ def test_a_fall_ends_what_counts(cart):
 def test_a_late_reading_and_noise_of_sensors_change_what_a_policy_does(cart):
     """At GAIN 50 the loop bears no two steps of latency; an offset of the reading shifts it."""
     commands = np.full((1, 400, 1), 0.5)
-    given = Rollouts(cart.initial_state[None], commands, np.zeros((1, 400, 1)))
+    given = Trial(cart.initial_state[None], commands, np.zeros((1, 400, 1)))
     driver = reaching(cart)
     assert behaviour(cart, driver, given, (4.0,)).up.all()
     assert not behaviour(cart, driver, replace(given, lag=5), (4.0,)).up.any()
@@ -153,7 +153,7 @@ class Network:
 def test_a_policy_that_is_not_ours_is_judged_alike(cart, rng, lag):
     driver = reaching(cart, 0.8)
     commands = np.array([changing_commands(cart, 400, rng) for _ in range(3)]) / 2
-    given = Rollouts(np.tile(cart.initial_state, (3, 1)), commands, np.zeros((3, 400, 1)), lag)
+    given = Trial(np.tile(cart.initial_state, (3, 1)), commands, np.zeros((3, 400, 1)), lag)
     given = replace(given, misread=0.01 * rng.standard_normal((3, 400, 1)))
     ours = behaviour(cart, driver, given, (4.0,))
     other = behaviour(cart, replace(driver, policy=Network(driver.policy)), given, (4.0,))

@@ -144,7 +144,7 @@ class Behaviour:
 
 
 @dataclass(frozen=True)
-class Rollouts:
+class Trial:
     """The rollouts of a judgement, before they are run.
 
     Attributes:
@@ -161,7 +161,7 @@ class Rollouts:
     lag: int = 0
     misread: Array | None = None
 
-    def of(self, rows: Sequence[int]) -> "Rollouts":
+    def of(self, rows: Sequence[int]) -> "Trial":
         """Returns some of them."""
         misread = None if self.misread is None else self.misread[rows]
         return replace(
@@ -173,7 +173,7 @@ class Rollouts:
         )
 
 
-def behaviour(task: Task, driver: Driver, rollouts: Rollouts, times: Sequence[float]) -> Behaviour:
+def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float]) -> Behaviour:
     """Runs rollouts, and says what they do.
 
     Args:
@@ -262,7 +262,7 @@ def judge_controller(
             for i in own
         ]
         noise = drawn_noise(scale, (len(own), steps), rng)
-        given = Rollouts(starts[own], np.array(commands), noise)
+        given = Trial(starts[own], np.array(commands), noise)
         parts.append(behaviour(task, driver, given, times))
     found = Behaviour.joined(parts)
     each = [found.of(slice(i * rollouts, (i + 1) * rollouts)) for i in range(len(grid) + 1)]
@@ -313,7 +313,7 @@ def survives(
     rng, space = generator(seed, Stream.JUDGEMENT, TRAINING, k), task.dynamics.space
     steps = max(1, round(seconds / task.dynamics.time_step))
     spread = task.initial_std * rng.standard_normal((rollouts, space.tangent_dim))
-    given = Rollouts(
+    given = Trial(
         space.add(task.initial_state, spread),
         np.array([changing_commands(task, steps, rng) for _ in range(rollouts)]),
         np.zeros((rollouts, steps, task.dynamics.control_dim)),
@@ -418,9 +418,7 @@ def _contexts(signals: Signals, commands: Array) -> Array:
     return signals.context(commands, phases)
 
 
-def _executed(
-    task: Task, driver: Driver, rollouts: Rollouts, context: Array
-) -> tuple[Array, Array]:
+def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tuple[Array, Array]:
     """Runs rollouts; returns states (N, T+1, n_x) and controls (N, T, n_u)."""
     policy, observation = driver.policy, driver.observation.within(context)
     readings = Readings(task.dynamics.simulations, driver.observation.readings.names)
