@@ -20,7 +20,7 @@ from vgps_ros.search.judgement import (
     PUSHES,
     SENSORS,
     Behaviour,
-    Rollouts,
+    Trial,
     behaviour,
     check_lengths,
     interval,
@@ -106,10 +106,10 @@ class Trials:
     commands: Array | None = None
 
     @property
-    def rollouts(self) -> Rollouts:
+    def rollouts(self) -> Trial:
         """The rollouts without a disturbance."""
         none = np.empty((*self.noise.shape[:2], 0))
-        return Rollouts(self.starts, none if self.commands is None else self.commands, self.noise)
+        return Trial(self.starts, none if self.commands is None else self.commands, self.noise)
 
 
 def robustness(
