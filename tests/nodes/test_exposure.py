@@ -40,6 +40,10 @@ SOMETIMES = {
             ("publish", "policy"),
             ("publish", "trajectory_distribution"),
             ("subscribe", "trajectory_distribution"),
+            # With a task that has commands or a clock:
+            ("publish", "context"),
+            ("subscribe", "cmd_vel"),
+            ("subscribe", "command"),
         )
     ),
     ("policy_executor", Use("publish", "/onnx_policy")),
