@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What the M-step makes of its samples: sensors that misread, and the mirror image of a robot.
+"""Blurs the M-step's samples as sensors misread, and adds a robot's mirror image of each.
 
 A policy that has only seen exact readings trusts them too much, so the samples may be blurred as
 the robot's sensors are. Where a robot's left and right are alike, each sample is worth two.
@@ -44,7 +44,7 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What becomes of samples before they are fitted.
+    """Changes samples before they are fitted.
 
     Attributes:
         noise: standard deviation of what is added to each number that is read, shape (n_o,).

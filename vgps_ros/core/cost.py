@@ -44,7 +44,7 @@ class TrajectoryCost(Protocol):
 
 @dataclass(frozen=True)
 class Following:
-    """How targets and weights follow the context.
+    """Lets targets and weights follow the context.
 
     Attributes:
         linear: A, shape (m, n_z).
@@ -71,7 +71,7 @@ class Following:
 
     @property
     def follows(self) -> NDArray[np.bool_]:
-        """Whether target or weight of each reading changes with the context, shape (m,)."""
+        """Tells whether target or weight of each reading changes with the context, shape (m,)."""
         targets = ((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1)
         return np.asarray(targets | (self.moving != self.still))
 

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a controller is told: commands that come by topics, and the clock that it carries.
+"""Holds what a controller is told: commands that come by topics, and the clock.
 
 | topic | type | holds |
 | --- | --- | --- |

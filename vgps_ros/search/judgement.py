@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""How well a policy obeys commands, and for how long it stays up.
+"""Judges how well a policy obeys commands, and for how long it stays up.
 
 A command is achieved by the reading whose target in the cost follows it. Its error is that of the
 reading, in the command's unit:
@@ -49,7 +49,7 @@ GRID, TRIALS, PUSHES, SENSORS, TRAINING = range(5)
 
 @dataclass(frozen=True)
 class Achieved:
-    """Which readings achieve the commands of a task.
+    """Names the readings that achieve the commands of a task.
 
     Attributes:
         commands: places of the n_a commands that a reading follows, among the n_c.

@@ -134,7 +134,7 @@ def _new_situation(
     if 0 < end < fall:
         at = min(end + int(rng.integers(1 + round(_AFTER_PUSH / period))), fall - 1)
     elif fall < steps and rng.uniform() < settings.renew.before_fall:
-        at = max(0, fall - int(rng.integers(late, early)))
+        at = max(0, fall - int(rng.integers(late, max(early, late + 1))))
     else:
         at = int(rng.integers(max(1, fall - late if fall < steps else steps)))
     begun = _back_home(task, motion.states[at])
@@ -217,8 +217,7 @@ def _first_motion(work: Workspace, begun: _Begun, policy: GaussianPolicy) -> Tra
     """Returns the motion from which a new situation's solve starts."""
     task, situation = work.task, begun.situation
     here, signals = situation.of(task), task.signals
-    start, steps = situation.initial_state, task.planned_horizon
-    n_u = task.dynamics.control_dim
+    start, n_u = situation.initial_state, task.dynamics.control_dim
 
     def motion(origin: Array, context: Array) -> Trajectory:
         silent, told = np.zeros((1, len(context), n_u)), here.observation.within(context)
@@ -236,16 +235,16 @@ def _first_motion(work: Workspace, begun: _Begun, policy: GaussianPolicy) -> Tra
     if _stays_up(task, usual):
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
         return _joined(task, start, rest)
-    assert len(own.controls) == steps
-    return own if np.isfinite(own.states).all() else _joined(task, start, _still(task, steps))
+    return own if np.isfinite(own.states).all() else _joined(task, start, _still(task))
 
 
 def _stays_up(task: Task, motion: Trajectory) -> bool:
     return bool(task.survived(motion.states[None])[0])
 
 
-def _still(task: Task, steps: int) -> Trajectory:
-    """Returns the start, held for some steps without control; it need not be feasible."""
+def _still(task: Task) -> Trajectory:
+    """Returns the task's start, held without control; it need not be feasible."""
+    steps = task.planned_horizon
     return Trajectory(
         np.tile(task.initial_state, (steps + 1, 1)), np.zeros((steps, task.dynamics.control_dim))
     )
