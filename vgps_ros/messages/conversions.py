@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3, Wrench, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -36,9 +36,11 @@ from vgps_ros.core.checks import (
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
+from vgps_ros.messages.names import CMD_VEL
 from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
 from vgps_ros.search.mpc import Plan
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.signals import Command
 
 Kind = TypeVar("Kind")
 
@@ -280,6 +282,38 @@ def signals_from_msg(message: SignalsMsg) -> dict[str, float]:
     if len(set(names)) != len(names):
         raise InvalidInputError(f"The names are {quoted(names)}, but each may come only once.")
     return dict(zip(names, values, strict=True))
+
+
+def twist_to_msg(velocities: Array, stamp: Time) -> TwistStamped:
+    """Returns linear and angular velocities (x, y, z each), shape (6,), [m/s, rad/s]."""
+    linear, angular = (Vector3(x=x, y=y, z=z) for x, y, z in velocities.reshape(2, 3).tolist())
+    return TwistStamped(header=Header(stamp=stamp), twist=Twist(linear=linear, angular=angular))
+
+
+def commands_from_twist(
+    message: Any, commands: Sequence[Command], base_frame: str
+) -> dict[str, float]:
+    """Returns the commands that a message on cmd_vel tells, by name.
+
+    Args:
+        message: a TwistStamped, or a Twist, of rclpy or of a bag.
+        commands: the commands; those with a source are read.
+        base_frame: the frame in which a TwistStamped must be.
+
+    Raises:
+        InvalidInputError: it is in another frame, or a value is not finite.
+    """
+    twist = message
+    if hasattr(message, "header"):
+        twist, frame = message.twist, message.header.frame_id
+        if frame not in ("", base_frame):
+            raise InvalidInputError(
+                f"its frame is {quoted(frame)}, but it must be that of the robot's base, "
+                f"{quoted(base_frame)}, or empty."
+            )
+    sources = {c.name: c.source.removeprefix(f"{CMD_VEL}/") for c in commands if c.source}
+    found = [attrgetter(source.replace("/", "."))(twist) for source in sources.values()]
+    return dict(zip(sources, finite_array(CMD_VEL, found, (len(found),)).tolist(), strict=True))
 
 
 def push_to_msg(body: str, wrench: Array) -> WrenchStamped:

@@ -13,7 +13,9 @@ from vgps_ros.core.errors import InvalidInputError
 # Topics that describe the robot: MJCF for this project's nodes, URDF for all others.
 MJCF, URDF = "mjcf_description", "robot_description"
 
-# What a controller was told in each state that it answered.
+# What a controller is told: some commands as fields of a Twist, any by their names.
+CMD_VEL, COMMAND = "cmd_vel", "command"
+# What it was told in each state that it answered.
 CONTEXT = "context"
 
 # Keys of values that controllers show on /diagnostics.

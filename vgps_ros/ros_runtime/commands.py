@@ -10,9 +10,8 @@
 A task without commands has none of the first two, and one that tells its policies nothing has none.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -20,19 +19,22 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from vgps_msgs.msg import Signals as SignalsMsg
 
-from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import signals_from_msg, signals_to_msg, stamp_of
-from vgps_ros.messages.names import CONTEXT
+from vgps_ros.messages.conversions import (
+    commands_from_twist,
+    signals_from_msg,
+    signals_to_msg,
+    stamp_of,
+)
+from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
 from vgps_ros.tasks.carried_signals import CarriedClock
 from vgps_ros.tasks.signals import Signals
 
-CMD_VEL, COMMAND = "cmd_vel", "command"
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",
     True,
@@ -64,7 +66,7 @@ class Instructions:
 
     def __init__(self, node: Node, signals: Signals, base_frame: str):
         self.commands, self.phase = signals.rest, 0.0
-        self._node, self._signals, self._base_frame = node, signals, base_frame
+        self._node, self._signals = node, signals
         self._health: Health | None = None
         self._names = [command.name for command in signals.commands]
         self._given = signals.rest.copy()
@@ -75,11 +77,10 @@ class Instructions:
         if self._names:
             declare(node, COMMAND_TIMEOUT, may_change=True)
             self._subscribe(SignalsMsg, COMMAND, signals_from_msg)
-        sources = {c.name: c.source for c in signals.commands if c.source}
-        if sources:
-            fields = {name: attrgetter(s.replace("/", ".")) for name, s in sources.items()}
+        if any(command.source for command in signals.commands):
             kind = TwistStamped if declare(node, STAMPED_CMD_VEL) else Twist
-            self._subscribe(kind, CMD_VEL, partial(self._of_twist, fields))
+            read = partial(commands_from_twist, commands=signals.commands, base_frame=base_frame)
+            self._subscribe(kind, CMD_VEL, read)
 
     def report_to(self, health: Health) -> None:
         """Sets the diagnostics on which commands stand."""
@@ -131,45 +132,11 @@ class Instructions:
 
     def _take(self, given: dict[str, float]) -> str:
         """Takes the values of some commands; says which of them are out of their ranges."""
-        if unknown := [name for name in given if name not in self._names]:
-            raise InvalidInputError(
-                f"there is no command {quoted(unknown[0])}, but {', '.join(self._names)}."
-            )
-        now, said = self._node.get_clock().now().nanoseconds, []
-        for i, command in enumerate(self._signals.commands):
-            if command.name in given:
-                number = given[command.name]
-                low, high = command.lowest, command.highest
-                self._given[i], self._received[i] = min(max(number, low), high), now
-                if not low <= number <= high:
-                    said.append(
-                        f"{command.name} is {number:g}, but it must be from {low:g} to "
-                        f"{high:g}{' ' * bool(command.unit)}{command.unit}"
-                    )
+        taken, said = self._signals.clamped(given)
+        for i, number in taken.items():
+            self._given[i], self._received[i] = number, self._node.get_clock().now().nanoseconds
         return f"Clamped what was commanded: {'; '.join(said)}." if said else ""
-
-    def _of_twist(
-        self, fields: Mapping[str, Callable[[Any], Any]], message: Twist | TwistStamped
-    ) -> dict[str, float]:
-        twist = message
-        if isinstance(message, TwistStamped):
-            twist, frame = message.twist, message.header.frame_id
-            if frame not in ("", self._base_frame):
-                raise InvalidInputError(
-                    f"its frame is {quoted(frame)}, but it must be that of the robot's base, "
-                    f"{quoted(self._base_frame)}, or empty."
-                )
-        found = [get(_Topic(twist)) for get in fields.values()]
-        values = finite_array(CMD_VEL, found, (len(fields),)).tolist()
-        return dict(zip(fields, values, strict=True))
 
     def _report(self, about: str, *, error: str = "", warning: str = "") -> None:
         if self._health:
             self._health.report(about, error=error, warning=warning)
-
-
-class _Topic:
-    """A message of cmd_vel by the name that a command's source has for it."""
-
-    def __init__(self, twist: Twist):
-        self.cmd_vel = twist

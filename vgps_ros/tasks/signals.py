@@ -14,12 +14,13 @@ so that a walk always begins in the same way:
 The policy reads m sin 2πφ and m cos 2πφ, where m is 1 while it moves, and 0 while it does not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
@@ -149,6 +150,30 @@ class Signals:
         """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""
         each = np.tile(np.asarray(commands, dtype=float), (steps, 1))
         return self.context(each, self.phases(each, first)[:-1])
+
+    def clamped(self, given: Mapping[str, float]) -> tuple[dict[int, float], list[str]]:
+        """Returns the values of some commands within their ranges, by the commands' places.
+
+        Returns:
+            The values, and on each that is out of its range what is wrong.
+
+        Raises:
+            InvalidInputError: there is no command of a name.
+        """
+        places = {command.name: i for i, command in enumerate(self.commands)}
+        if unknown := [name for name in given if name not in places]:
+            raise InvalidInputError(
+                f"there is no command {quoted(unknown[0])}, but {', '.join(places)}."
+            )
+        taken, said = dict[int, float](), list[str]()
+        for name, value in given.items():
+            command = self.commands[places[name]]
+            low, high = command.lowest, command.highest
+            taken[places[name]] = min(max(value, low), high)
+            if not low <= value <= high:
+                unit = f" {command.unit}" if command.unit else ""
+                said.append(f"{name} is {value:g}, but it must be from {low:g} to {high:g}{unit}")
+        return taken, said
 
     def check(self, values: Sequence[float]) -> Array:
         """Returns the values of commands that come from outside, shape (n_c,).
