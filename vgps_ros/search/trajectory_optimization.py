@@ -80,7 +80,8 @@ def optimize(
     check_request(task, request)
     here = request.situation.of(task)
     warned_before = here.dynamics.warnings()
-    start = first_motion(task, request, is_cancelled)
+    told = task.in_context(request.situation.context)
+    start = first_motion(told, request, is_cancelled)
     if here.dynamics is not task.dynamics and request.previous is None:
         start = start.under(here.dynamics)
     task = here

@@ -18,7 +18,7 @@ refined by DDP; its first controls are executed, and the next plan starts where 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -223,6 +223,10 @@ class SampledBeginning:
     sampler: Sampler
     period: int
     ddp_iterations: int
+
+    def in_context(self, context: Array) -> "SampledBeginning":
+        """Returns what finds it where commands and clock are z, shape (T, n_z)."""
+        return replace(self, task=self.task.in_context(context))
 
     def __call__(
         self,

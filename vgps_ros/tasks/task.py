@@ -163,11 +163,13 @@ class Task:
         """Returns the task where commands and clock are z over the planned horizon, (T, n_z)."""
         if not self.signals.names:
             return self
+        told = getattr(self.demonstrate, "in_context", None)
         return replace(
             self,
             context=context,
             cost=self.cost.in_context(context),
             observation=self.observation.within(context),
+            demonstrate=told(context) if told else self.demonstrate,
         )
 
     def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
