@@ -191,3 +191,11 @@ def test_commands_of_situations_are_drawn_but_the_first_one_has_the_tasks(task):
     still = speeds == 0.0
     assert still.all(axis=1).any()
     assert_array_equal(np.array([e.context[:, 1:] for e in found[1:]])[still], 0.0)
+
+
+def test_situations_that_all_have_no_solution_are_warned_of(tmp_path):
+    fallen = "fallen: [{sensor: rotor/position, above: 1.0}]\ncommands:"
+    lift = ("{command: speed, rest: 0.5}", "{command: speed, rest: 9.0}")
+    hopeless = make_task(write_task(tmp_path, ("commands:", fallen), lift))
+    first = next(run(hopeless))
+    assert any(w.startswith("In each first solution the robot falls") for w in first.warnings)

@@ -205,6 +205,12 @@ class Workspace:
                 self._warnings.append(f"Situation {i} is left out: {outcome}")
             else:
                 found.append(outcome)
+        means = (each.distribution.mean.first(self.task.horizon) for each in found)
+        if all(self.task.fallen(mean.states).any() for mean in means):
+            self._warnings.append(
+                "In each first solution the robot falls, so that little can be learned; raise "
+                "initial_ddp_iterations, or change how the task begins or what it asks for."
+            )
         return tuple(found)
 
     def request(self, i: int, situation: Situation, k: int) -> OptimizationRequest:

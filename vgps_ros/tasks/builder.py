@@ -315,6 +315,13 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
                 target = read_columns(path, found, times)
         targets.append(np.broadcast_to(target, (steps, size)))
         smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
+    for i, command in enumerate(read.signals.commands):
+        read.document.refuse(
+            not any(row[i] for row in linear),
+            ("commands", command.name),
+            "no cost reads it, so that nothing is learned of it; let the target of a term follow "
+            f"it, as in `target: {{command: {command.name}}}`, or leave it out.",
+        )
     return FeatureCost(
         features=read.readings(names, ("cost",)),
         targets=_joined(targets, steps),

@@ -87,6 +87,13 @@ def _check_times(task: TaskFile, document: Document) -> None:
         ("control_period",),
         f"it is {period:g} s, but it must be a multiple of the simulator's time step, {step} s.",
     )
+    fastest = 0.5 / period
+    document.refuse(
+        task.clock is not None and task.clock.frequency > fastest,
+        ("clock", "frequency"),
+        f"it is {task.clock.frequency if task.clock else 0.0:g} Hz, but with a control_period of "
+        f"{period:g} s it must be at most {fastest:g} Hz, two controls a turn.",
+    )
     steps = round((task.horizon + task.lookahead) / period)
     document.refuse(
         steps > MOST_STEPS,
