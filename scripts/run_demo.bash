@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-# Learns a policy in a graph of separate ROS 2 processes, then executes it.
+# Learns a policy in a graph of separate ROS 2 processes, then executes it; one that takes cmd_vel drives a figure of eight.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
 # TASK is a name, a task file or its folder. HIDDEN and ITERATIONS that are left out are the task's own.
 # PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
@@ -83,11 +83,13 @@ patience=(--timeout 120) # on a busy machine six processes begin slowly
 run train_through_graph "${search[@]}" --output "$output" "${patience[@]}"
 printf 'Executing: the learned policy drives the simulation in lock-step.\n'
 run execute_policy --task "$task" --json "$output/execution.json" \
+  --course figure_of_eight --picture "$output/driven.png" \
   --result "$output/result.json" "${patience[@]}"
 
 stop_all
 printf '\nBag:            %s\n' "$output/bag"
 printf 'Recording:      %s\n' "$output/run.rrd"
 printf 'Learning curve: %s\n' "$output/learning_curve.png"
+[[ ! -f $output/driven.png ]] || printf 'Path driven:    %s\n' "$output/driven.png"
 printf 'More pictures:  vgps plot %s\n' "$output"
 exit "$failed"

@@ -19,7 +19,7 @@ from vgps_ros.tasks import make_task
 
 
 def rewritten(bag, target, change):
-    """Writes a bag again, each message as `change` has it."""
+    """Writes a bag again, each message as `change` has it, or without it."""
     writer = BagWriter(target)
     with BagReader(bag) as old:
         for topic, kind in old.topics.items():
@@ -27,35 +27,55 @@ def rewritten(bag, target, change):
         for name, text in old.attachments().items():
             writer.attach(name, text, old.start)
         for message in old.messages():
-            writer.write(message.topic, message.stamp, change(message))
+            if (data := change(message)) is not None:
+                writer.write(message.topic, message.stamp, data)
     writer.close()
     return target
 
 
-@pytest.fixture
-def bag(graph, told, tmp_path):  # noqa: F811
-    """A robot in lock-step that stands for 5 steps, and is then told an angle for 20."""
+def altered(change, time=None):
+    """Returns what `rewritten` takes: the values of contexts at a time [s], or all, are changed."""
+
+    def apply(message):
+        if message.topic != "/context":
+            return message.data
+        context = deserialize_message(message.data, SignalsMsg)
+        # A paused simulation repeats its state; that of 0.4 s comes once.
+        if time is None or context.header.stamp == stamp_of(round(time * 1e9)):
+            change(context.values)
+        return serialize_message(context)
+
+    return apply
+
+
+@pytest.fixture(params=[1000.0])
+def bag(graph, told, tmp_path, request):  # noqa: F811
+    """A robot in lock-step that stands for 5 steps, and is then told an angle for 20.
+
+    It is commanded once. The parameter is the time after which that is too old [s].
+    """
     task = make_task(told)
     shape = Architecture(task.observation.names, (5,), 1)
     draw = np.random.default_rng(0).standard_normal
     policy = GaussianPolicy(shape, 0.2 * draw(shape.num_parameters), np.ones(1))
     save_policy(policy, told, tmp_path / "policy.json")
     recorder = graph.start("recorder", output=str(tmp_path / "bag"))
-    executor = {"policy_file": str(tmp_path / "policy.json"), "command_timeout": 1000.0}
+    executor = {"policy_file": str(tmp_path / "policy.json"), "command_timeout": request.param}
     graph.start("policy_executor", task=told, **executor)
     graph.diagnosis("policy_executor", None, "Waiting for joint_states")
     commands = graph.messages(JointState, "joint_command")
     cmd_vel = graph.publisher(TwistStamped, "cmd_vel")
     graph.start("simulation", task=told, start_paused=True, wait_timeout=PATIENCE)
-    request = StepSimulation.Request(steps=5)
-    graph.call(StepSimulation, "simulation/step_simulation", request)
+    steps = StepSimulation.Request(steps=5)
+    graph.call(StepSimulation, "simulation/step_simulation", steps)
     graph.spin_for(1.0)  # until the recorder has found the topics
     message = TwistStamped()
     message.twist.angular.z = 0.5
     cmd_vel.publish(message)
     graph.spin_for(0.5)
     for _ in range(4):
-        graph.call(StepSimulation, "simulation/step_simulation", request)
+        graph.call(StepSimulation, "simulation/step_simulation", steps)
+        graph.spin_for(0.5)
     graph.spin_until(lambda: len(commands) > 20, what="the torques")
     graph.spin_for(1.5)  # for the diagnostics
     assert recorder.end() == 0
@@ -66,29 +86,66 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     found = check_bag(bag)
     assert not found.wrong, found.wrong
     assert found.counts["mean"] >= 20
-    assert any("contexts" in words for words in found.proved), found
-
-    def alter(change):
-        def apply(message):
-            if message.topic != "/context":
-                return message.data
-            context = deserialize_message(message.data, SignalsMsg)
-            # A paused simulation repeats its state; this one comes once.
-            if context.header.stamp == stamp_of(400_000_000):
-                change(context.values)
-            return serialize_message(context)
-
-        return apply
+    count = found.counts["mean"]
+    assert f"the commands of {count} of {count} contexts" in found.proved, found
+    assert not found.missing, found.missing
 
     def turn(values):
         values[2], values[3] = values[3], -values[2]  # a quarter of a turn
 
-    wrong = check_bag(rewritten(bag, tmp_path / "turned", alter(turn))).wrong
+    wrong = check_bag(rewritten(bag, tmp_path / "turned", altered(turn, 0.4))).wrong
     assert any("contexts are none that the executor tells" in words for words in wrong), wrong
     assert any("torques are not what the policy gives" in words for words in wrong), wrong
 
     def exceed(values):
         values[0] = 3.0
 
-    wrong = check_bag(rewritten(bag, tmp_path / "exceeding", alter(exceed))).wrong
+    wrong = check_bag(rewritten(bag, tmp_path / "exceeding", altered(exceed, 0.4))).wrong
     assert any("angle is 3, which its range does not hold" in words for words in wrong), wrong
+
+    def instead(value):
+        def change(values):
+            if values[0]:
+                values[0] = value
+
+        return change
+
+    # Within its range, and with a clock and torques that somebody may have computed for it.
+    wrong = check_bag(rewritten(bag, tmp_path / "other", altered(instead(0.25)))).wrong
+    assert any("contexts tell what nobody commanded: at" in words for words in wrong), wrong
+    assert any("angle is 0.25, but it was [" in words for words in wrong), wrong
+    wrong = check_bag(rewritten(bag, tmp_path / "rest", altered(instead(0.0)))).wrong
+    assert any("angle is 0, but it was [0.5]" in words for words in wrong), wrong
+
+    def without(message):
+        return None if message.topic == "/cmd_vel" else message.data
+
+    missing = check_bag(rewritten(bag, tmp_path / "without", without)).missing
+    assert any("contexts tell commands that are not in the bag" in words for words in missing)
+
+    def to_map(message):
+        if message.topic != "/cmd_vel":
+            return message.data
+        twist = deserialize_message(message.data, TwistStamped)
+        twist.header.frame_id = "map"
+        return serialize_message(twist)
+
+    missing = check_bag(rewritten(bag, tmp_path / "to_map", to_map)).missing
+    assert any("contexts tell commands that are not in the bag" in words for words in missing)
+
+
+@pytest.mark.parametrize("bag", [1.2], indirect=True)
+def test_a_command_that_was_too_old_is_at_rest_and_one_that_was_held_on_is_found(bag, tmp_path):
+    found = check_bag(bag)
+    assert not found.wrong, found.wrong
+    count = found.counts["mean"]
+    assert f"the commands of {count} of {count} contexts" in found.proved, found
+    with BagReader(bag) as reader:
+        *_, (_, last) = reader.decoded("/context")
+    assert not last.values.any()
+
+    def hold(values):
+        values[0] = 0.5
+
+    wrong = check_bag(rewritten(bag, tmp_path / "held", altered(hold))).wrong
+    assert any("contexts tell what nobody commanded" in words for words in wrong), wrong

@@ -27,9 +27,11 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
     )
     rollout = Trajectory(states, controls)
     distance = rollout.states[-1, 0] - rollout.states[0, 0]
-    for _ in range(2):
+    # A course is of no account to a task without commands, as in the demo.
+    for course in ([], ["--course", "figure_of_eight", "--picture", str(tmp_path / "none.png")]):
         figures = tmp_path / "figures.json"
-        program = graph.start("execute_policy", "--steps", str(steps), "--json", str(figures))
+        words = ["--steps", str(steps), "--json", str(figures), *course]
+        program = graph.start("execute_policy", *words)
         graph.spin_until(lambda program=program: not program.running)
         assert program.wait() == 0, program.output
         written = json.loads(figures.read_text())
@@ -37,6 +39,7 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
         assert written["distance"] == distance
         assert written["mean_speed"] == pytest.approx(distance / (steps * 0.02))
         assert f"{written['cost']:.3f}" in program.output
+        assert not (tmp_path / "none.png").exists()
         figures.unlink()
 
 

@@ -47,6 +47,8 @@ SOMETIMES = {
         )
     ),
     ("policy_executor", Use("publish", "/onnx_policy")),
+    ("execute_policy", Use("publish", "/cmd_vel")),
+    ("execute_policy", Use("subscribe", "/context")),
     ("recorder", Use("request", "/*/get_parameters")),
     ("recorder", Use("request", "/*/list_parameters")),
     # With a robot that has a free base, balls or activations:
@@ -82,6 +84,7 @@ def whole_graph(shared_graph) -> Iterator[Any]:
     programs = [
         graph.start("train_through_graph", *training, *patience),
         graph.start("execute_policy", "--task", "rotor", "--steps", "100000000", *patience),
+        graph.start("drive", "--turn", "0.001", *patience),  # a circle of 6,283 s
     ]
     missing = {process.name for process in graph.processes}
     found = lambda: missing.difference_update(graph.node.get_node_names()) or not missing  # noqa: E731

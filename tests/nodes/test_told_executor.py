@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals as SignalsMsg
@@ -82,6 +82,13 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     after(cmd_vel, twist(0.1, "map"), ERROR, "its frame is 'map', but it must be that of")
     wrong = SignalsMsg(names=["speed"], values=[1.0])
     after(command, wrong, ERROR, "there is no command 'speed', but angle, lift.")
+    for names, values, sentence in (
+        (["lift"], [float("nan")], "values is nan at index 0; every value must be finite."),
+        (["lift"], [float("inf")], "values is inf at index 0; every value must be finite."),
+        (["lift", "angle"], [0.5], "values has 1 values, but shape (2,) needs 2."),
+        (["lift", "lift"], [0.1, 0.2], "The names are ['lift', 'lift'], but each may come only"),
+    ):
+        after(command, SignalsMsg(names=names, values=values), ERROR, sentence)
     np.testing.assert_allclose(context(next(steps)), moving(1.0, 0.0, 0.4), atol=1e-12)
     command.publish(SignalsMsg(names=["lift"], values=[0.25]))
     after(cmd_vel, twist(-0.5), OK)
@@ -94,3 +101,18 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     np.testing.assert_array_equal(context(1), at_rest)
     values = {v.key: v.value for v in graph.diagnosis("policy_executor", OK).values}
     assert values["command angle"] == "0 rad"
+
+
+def test_an_unstamped_cmd_vel_is_taken_where_a_parameter_says_so(graph, told):
+    graph.start("policy_executor", task=told, stamped_cmd_vel=False)
+    cmd_vel = graph.publisher(Twist, "cmd_vel")
+    graph.diagnosis("policy_executor", OK, "Waiting for policy")
+    graph.spin_for(1.0)  # until the executor knows the publisher
+    message = Twist()
+    message.angular.z = -7.0
+    cmd_vel.publish(message)
+    sentence = "angle is -7, but it must be from -1 to 1 rad"
+    graph.diagnosis("policy_executor", WARN, sentence, 20.0)
+    message.angular.z = float("inf")
+    cmd_vel.publish(message)
+    graph.diagnosis("policy_executor", ERROR, "cmd_vel is inf at index 0", 20.0)

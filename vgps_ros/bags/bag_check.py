@@ -8,6 +8,8 @@
   MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
 - Contexts: the clock that the executor told its policy, from state to state, and the commands'
   ranges. Torques are computed with the recorded context.
+- Commands in contexts: each is one that was recorded on `cmd_vel` or `command`, within its range,
+  and was the newest within `COMMAND_WINDOW` of the answer; or at rest, where none was fresh.
 - Policies: by the digests that their learner published, each of which holds the one before.
 - Files: by the digests in `SHA256SUMS`.
 
@@ -17,7 +19,9 @@ independently, so the bag may hold a state or a policy somewhat later than the t
 computed from it.
 """
 
+from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -46,11 +50,19 @@ from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
     command_from_msg,
+    commands_from_twist,
     distribution_from_msg,
     nanoseconds,
     signals_from_msg,
 )
-from vgps_ros.messages.names import COMMANDS_SENT, CONTEXT, IS_ACTIVE, SAFE_ACTION
+from vgps_ros.messages.names import (
+    CMD_VEL,
+    COMMAND,
+    COMMANDS_SENT,
+    CONTEXT,
+    IS_ACTIVE,
+    SAFE_ACTION,
+)
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, policy_digest
@@ -64,6 +76,11 @@ UNPROVED = (
     "when, where and by whom it was recorded, the commit, and the costs of the training; a "
     "simulation that was computed elsewhere would pass too"
 )
+# Time between an answer and a command's receipt by which the recorder and the executor may have
+# received them in another order [ns].
+COMMAND_WINDOW = 250_000_000
+_SHARE_OF_TIMEOUT = 0.4  # what of a command's timeout that may be at most
+_PAUSE = 2 * 10**9  # no context for so long: the recorder may have missed commands, too [ns]
 _CLOCK_TOLERANCE = 1e-9  # of a sine or cosine
 # Versions whose executors did not count their commands computed torques by BLAS.
 _OLD_TOLERANCE = 1e-9
@@ -130,6 +147,7 @@ def check_bag(
         _check_torques(bag, executor, states, commands, contexts, found)
         period = _check_gaps(states, found)
         _check_contexts(executor, contexts, period, found)
+        _check_commands(bag, executor, contexts, found)
         if executor.is_in_lock_step and period:
             _check_states(bag, executor, model, states, commands, period, found)
         else:
@@ -229,6 +247,88 @@ def _check_contexts(
     if different:
         words = f"{len(different)} contexts are none that the executor tells"
         found.wrong.append(f"{words}: {different[0]}")
+
+
+class _Given:
+    """The values of one command as a bag holds them.
+
+    Args:
+        rest: the value where nothing is commanded.
+        timeouts: after which the executor may have let a command rest [s]; empty: unknown.
+    """
+
+    def __init__(self, rest: float, timeouts: Sequence[float]):
+        self._rest = rest
+        self._received, self._values = list[int](), list[float]()  # times in [ns]
+        self._longest = 1e9 * max(timeouts, default=np.inf)
+        self._shortest = 1e9 * min(timeouts, default=0.0)
+
+    def add(self, received: int, value: float) -> None:
+        """Adds a value that came after all others at a time [ns]."""
+        self._received.append(received)
+        self._values.append(value)
+
+    def between(self, first: float, last: float) -> list[float]:
+        """Returns the values that were received between two times [ns]."""
+        return self._values[bisect_left(self._received, first) : bisect_right(self._received, last)]
+
+    def around(self, time: int) -> set[float]:
+        """Returns the values that an executor may have used at a time [ns]."""
+        newest = bisect_right(self._received, time - COMMAND_WINDOW) - 1
+        begin = self._received[newest] if newest >= 0 else 0
+        oldest = time - self._longest - COMMAND_WINDOW
+        found = set(self.between(max(begin, oldest), time + COMMAND_WINDOW))
+        slack = min(COMMAND_WINDOW, _SHARE_OF_TIMEOUT * self._shortest)
+        if newest < 0 or not self.between(time - self._shortest + slack, time - slack):
+            found.add(self._rest)
+        return found
+
+
+def _check_commands(
+    bag: BagReader, executor: RecordedExecutor, contexts: list[_Context], found: BagCheck
+) -> None:
+    """Compares the commands in contexts with those that the executor was given."""
+    signals, parameters = executor.signals, executor.parameters
+    if not (signals.commands and contexts):
+        return
+    is_simulated = True in parameters.values(executor.node, "use_sim_time")
+    timeouts = [] if is_simulated else parameters.values(executor.node, "command_timeout")
+    given = [_Given(rest, timeouts) for rest in signals.rest.tolist()]
+    topics = [bag.filled_topics[name] for name in (CMD_VEL, COMMAND) if name in bag.filled_topics]
+    base_frame = StateMessages(executor.model).base_frame
+    for received, message in bag.decoded(*topics, refused=[]) if topics else ():
+        with suppress(InvalidInputError):  # which the executor refused, too
+            told = (
+                signals_from_msg(message)
+                if hasattr(message, "names")
+                else commands_from_twist(message, signals.commands, base_frame)
+            )
+            for i, value in signals.clamped(told)[0].items():
+                given[i].add(received, value)
+    agreeing, missed, different = 0, 0, list[str]()
+    begin = latest = contexts[0].received
+    for each in contexts:
+        begin, latest = each.received if each.received - latest > _PAUSE else begin, each.received
+        sentence, is_missed = "", False
+        for command, own, value in zip(signals.commands, given, each.z.tolist(), strict=False):
+            if value in (values := own.around(each.received)):
+                continue
+            if own.between(begin - COMMAND_WINDOW, each.received + COMMAND_WINDOW):
+                sentence = f"{command.name} is {value:g}, but it was {quoted(sorted(values))}"
+            else:
+                is_missed = True
+        if sentence:
+            different.append(f"at {each.stamp * 1e-9:.3f} s {sentence}")
+        missed += is_missed and not sentence
+        agreeing += not (is_missed or sentence)
+    if agreeing:
+        found.proved.append(f"the commands of {agreeing} of {len(contexts)} contexts")
+    if different:
+        found.wrong.append(f"{len(different)} contexts tell what nobody commanded: {different[0]}")
+    if missed:
+        found.missing.append(f"{missed} contexts tell commands that are not in the bag")
+    if not timeouts:
+        found.unproved.append("which commands were too old, by a clock that was simulated")
 
 
 def _unreadable(kind: str, sentences: list[str]) -> str:

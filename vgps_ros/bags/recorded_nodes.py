@@ -152,11 +152,13 @@ class RecordedExecutor:
 
     Attributes:
         parameters: those of all nodes.
+        node: name of the executor; empty if there is none.
         is_in_lock_step: whether a simulation waited for the answer to each state.
         model: the robot.
         seeds: those of the noise that torques may have; None is no noise.
         settings: safety settings of the executor.
         limiter: limits of the torques, which depend on the torques that were noted before.
+        task: its task; None if it is not known, as in bags of old versions.
         signals: the commands and the clock of its task.
 
     Raises:
@@ -166,19 +168,19 @@ class RecordedExecutor:
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
         self.parameters = RecordedParameters(bag)
         node, parameters = self.parameters.having("seed", "stochastic")
-        self.seeds = self._seeds(node)
+        self.node, self.seeds = node, self._seeds(node)
         _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
         self._velocities, self._state_names = driven_velocities(model), state_names(model)
         self._simulations = Simulations(model, threads=1)
         self._observations: dict[tuple[str, ...], Observation] = {}
-        self._task = (
+        self.task = (
             recorded_task(str(parameters["task"]))
             if {"safe_action", "task"} <= set(parameters)
             else None
         )
-        self.signals = self._task.signals if self._task else Signals()
+        self.signals = self.task.signals if self.task else Signals()
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
@@ -190,7 +192,7 @@ class RecordedExecutor:
         self.limiter = TorqueLimiter(
             self.settings.torque_range(control_range(model)),
             self.settings.torque_rate_limit,
-            self._task.dynamics.time_step if self._task else 0.0,
+            self.task.dynamics.time_step if self.task else 0.0,
         )
 
     def _seeds(self, node: str) -> list[int | None]:
@@ -245,8 +247,8 @@ class RecordedExecutor:
 
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
         """Returns the training marginals that the executor computed from a distribution."""
-        assert self._task is not None
-        task, scored = self._task, distribution.first(self._task.horizon)
+        assert self.task is not None
+        task, scored = self.task, distribution.first(self.task.horizon)
         told = spread_of_told(task.signals, task.observation)
         return TrainingMarginals(scored, task.observation, task.dynamics.control_dim, told)
 
@@ -265,7 +267,7 @@ class RecordedExecutor:
             marginals: the sets of training marginals that the executor may have had at the time.
             context: commands and clock in that state, shape (n_z,).
         """
-        if self._task is None:
+        if self.task is None:
             return False
         if not torques.any():
             return True

@@ -4,11 +4,21 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.episode import episodes
-from vgps_ros.bags.recorded_nodes import learned_policy
+from vgps_ros.bags.episode import Episode, episodes
+from vgps_ros.bags.recorded_nodes import RecordedExecutor, learned_policy
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import distribution_from_msg, result_from_msgs
+from vgps_ros.core.records import Trajectory
+from vgps_ros.messages.conversions import (
+    distribution_from_msg,
+    nanoseconds,
+    result_from_msgs,
+    signals_from_msg,
+)
+from vgps_ros.messages.names import CONTEXT
+from vgps_ros.search.driven import Driven
 from vgps_ros.search.run_record import RunRecord, read_results
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
@@ -61,7 +71,28 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             mean_states=last.mean.states if last else None,
             state_covariances=last.state_covariances if last else None,
             executed_states=episode.states if episode else None,
+            driven=_driven(bag, episode) if episode and CONTEXT in topics else None,
         )
+
+
+def _driven(bag: BagReader, episode: Episode) -> Driven | None:
+    """Reads what the robot was told in the last motion; what is not recorded stays as before."""
+    executor = RecordedExecutor(bag, episode.model)
+    if executor.task is None:
+        return None
+    told = {
+        nanoseconds(message.header.stamp): list(signals_from_msg(message).values())
+        for _, message in bag.decoded(bag.filled_topics[CONTEXT])
+        if tuple(message.names) == executor.signals.names
+    }
+    stamps = np.array(sorted(told))
+    if not stamps.size:
+        return None
+    asked = np.round((episode.start + episode.time[:-1]) * 1e9)
+    latest = np.searchsorted(stamps, asked + 0.5, side="right") - 1
+    context = np.array([told[stamp] for stamp in stamps[np.maximum(latest, 0)].tolist()])
+    motion = Trajectory(episode.states, np.nan_to_num(episode.controls[1:]))
+    return Driven.of(executor.task, motion, context)
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:

@@ -2,7 +2,8 @@
 """Draws a run: its learning curve, trajectory, motion, a filmstrip, and a moving picture.
 
 The pictures are PNG, SVG and GIF: the learning curve, the trajectory within the tubes of q, the
-motion with the paths of the centre of mass. Example: vgps plot recordings/sample --output plots
+motion with the paths of the centre of mass, and what was driven beside what was commanded.
+Example: vgps plot recordings/sample --output plots
 """
 
 import argparse
@@ -29,7 +30,7 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
 
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
     from vgps_ros.views.learning_curve import learning_curve
-    from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
+    from vgps_ros.views.plots import driving, motion, phase_portrait, save, trajectory
 
     run = _read(source, namespace)
     moving = "motion.gif"
@@ -38,6 +39,7 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
         "trajectory": lambda: trajectory(run),
         "phase_portrait": lambda: phase_portrait(run),
         "motion": lambda: motion(run),
+        "driven": lambda: driving(run.driven) if run.driven else None,
         "filmstrip": lambda: filmstrip(run),
         moving: lambda: write_moving_picture(run, output / moving),
     }

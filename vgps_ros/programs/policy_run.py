@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import TwistStamped
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -14,17 +15,27 @@ from simulation_interfaces.msg import Result, SimulationState
 from simulation_interfaces.srv import ResetSimulation, SetSimulationState, StepSimulation
 from std_msgs.msg import UInt8MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    nanoseconds,
+    signals_from_msg,
+    stamp_of,
+    twist_to_msg,
+)
+from vgps_ros.messages.names import CMD_VEL, CONTEXT
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import spin_once
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.course import Course
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2
+_COMMAND_PERIOD = 0.1  # of a course, in simulated time [s]
 _NO_EXECUTOR = "Is policy_executor running, active and with the same task?"
 
 
@@ -36,14 +47,23 @@ class PolicyRun(Node):
         simulation: name of the simulation node.
         timeout: how long to wait for anything that is missing [s].
         namespace: in which the robot's nodes are.
+        course: what is commanded by cmd_vel along the way; None: nothing.
     """
 
-    def __init__(self, task: Task, simulation: str, timeout: float, namespace: str | None):
+    def __init__(
+        self,
+        task: Task,
+        simulation: str,
+        timeout: float,
+        namespace: str | None,
+        course: Course | None = None,
+    ):
         super().__init__("execute_policy", namespace=namespace)
-        self._task = task
+        self._task, self._course = task, course
         self._timeout = timeout
         self._states: dict[int, Array] = {}  # by stamp [ns]
         self._controls: dict[int, Array] = {}
+        self._contexts: dict[int, Array] = {}
         self._policies: list[Any] = []
         # First, since nodes discover endpoints in their order: once a state comes, the simulation's
         # answers will come too.
@@ -54,6 +74,10 @@ class PolicyRun(Node):
         self._messages = StateMessages(task.dynamics.model)
         self._messages.subscribe(self.create_subscription, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        if task.signals.names:
+            self.create_subscription(SignalsMsg, CONTEXT, self._take_context, STREAM)
+        if course:
+            self._cmd_vel = self.create_publisher(TwistStamped, CMD_VEL, 10)
         for kind, topic in ((GaussianPolicyMsg, "policy"), (UInt8MultiArray, "onnx_policy")):
             self.create_subscription(kind, topic, self._policies.append, LATCHED)
         self._executor = SingleThreadedExecutor()
@@ -61,6 +85,9 @@ class PolicyRun(Node):
 
     def execute(self, steps: int) -> Iterator[int]:
         """Resets the simulation and runs it, yielding the steps done; leaves it paused.
+
+        Of a course, what is commanded changes between steps: it does not depend on how fast
+        anything is. At the end all velocities are zero.
 
         Raises:
             VgpsError: the simulation or a policy does not come in time, or a step fails.
@@ -83,11 +110,28 @@ class PolicyRun(Node):
             lambda: 0 in self._states and 0 in self._controls, f"No torque came. {_NO_EXECUTOR}"
         )
         self._controls = {0: self._controls[0]}
-        for done in range(0, steps, _STEPS_AT_ONCE):
-            chunk = min(_STEPS_AT_ONCE, steps - done)
-            self._call(self._step, StepSimulation.Request(steps=chunk))
-            self._wait_for_messages(done + chunk)
-            yield done + chunk
+        at_once, period = _STEPS_AT_ONCE, self._task.dynamics.time_step
+        if self._course:
+            at_once = max(1, round(_COMMAND_PERIOD / period))
+        try:
+            for done in range(0, steps, at_once):
+                chunk = min(at_once, steps - done)
+                self._command(done * period)
+                self._call(self._step, StepSimulation.Request(steps=chunk))
+                self._wait_for_messages(done + chunk)
+                yield done + chunk
+        finally:
+            self._command(np.inf)
+
+    def _command(self, time: float) -> None:
+        """Publishes what the course has at a time [s]; it is zero after its end."""
+        if self._course:
+            stamp = stamp_of(self.get_clock().now().nanoseconds)
+            self._cmd_vel.publish(twist_to_msg(self._course.at(time), stamp))
+
+    def contexts(self, steps: int) -> Array:
+        """Returns what the policy was told in the first steps, shape (steps, n_z)."""
+        return np.array([self._contexts[self._stamp(t)] for t in range(steps)])
 
     def trajectory(self, steps: int) -> Trajectory:
         """Returns what the robot did in the first steps."""
@@ -108,13 +152,20 @@ class PolicyRun(Node):
         control = command_from_msg(message, self._task.actuated_joint_names)
         self._controls[nanoseconds(message.header.stamp)] = control
 
+    def _take_context(self, message: SignalsMsg) -> None:
+        values = np.array(list(signals_from_msg(message).values()))
+        self._contexts[nanoseconds(message.header.stamp)] = values
+
     def _wait_for_messages(self, steps: int) -> None:
         """Waits for all states and commands of the steps so far."""
         first = max(0, steps - _STEPS_AT_ONCE)
         states = {self._stamp(t) for t in range(first, steps + 1)}
-        controls = {self._stamp(t) for t in range(first, steps)}
+        answered = {self._stamp(t) for t in range(first, steps)}
+        answers = (self._controls, *([self._contexts] if self._task.signals.names else []))
         self._wait(
-            lambda: states <= self._states.keys() and controls <= self._controls.keys(),
+            lambda: (
+                states <= self._states.keys() and all(answered <= each.keys() for each in answers)
+            ),
             f"A message on {', '.join(self._messages.topics)} or joint_command was lost; is "
             "another node driving them?",
         )

@@ -189,8 +189,8 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
     achieved = Achieved.of(task)
     errors = achieved.errors(states, controls, context)
     period = task.dynamics.time_step
-    settled = _settled(rollouts.commands, round(SETTLING / period))
-    counted = settled & standing[:, :-1]
+    is_settled = settled(rollouts.commands, round(SETTLING / period))
+    counted = is_settled & standing[:, :-1]
     errors = np.where(counted[..., None], errors, 0.0)
     counts = counted.sum(axis=1)
     ranges = np.array([c.highest - c.lowest for c in task.signals.commands])
@@ -441,7 +441,7 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
     return states, controls
 
 
-def _settled(commands: Array, steps: int) -> NDArray[np.bool_]:
+def settled(commands: Array, steps: int) -> NDArray[np.bool_]:
     """Returns whether the commands (N, T, n_c) have not changed for so many steps, shape (N, T)."""
     at = np.arange(commands.shape[1])
     changes = np.zeros(commands.shape[:2], dtype=np.int64)

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from vgps_ros.core.checks import Array, Shape, array_shapes, arrays_of, finite_array
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.search.driven import Driven
 from vgps_ros.storage.files import read_archive, write_archive
 from vgps_ros.storage.run_folder import RunFolder, read_result
 from vgps_ros.tasks import recorded_task
@@ -23,6 +24,7 @@ class RunRecord:
         mean_states: states that the last q(ζ) is centred on.
         state_covariances: covariances of the last q(ζ)'s marginals.
         executed_states: states of the robot under the learned policy, over N steps.
+        driven: what the robot was told in that motion, and what it did of it.
     """
 
     mjcf: str
@@ -32,6 +34,7 @@ class RunRecord:
     mean_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
     state_covariances: Annotated[Array | None, Shape("T+1", "n_dx", "n_dx")] = None
     executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
+    driven: Driven | None = None
 
     def save_trajectories(self, folder: RunFolder) -> None:
         """Writes the known motions to trajectories.npz, for a run without a bag."""
@@ -51,7 +54,7 @@ def read_results(folder: RunFolder) -> RunRecord:
         found = read_archive(folder.trajectories)
         steps = {"T": len(found["mean_states"]) - 1, "N": len(found["executed_states"]) - 1}
         shapes = array_shapes(RunRecord, **steps, **task.dims)
-        arrays = {name: finite_array(name, found[name], shape) for name, shape in shapes.items()}
+        arrays: dict[str, Any] = {n: finite_array(n, found[n], s) for n, s in shapes.items()}
         return RunRecord(task.mjcf, task.dynamics.time_step, result=result, **arrays)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InvalidInputError(

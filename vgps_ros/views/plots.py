@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
+from vgps_ros.search.driven import Driven
 from vgps_ros.search.judgement import interval
 from vgps_ros.search.robustness import ENOUGH, KINDS
 from vgps_ros.search.run_record import RunRecord
@@ -27,6 +28,7 @@ _LASTING = 0.1  # time for which an angle must be outside: touching the edge doe
 _WINDOW = 2.0  # time after it that is compared [s]
 _LONGEST_SHIFT = 0.5  # [s]
 _SAME = 0.5  # a shift explains it if no more than this share of the distance is left
+_SMOOTH = 0.3  # time over which what was driven is averaged, where no clock tells a period [s]
 _PANELS = 4  # beside each other
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
 _LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
@@ -202,6 +204,49 @@ def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
     axes.margins(0.02, 0.35)
     axes.set_xlabel(f"{'xyz'[plane[0]]} [m]")
     axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
+
+
+def driving(driven: Driven) -> Figure:
+    """Draws what a robot did beside what it was told: its path from above, and each command."""
+    has_path = driven.asked_path is not None and driven.driven_path is not None
+    rows = len(driven.commands)
+    size = (10 if has_path else 7, max(3.0, 1.0 + 1.3 * rows))
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.add_gridspec(rows, 1 + has_path, width_ratios=[1, 1.3][-1 - has_path :])
+    if driven.asked_path is not None and driven.driven_path is not None:
+        axes = figure.add_subplot(grid[:, 0])
+        axes.plot(*driven.asked_path[:, :2].T, color=_Q, linewidth=3)
+        axes.plot(*driven.driven_path[:, :2].T, color=_LEARNED, linewidth=1.2)
+        axes.plot(*driven.driven_path[0, :2], marker="o", color="black", markersize=4)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
+        drift = f"From the dot on; the end is off by {driven.drift:.2f} m."
+        axes.set_title(drift, fontsize=9, loc="left")
+    window = round((1.0 / driven.frequency if driven.frequency else _SMOOTH) / driven.time_step)
+    window = max(1, min(window, len(driven.done)))
+    time = driven.time_step * np.arange(len(driven.asked))
+    for i, (command, error) in enumerate(zip(driven.commands, driven.errors.values(), strict=True)):
+        axes = figure.add_subplot(grid[i, -1])
+        mean = np.convolve(driven.done[:, i], np.full(window, 1.0 / window), "valid")
+        centre = time[: len(mean)] + 0.5 * (window - 1) * driven.time_step
+        seconds = f"{window * driven.time_step:.2g} s"
+        axes.plot(time, driven.asked[:, i], color=_Q, linewidth=3, label="asked")
+        axes.plot(
+            centre,
+            mean,
+            color=_LEARNED,
+            linewidth=1.2,
+            label=f"driven, mean over {seconds}",
+        )
+        axes.set_ylabel(f"{command.name}\n[{command.unit}]")
+        axes.set_title(f"rms error {error:.3f} {command.unit}", fontsize=9, loc="right", pad=2)
+        axes.margins(x=0)
+        axes.tick_params(labelbottom=i == rows - 1)
+    axes.set_xlabel("time [s]")
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, ncols=2, loc="outside upper center")
+    return figure
 
 
 def find_tube_exit(
