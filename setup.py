@@ -15,7 +15,10 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-b6b9a4b1.example",
     license="Apache-2.0",
     packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
-    package_data={"vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*.json"]},
+    package_data={
+        "vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*.json"],
+        "vgps_ros.nodes.live": ["*.html"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/vgps_ros"]),
         ("share/vgps_ros", ["package.xml"]),

@@ -18,8 +18,8 @@ from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import GetSimulationState, StepSimulation
 from std_msgs.msg import String
-from vgps_msgs.msg import LearningProgress
-from websockets.exceptions import InvalidStatus
+from vgps_msgs.msg import LearningProgress, Signals
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from tests.browser import LACKING, opened
@@ -64,7 +64,9 @@ def test_its_websocket_is_for_its_own_page_alone(graph):
     _, address = start(graph)
     own = [address, address.replace("127.0.0.1", "localhost")]
     others = ["http://example.com", "null", None, "http://127.0.0.1:1", f"{address}.example.com"]
-    assert [origin for origin in own + others if origin_is_refused(address, origin)] == others
+    for path in ("", "/stick"):
+        refused = [o for o in own + others if origin_is_refused(address + path, o)]
+        assert refused == others, path
 
 
 def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(graph):
@@ -115,6 +117,91 @@ def test_without_viser_it_names_the_file_that_installs_it(domain_id):
 def test_who_drives_is_said_in_words(message, values, said):
     found = driver(message, values)
     assert found is None if said is None else said in found
+
+
+def commanding(graph, told):
+    """Starts a controller that is told an angle and a lift, and the page.
+
+    Returns the page's address, what the graph is told, and a function that connects a stick.
+    """
+    graph.start("policy_executor", task=told)
+    _, address = start(graph)
+    commands = graph.messages(Signals, "command")
+
+    def stick():
+        return connect(f"{address.replace('http', 'ws')}/stick", origin=address)
+
+    def is_heard():  # once the page knows the commands
+        with stick() as held:
+            held.send("{}")
+            graph.spin_for(0.2)
+        return commands
+
+    graph.spin_until(is_heard, what="the page to know the commands")
+    return address, commands, stick
+
+
+def test_the_stick_commands_within_bounds_and_only_as_long_as_it_tells(graph, told):
+    _, commands, stick = commanding(graph, told)
+
+    def after(held, text):
+        """Returns what is commanded after the stick told a text."""
+        graph.spin_for(0.5)
+        commands.clear()
+        held.send(text)
+        graph.spin_for(1.0)
+        return [dict(zip(m.names, m.values, strict=True)) for m in commands]
+
+    with stick() as held:
+        assert after(held, '{"angle": 0.5}') == [{"angle": 0.5, "lift": 0.0}]
+        assert after(held, '{"angle": -7e99, "lift": 9}') == [{"angle": -1.0, "lift": 0.5}]
+        for wrong in (
+            '{"angle": NaN}',
+            '{"angle": 1e999}',
+            '{"speed": 1.0}',
+            '{"angle": "fast"}',
+            '{"angle": null}',
+            '{"angle": [0.1, 0.2]}',
+            "[0.5]",
+            "half",
+            "[" * 3000,
+            b"\xff",
+        ):
+            assert after(held, wrong) == [], wrong
+        assert after(held, "{}") == [{"angle": 0.0, "lift": 0.0}]
+        assert after(held, '{"lift": 0.1}') == [{"angle": 0.0, "lift": 0.1}]
+        commands.clear()
+    graph.spin_until(lambda: commands, what="rest, since the page went")
+    assert list(commands[-1].values) == [0.0, 0.0]
+    with stick() as held:
+        assert after(held, "x" * 5000) == [{"angle": 0.0, "lift": 0.0}]
+        with pytest.raises(ConnectionClosed):
+            held.recv(timeout=10)
+
+
+def test_a_page_that_dies_while_its_stick_is_held_lets_it_go(graph, told):
+    address, commands, _ = commanding(graph, told)
+    code = (
+        "import os, sys; from websockets.sync.client import connect; "
+        "held = connect(sys.argv[1], origin=sys.argv[2]); "
+        """held.send('{"angle": 1.0}'); sys.stdin.read(); os._exit(1)"""
+    )
+    words = [sys.executable, "-c", code, f"{address.replace('http', 'ws')}/stick", address]
+    with subprocess.Popen(words, stdin=subprocess.PIPE) as page:
+        graph.spin_until(lambda: commands[-1].values[0] == 1.0, what="the command")
+        page.stdin.close()
+    graph.spin_until(lambda: commands[-1].values[0] == 0.0, what="rest")
+
+
+def test_without_commands_the_stick_commands_nothing(graph):
+    graph.start("policy_executor", task="rotor")
+    _, address = start(graph)
+    commands = graph.messages(Signals, "command")
+    with connect(f"{address.replace('http', 'ws')}/stick", origin=address) as held:
+        graph.diagnosis("policy_executor", OK)
+        held.send('{"angle": 1.0}')
+        graph.spin_for(2.0)
+    assert commands == []
 
 
 @pytest.mark.slow
@@ -196,3 +283,58 @@ def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
             progress.publish(message)
         page.get_by_text("cost ÷ initial DDP cost").wait_for()
         assert np.isfinite([m.position[0] for m in states]).all()
+
+
+GAMEPAD = """window.pad = {mapping: "standard", axes: [0, 0, 0, 0]};
+navigator.getGamepads = () => [null, window.pad]"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(LACKING), reason=LACKING)
+def test_stick_keys_and_gamepad_of_the_page_in_a_browser(graph, told):
+    address, commands, _ = commanding(graph, told)
+    told_now = lambda: tuple(commands[-1].values)  # noqa: E731
+
+    with opened(address) as page:
+        frame = page.frame_locator("iframe[title=stick]")
+        frame.get_by_text("lift").wait_for()
+        stick = frame.locator(".stick").bounding_box()
+        x, y = stick["x"] + stick["width"] / 2, stick["y"] + stick["height"] / 2
+
+        def reaches(condition, what):
+            graph.spin_until(lambda: condition(*told_now()), what=what)
+
+        def comes_to_rest():
+            reaches(lambda angle, lift: angle == lift == 0.0, "rest")
+            graph.spin_for(1.0)
+            count = len(commands)
+            graph.spin_for(1.0)
+            assert len(commands) == count
+
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 30, y + 30, steps=3)
+        reaches(lambda angle, lift: -1.0 < angle < -0.2 and 0.1 < lift < 0.5, "the stick")
+        page.mouse.up()
+        comes_to_rest()
+        page.keyboard.down("ArrowUp")
+        page.keyboard.down("d")
+        reaches(lambda angle, lift: (angle, lift) == (1.0, 0.5), "the keys")
+        page.keyboard.up("ArrowUp")
+        page.keyboard.up("d")
+        comes_to_rest()
+        page.evaluate(GAMEPAD)
+        page.evaluate("pad.axes = [0.05, -0.5, 0, 0]")
+        reaches(lambda angle, lift: (angle, lift) == (0.5, 0.0), "the gamepad")
+        page.evaluate("pad.axes = [0, 0, 0, 0]")
+        comes_to_rest()
+        commands.clear()
+        page.get_by_role("textbox").first.focus()
+        page.keyboard.press("w", delay=500)  # is typed
+        graph.spin_for(1.0)
+        assert commands == []
+        page.mouse.click(100, 400)
+        page.keyboard.down("w")
+        graph.spin_until(lambda: commands, what="a command")
+        assert told_now()[0] == 1.0
+    comes_to_rest()  # as the page is closed, with the key down

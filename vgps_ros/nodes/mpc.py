@@ -14,9 +14,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from vgps_msgs.msg import Plan as PlanMsg
 
-from vgps_ros.core.checks import quoted
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
@@ -24,7 +22,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
 from vgps_ros.messages.names import MJCF, PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
-from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
+from vgps_ros.ros_runtime.parameters import declare, declare_fact, declare_settings, value
 from vgps_ros.ros_runtime.qos import LATEST, STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.search.mpc import (
@@ -139,15 +137,7 @@ def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], ob
         minimum=0.0,
         maximum=LARGEST_ADJUSTMENT,
     )
-
-    def check_readings(given: tuple[str, ...]) -> None:
-        if given != changed.names:
-            raise InvalidInputError(
-                f"{_READINGS} is {quoted(list(given))}, but the task has "
-                f"{quoted(list(changed.names))}; leave this parameter out."
-            )
-
-    declare(node, readings, also_check=check_readings)
+    declare_fact(node, readings)
     for setting in (targets, weights):
         declare(node, setting, may_change=True, also_check=changed.check_count)
 

@@ -8,9 +8,11 @@
 | `context` | vgps_msgs/Signals | what was used with the answer to a state; published |
 
 A task without commands has none of the first two, and one that tells its policies nothing has none.
+Parameters of the node tell the names, ranges, sources and units of the commands.
 """
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,10 +32,11 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare, value
+from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
 from vgps_ros.tasks.carried_signals import CarriedClock
-from vgps_ros.tasks.signals import Signals
+from vgps_ros.tasks.checks import SOURCE
+from vgps_ros.tasks.signals import Command, Signals
 
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",
@@ -49,6 +52,32 @@ COMMAND_TIMEOUT = Setting(
     minimum=1e-3,
     maximum=1e6,
 )
+
+# Parameters that tell what the commands are, a list for each field of a command.
+FACTS = {f"commands.{field.name}": field.name for field in dataclasses.fields(Command)}
+
+
+def commands_of(facts: Sequence[Sequence[Any]]) -> list[Command]:
+    """Returns the commands that the values of another node's `FACTS` tell.
+
+    Raises:
+        InvalidInputError: they tell no commands.
+    """
+    try:
+        commands = [Command(*fields) for fields in zip(*facts, strict=True)]
+        are_right = all(
+            -np.inf < c.lowest <= c.highest < np.inf
+            and (not c.source or SOURCE.fullmatch(c.source))
+            for c in commands
+        )
+    except (TypeError, ValueError):
+        are_right = False
+    if not are_right:
+        raise InvalidInputError(
+            f"The parameters {', '.join(FACTS)} must be lists of one length, with finite ranges "
+            "and fields of cmd_vel."
+        )
+    return commands
 
 
 class Instructions:
@@ -76,6 +105,9 @@ class Instructions:
             self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STREAM)
         if self._names:
             declare(node, COMMAND_TIMEOUT, may_change=True)
+            for fact, field in FACTS.items():
+                found = tuple(getattr(command, field) for command in signals.commands)
+                declare_fact(node, Setting(fact, found, "of the task's commands"))
             self._subscribe(SignalsMsg, COMMAND, signals_from_msg)
         if any(command.source for command in signals.commands):
             kind = TwistStamped if declare(node, STAMPED_CMD_VEL) else Twist

@@ -93,6 +93,19 @@ def declare(
     return value(node, setting)
 
 
+def declare_fact(node: Node, setting: Setting) -> None:
+    """Declares a list that tells what the task says; another value is refused."""
+
+    def check(given: Any) -> None:
+        if given != setting.default:
+            raise InvalidInputError(
+                f"{setting.name} is {quoted(list(given))}, but the task has "
+                f"{quoted(list(setting.default))}; leave this parameter out."
+            )
+
+    declare(node, setting, also_check=check)
+
+
 def value(node: Node, setting: Setting) -> Any:
     """Returns a declared parameter's current value, in the type of the setting."""
     return _from_ros(node.get_parameter(setting.name).value, setting)

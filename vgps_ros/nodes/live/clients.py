@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Clients of the simulation's services and of the planner's cost; they wait for no answer."""
+"""Clients of the simulation's services and of controllers' parameters; they wait for no answer."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,7 +16,10 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.ros_runtime.commands import FACTS, commands_of
 from vgps_ros.ros_runtime.qos import CALLS
+from vgps_ros.tasks.signals import Command
 
 # Parameters of a planner, as the node `mpc` has them.
 _READINGS, _TARGETS, _WEIGHTS = "cost.readings", "cost.targets", "cost.weights"
@@ -101,10 +104,12 @@ class CostClient:
     """
 
     def __init__(
-        self, node: Node, planner: str, show: Callable[..., object], tell: Callable[[str], object]
+        self,
+        planner: AsyncParameterClient,
+        show: Callable[..., object],
+        tell: Callable[[str], object],
     ):
-        self._client = AsyncParameterClient(node, planner)
-        self._show, self._tell = show, tell
+        self._client, self._show, self._tell = planner, show, tell
         self._changing = 0  # changes whose answer is awaited
 
     def look(self) -> None:
@@ -132,3 +137,37 @@ class CostClient:
         values = [parameter_value_to_python(value) for value in done.result().values]
         if self._changing == 0:  # else the visitor's values are newer
             self._show(*values if all(v is not None for v in values) else ((), (), ()))
+
+
+class CommandsClient:
+    """Asks the first controller that is there which commands it takes.
+
+    `show` is called with them, and with none where there is no controller or it takes none; `tell`
+    with a sentence on what it cannot have meant.
+    """
+
+    def __init__(
+        self,
+        controllers: Sequence[AsyncParameterClient],
+        show: Callable[[Sequence[Command]], object],
+        tell: Callable[[str], object],
+    ):
+        self._controllers, self._show, self._tell = controllers, show, tell
+
+    def look(self) -> None:
+        """Asks again."""
+        for client in self._controllers:
+            if client.services_are_ready():
+                client.get_parameters(list(FACTS)).add_done_callback(self._take)
+                return
+        self._show(())
+
+    def _take(self, done: Future) -> None:
+        facts = [parameter_value_to_python(value) for value in done.result().values]
+        commands: Sequence[Command] = ()
+        if facts and None not in facts:
+            try:
+                commands = commands_of(facts)
+            except InvalidInputError as error:
+                self._tell(str(error))
+        self._show(commands)

@@ -2,24 +2,34 @@
 """Node `live`: a page for the browser that shows the graph's robot in motion and lets one touch it.
 
 Its buttons call the services of `simulation`, a body that is dragged is pushed by messages on
-`push`, and its sliders set parameters of `mpc`. It listens on 127.0.0.1 alone.
+`push`, its stick commands the controller by messages on `command`, and its sliders set parameters
+of `mpc`. It listens on 127.0.0.1 alone.
 """
 
 import time
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from vgps_msgs.msg import LearningProgress
+from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import nanoseconds, progress_from_msg, push_to_msg
-from vgps_ros.messages.names import MJCF, driver
+from vgps_ros.messages.conversions import (
+    nanoseconds,
+    progress_from_msg,
+    push_to_msg,
+    signals_from_msg,
+    signals_to_msg,
+)
+from vgps_ros.messages.names import COMMAND, CONTEXT, MJCF, driver
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
-from vgps_ros.nodes.live.clients import CostClient, SimulationClient
+from vgps_ros.nodes.live.clients import CommandsClient, CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
@@ -36,7 +46,13 @@ PORT = Setting(
     maximum=65000,
 )
 SIMULATION = Setting("simulation", "simulation", "name of the node whose services are called")
-PLANNER = Setting("planner", "mpc", "name of the node whose cost the sliders change")
+EXECUTOR = Setting("executor", "policy_executor", "name of the node that the stick commands")
+PLANNER = Setting(
+    "planner",
+    "mpc",
+    "name of the node whose cost the sliders change, and that the stick commands where there is no "
+    "executor",
+)
 
 _FRAME, _LOOK = 1 / 30, 0.5  # periods of the picture and of what is asked for [s]
 _SILENCE = 3.0  # after which a controller that says nothing is no longer shown [s]
@@ -48,7 +64,10 @@ class Live(Node):
 
     def __init__(self) -> None:
         super().__init__("live")
-        port, simulation, planner = (declare(self, s) for s in (PORT, SIMULATION, PLANNER))
+        port, simulation = declare(self, PORT), declare(self, SIMULATION)
+        executor, planner = (
+            AsyncParameterClient(self, declare(self, s)) for s in (EXECUTOR, PLANNER)
+        )
         self._health = Health(self)
         self._health.wait_for(f"{MJCF} from simulation")
         self._states: StateMessages | None = None
@@ -67,11 +86,14 @@ class Live(Node):
                 f"The page needs the package {error.name}: pip install -r requirements/live.txt."
             ) from error
         self._page = LivePage(port, self)
-        self._cost = CostClient(self, planner, self._page.show_cost, self._tell)
+        self._cost = CostClient(planner, self._page.show_cost, self._tell)
         self.set_cost = self._cost.set
+        self._commands = CommandsClient((executor, planner), self._page.show_commands, self._tell)
+        self._told = self.create_publisher(SignalsMsg, COMMAND, STREAM)
         self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
         subscribe = self.create_subscription
         subscribe(String, MJCF, self._take_robot, LATCHED)
+        subscribe(SignalsMsg, CONTEXT, self._take_context, NEWEST)
         subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, STREAM)
         subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
         steady_timer(self, _FRAME, self._show)
@@ -98,12 +120,16 @@ class Live(Node):
                 self._page.wishes.popleft()()
             if push := self._page.push():
                 self._pushes.publish(push_to_msg(*push))
+            if commands := self._page.commands():
+                now = self.get_clock().now().to_msg()
+                self._told.publish(signals_to_msg(np.array([*commands.values()]), [*commands], now))
         except Exception as error:  # a page may send any value in a number's place
             self._tell(f"This cannot be: {error}")
 
     def _look(self) -> None:
         self._simulation.look()
         self._cost.look()
+        self._commands.look()
         now = time.monotonic()
         said = [
             f"{name}: {sentence}"
@@ -136,6 +162,14 @@ class Live(Node):
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self._newest = messages
+
+    def _take_context(self, message: SignalsMsg) -> None:
+        try:
+            self._page.used = signals_from_msg(message)
+        except InvalidInputError as error:
+            self._health.report("context", error=f"Left out a context: {error}")
+        else:
+            self._health.clear("context")
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

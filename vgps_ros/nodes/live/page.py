@@ -6,27 +6,36 @@ node takes it, so that one thread alone speaks ROS.
 """
 
 import html
+import json
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import viser
+from websockets import ConnectionClosed
 from websockets.asyncio import server as websocket_server
 from websockets.typing import Origin
 
+from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.nodes.live.robot import LiveRobot
 from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.tasks.signals import Command, Signals
 
 if TYPE_CHECKING:
     from vgps_ros.nodes.live.node import Live
 
 _NAMES = ("127.0.0.1", "localhost")  # of this machine
 _MOST_WISHES = 20  # that wait for the node; older ones are forgotten
+_STICK = Path(__file__).with_name("stick.html")
+_STICK_PATH = "/stick"  # of the WebSocket by which the stick tells how it is held
+_LONGEST = 4000  # characters of what the stick tells at once
 _STRONGEST = 100.0  # force of a push, in the robot's weight
 _TOP = 100.0  # of the learning curve; what diverged is drawn there
 _CURVES = {  # of the learning curve: a metric each, with its name and colour
@@ -42,6 +51,7 @@ class LivePage:
     Attributes:
         address: where a browser finds it.
         wishes: what the visitor wants done, the latest of it.
+        used: the commands that the controller used last, by their names in its context.
 
     Args:
         port: TCP port; where another program has it, one of the next.
@@ -50,7 +60,9 @@ class LivePage:
 
     def __init__(self, port: int, actions: "Live"):
         self.wishes: deque[Callable[[], None]] = deque(maxlen=_MOST_WISHES)
-        with _only_own_origin():
+        self.used: dict[str, float] = {}
+        self._held: deque[str | bytes] = deque(maxlen=1)  # what the stick told last
+        with _only_own_origin(self._follow_stick):
             self._server = server = _Server(host="127.0.0.1", port=port, verbose=False)
         self.address = f"http://127.0.0.1:{server.get_port()}"
         gui, self._texts = server.gui, {}
@@ -67,6 +79,11 @@ class LivePage:
             self._steps = gui.add_number("Steps", 1, min=1, max=1_000_000, step=1)
             self._add_buttons({"Step": lambda: actions.step(int(self._steps.value))})
             self._texts["answer"] = gui.add_html("")
+        self._driving = gui.add_folder("Drive", visible=False)
+        with self._driving:
+            self._stick = gui.add_html("")
+            self._texts["used"] = gui.add_html("")
+        self._commands: tuple[Command, ...] = ()
         with gui.add_folder("Push: drag a body"):
             self._pull: Any = gui.add_number("N per m", 1.0, min=0.0, max=1e6)
             self._texts["push"] = gui.add_html("")
@@ -107,12 +124,44 @@ class LivePage:
         self.tell(push=f"Last push: {body} with {np.linalg.norm(force):.3g} N.")
         return body, wrench
 
+    def commands(self) -> dict[str, float] | None:
+        """Returns all commands by name if the stick has told something new.
+
+        Those that it does not name are at rest, and all are within their ranges.
+
+        Raises:
+            InvalidInputError: it told something else than a number for some of the commands.
+        """
+        signals = Signals(self._commands)
+        if not self._held or not signals.commands:
+            return None
+        told = json.loads(self._held.popleft())
+        if not isinstance(told, dict):
+            raise InvalidInputError(f"the stick tells {quoted(told)}, but no values by name.")
+        values = finite_array("The stick", [*told.values()], (len(told),)).tolist()
+        taken, _ = signals.clamped(dict(zip(told, values, strict=True)))
+        return {c.name: taken.get(i, c.rest) for i, c in enumerate(signals.commands)}
+
+    def show_commands(self, commands: Sequence[Command]) -> None:
+        """Shows a stick for these commands, and what became of them; nothing without commands."""
+        if tuple(commands) != self._commands:
+            self._commands, self.used = tuple(commands), {}
+            self._stick.content = _stick(commands)
+            self._driving.visible = bool(commands)
+        lines = []
+        for command in commands:
+            if (used := self.used.get(f"command/{command.name}")) is not None:
+                done = self._done(command)
+                is_known = "" if done is None else f", does {done:.2f}"
+                lines.append(f"{command.name}: told {used:.2f}{is_known} {command.unit}")
+        self.tell(used="\n".join(lines))
+
     def tell(self, **texts: str) -> None:
         """Shows sentences, which may come from anybody: none is read as HTML.
 
         Args:
             texts: by place: `driver` says who drives, `run` how the simulation runs, `answer` what
-                the last wish came to, `push` what the last push was.
+                the last wish came to, `push` what the last push was, `used` what commands do.
         """
         for place, text in texts.items():
             lines = html.escape(text).replace("\n", "<br>")
@@ -155,6 +204,28 @@ class LivePage:
                 aspect=1.5,
             )
 
+    def _done(self, command: Command) -> float | None:
+        """Returns the robot's own speed that a command of cmd_vel asks for, None for others."""
+        if not command.source or self._robot is None:
+            return None
+        _, kind, axis = command.source.split("/")
+        place = 3 * ("angular", "linear").index(kind) + "xyz".index(axis)
+        return float(self._robot.velocity[place])
+
+    async def _follow_stick(self, connection: websocket_server.ServerConnection) -> None:
+        """Notes what a visitor's stick tells; where the page is lost, it is let go."""
+        last: str | bytes = "{}"
+        try:
+            async for last in connection:
+                if len(last) > _LONGEST:
+                    break
+                self._held.append(last)
+        except ConnectionClosed:
+            pass
+        finally:
+            if last not in ("{}", b"{}"):
+                self._held.append("{}")
+
     def _add_buttons(self, wishes: dict[str, Callable[[], None]]) -> None:
         group = self._server.gui.add_button_group("", tuple(wishes))
         group.on_click(lambda event: self.wishes.append(wishes[event.target.value]))
@@ -192,9 +263,27 @@ class _Server(viser.ViserServer):
         """Does nothing."""
 
 
+def _stick(commands: Sequence[Command]) -> str:
+    """Returns the HTML of a stick for some commands, whose names may come from anybody."""
+    axes = [
+        {"name": c.name, "unit": c.unit, "low": c.lowest, "high": c.highest, "rest": c.rest}
+        # REP-103: what moves or turns to the left is positive.
+        | {"left": c.source[-1:] in ("y", "z")}
+        for c in commands
+    ]
+    height = 148 + 62 * max(0, len(axes) - 2)
+    return (
+        f'<iframe title="stick" style="border: 0; width: 100%; height: {height}px" '
+        f'data-axes="{html.escape(json.dumps(axes))}" '
+        f'srcdoc="{html.escape(_STICK.read_text())}"></iframe>'
+    )
+
+
 @contextmanager
-def _only_own_origin() -> Iterator[None]:
-    """Lets the servers that viser starts meanwhile refuse other web pages.
+def _only_own_origin(
+    follow_stick: Callable[[websocket_server.ServerConnection], Awaitable[None]],
+) -> Iterator[None]:
+    """Lets the servers that viser starts meanwhile follow the stick, and refuse other web pages.
 
     Browsers let every page open a WebSocket to every address, and name the page's own address in
     the header Origin. The library websockets refuses origins that its server does not list, but
@@ -204,7 +293,12 @@ def _only_own_origin() -> Iterator[None]:
 
     def serve_itself(handler: Any, host: str, port: int, **options: Any) -> Any:
         origins = [Origin(f"http://{name}:{port}") for name in _NAMES]
-        return serve(handler, host, port, origins=origins, **options)
+
+        async def handle(connection: websocket_server.ServerConnection) -> None:
+            is_stick = connection.request and connection.request.path == _STICK_PATH
+            await (follow_stick if is_stick else handler)(connection)
+
+        return serve(handle, host, port, origins=origins, **options)
 
     websocket_server.serve = serve_itself  # type: ignore[assignment, misc]
     try:

@@ -21,6 +21,7 @@ _FLOOR = 20.0  # half the side at which an unbounded plane is drawn [m]
 _SLAB = 0.01  # thickness at which a plane is drawn [m]
 _AWAY = 1.4  # distance of the eye, in that of a picture without controls beside the robot
 _PUSH = (214, 39, 40)
+_NEW = 0.07  # share of the newest state in the shown velocity: half a second at 30 states a second
 
 
 class _Drag(NamedTuple):
@@ -33,7 +34,12 @@ class _Drag(NamedTuple):
 
 
 class LiveRobot:
-    """Draws one robot."""
+    """Draws one robot.
+
+    Attributes:
+        velocity: of the first body that moves, which is the base, in its own axes, as a mean over
+            the last states: angular and then linear, shape (6,) [rad/s, m/s].
+    """
 
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
         self._server, self._model = server, model
@@ -41,6 +47,7 @@ class LiveRobot:
         self._data = self._shape.data
         self._drag: _Drag | None = None
         self._arrow: Any = None
+        self.velocity = np.zeros(6)
         self._world = server.scene.add_frame("/world", show_axes=False)
         server.scene.add_grid(
             "/world/grid",
@@ -58,6 +65,7 @@ class LiveRobot:
     def show(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
         self._centre = self._shape.centre_of_mass(state)
+        self.velocity = self.velocity + _NEW * (self._base_velocity(state) - self.velocity)
         with self._server.atomic():
             self._world.position = self._offset
             for i, part in self._parts.items():
@@ -96,6 +104,16 @@ class LiveRobot:
     def _offset(self) -> Array:
         """The place on the page of the world's origin, shape (3,) [m]."""
         return -self._centre * (1.0, 1.0, 0.0)
+
+    def _base_velocity(self, state: Array) -> Array:
+        """Returns the base's velocity in the state that was placed last, shape (6,)."""
+        found, model, data = np.zeros(6), self._model, self._data
+        if model.njnt:
+            data.qvel[:] = state[model.nq : model.nq + model.nv]
+            mujoco.mj_comVel(model, data)
+            base = int(model.jnt_bodyid[0])
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, base, found, 1)
+        return found
 
     def _frame(self, body: int) -> tuple[Array, Array]:
         """Returns the origin of a body's frame on the page, and its axes in columns."""
