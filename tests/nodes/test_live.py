@@ -24,8 +24,10 @@ from websockets.sync.client import connect
 
 from tests.browser import LACKING, opened
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import nanoseconds
 from vgps_ros.messages.names import SAFE_ACTION, driver
+from vgps_ros.ros_runtime.commands import FACTS, commands_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
@@ -119,12 +121,12 @@ def test_who_drives_is_said_in_words(message, values, said):
     assert found is None if said is None else said in found
 
 
-def commanding(graph, told):
+def commanding(graph, told, controller="policy_executor"):
     """Starts a controller that is told an angle and a lift, and the page.
 
     Returns the page's address, what the graph is told, and a function that connects a stick.
     """
-    graph.start("policy_executor", task=told)
+    graph.start(controller, task=told)
     _, address = start(graph)
     commands = graph.messages(Signals, "command")
 
@@ -180,7 +182,7 @@ def test_the_stick_commands_within_bounds_and_only_as_long_as_it_tells(graph, to
 
 
 def test_a_page_that_dies_while_its_stick_is_held_lets_it_go(graph, told):
-    address, commands, _ = commanding(graph, told)
+    address, commands, _ = commanding(graph, told, "mpc")
     code = (
         "import os, sys; from websockets.sync.client import connect; "
         "held = connect(sys.argv[1], origin=sys.argv[2]); "
@@ -191,6 +193,23 @@ def test_a_page_that_dies_while_its_stick_is_held_lets_it_go(graph, told):
         graph.spin_until(lambda: commands[-1].values[0] == 1.0, what="the command")
         page.stdin.close()
     graph.spin_until(lambda: commands[-1].values[0] == 0.0, what="rest")
+
+
+@pytest.mark.parametrize(
+    ("lowest", "highest", "sources"),
+    [
+        ([0.0, 0.0], [1.0, 1.0], ["", ""]),
+        ([0.0], [float("nan")], [""]),
+        ([2.0], [1.0], [""]),
+        (["slow"], ["fast"], [""]),
+        ([0.0], [1.0], ["cmd_vel/linear/w"]),
+    ],
+)
+def test_parameters_that_tell_no_commands_are_refused_with_a_sentence(lowest, highest, sources):
+    given = {"name": ["speed"], "lowest": lowest, "highest": highest, "source": sources}
+    facts = [given.get(field, ["m/s"]) for field in FACTS.values()]
+    with pytest.raises(InvalidInputError, match="must be lists of one length, with finite ranges"):
+        commands_of(facts)
 
 
 def test_without_commands_the_stick_commands_nothing(graph):

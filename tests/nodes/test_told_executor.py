@@ -98,6 +98,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     np.testing.assert_allclose(context(101), moving(-0.5, 0.25, 0.1), atol=1e-12)
     np.testing.assert_allclose(context(0), moving(-0.5, 0.25, 0.0), atol=1e-12)
     assert graph.set_parameter("policy_executor", "command_timeout", 0.01).successful
+    assert not graph.set_parameter("policy_executor", "commands.lowest", [-9.0, 0.0]).successful
     np.testing.assert_array_equal(context(1), at_rest)
     values = {v.key: v.value for v in graph.diagnosis("policy_executor", OK).values}
     assert values["command angle"] == "0 rad"

@@ -65,14 +65,11 @@ def commands_of(facts: Sequence[Sequence[Any]]) -> list[Command]:
     """
     try:
         commands = [Command(*fields) for fields in zip(*facts, strict=True)]
-        are_right = all(
-            -np.inf < c.lowest <= c.highest < np.inf
-            and (not c.source or SOURCE.fullmatch(c.source))
-            for c in commands
-        )
+        is_right = all(-np.inf < c.lowest <= c.highest < np.inf for c in commands)
+        is_right &= all(SOURCE.fullmatch(c.source) for c in commands if c.source)
     except (TypeError, ValueError):
-        are_right = False
-    if not are_right:
+        is_right = False
+    if not is_right:
         raise InvalidInputError(
             f"The parameters {', '.join(FACTS)} must be lists of one length, with finite ranges "
             "and fields of cmd_vel."

@@ -136,7 +136,7 @@ class CostClient:
     def _take(self, done: Future) -> None:
         values = [parameter_value_to_python(value) for value in done.result().values]
         if self._changing == 0:  # else the visitor's values are newer
-            self._show(*values if all(v is not None for v in values) else ((), (), ()))
+            self._show(*values if values and None not in values else ((), (), ()))
 
 
 class CommandsClient:

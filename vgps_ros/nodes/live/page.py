@@ -133,9 +133,10 @@ class LivePage:
             InvalidInputError: it told something else than a number for some of the commands.
         """
         signals = Signals(self._commands)
-        if not self._held or not signals.commands:
+        text = self._held.popleft() if self._held else None
+        if text is None or not signals.commands:
             return None
-        told = json.loads(self._held.popleft())
+        told = json.loads(text)
         if not isinstance(told, dict):
             raise InvalidInputError(f"the stick tells {quoted(told)}, but no values by name.")
         values = finite_array("The stick", [*told.values()], (len(told),)).tolist()
