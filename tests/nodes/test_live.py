@@ -330,9 +330,8 @@ def test_stick_keys_and_gamepad_of_the_page_in_a_browser(graph, told):
             graph.spin_for(1.0)
             assert len(commands) == count
 
-        page.mouse.move(x, y)
+        page.mouse.move(x + 30, y + 30)
         page.mouse.down()
-        page.mouse.move(x + 30, y + 30, steps=3)
         reaches(lambda angle, lift: -1.0 < angle < -0.2 and 0.1 < lift < 0.5, "the stick")
         page.mouse.up()
         comes_to_rest()
