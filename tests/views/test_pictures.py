@@ -15,10 +15,12 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+from vgps_ros.search.driven import Driven, planar_path
 from vgps_ros.search.run_record import RunRecord
+from vgps_ros.tasks.signals import Command
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
-from vgps_ros.views.plots import motion, phase_portrait, save, trajectory
+from vgps_ros.views.plots import driving, motion, phase_portrait, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
 
 
@@ -280,3 +282,37 @@ def test_a_robot_without_capsules_is_drawn_too():
     (picture,) = frames(mjcf, np.array([[0.0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]]), 60, 80)
     assert picture.shape == (60, 80, 3)
     assert picture.std() > 1
+
+
+@pytest.mark.parametrize("has_path", [True, False])
+def test_what_was_driven_stands_beside_what_was_asked(has_path):
+    speed, angle = Command("forward", 0.0, 1.0, unit="m/s"), Command("aim", -1.0, 1.0, unit="rad")
+    asked = np.column_stack([np.full(100, 0.5), np.repeat([0.0, 0.4], 50)])
+    done = asked + np.array([0.1, 0.0])
+    done[60:] -= [0.0, 0.2]
+    there = np.column_stack([np.linspace(0.0, 1.0, 101), np.zeros(101), np.zeros(101)])
+    paths = (there, 1.3 * there) if has_path else (None, None)
+    counts = np.arange(100) % 50 >= 10
+    driven = Driven(0.02, 0.0, (speed, angle), asked, done, counts, *paths)
+    assert driven.errors == {"forward": pytest.approx(0.1), "aim": pytest.approx(0.2 * 0.5**0.5)}
+    *above, first, second = driving(driven).axes
+    assert first.get_title(loc="right") == "rms error 0.100 m/s"
+    assert second.get_title(loc="right") == "rms error 0.141 rad"
+    for axes, i in ((first, 0), (second, 1)):
+        told, did = axes.lines
+        assert_allclose(told.get_ydata(), asked[:, i])
+        assert_allclose(did.get_ydata()[0], done[0, i])  # a mean over 15 steps
+        assert_allclose(did.get_xdata()[0], 0.14)
+    if has_path:
+        assert_allclose(above[0].lines[1].get_xdata(), 1.3 * there[:, 0])
+        assert "the end is off by 0.30 m" in above[0].get_title(loc="left")
+    else:
+        assert not above
+        assert driven.drift is None
+
+
+def test_the_yaw_of_a_path_goes_on_past_half_a_turn():
+    yaw = np.linspace(0.0, 7.0, 50)
+    states = np.zeros((50, 13))
+    states[:, 0], states[:, 3], states[:, 6] = yaw, np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    assert_allclose(planar_path(states), np.column_stack([yaw, np.zeros(50), yaw]), atol=1e-12)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TwistStamped
 from rclpy.client import Client
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -36,6 +37,7 @@ from vgps_ros.tasks.course import Course
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2
 _COMMAND_PERIOD = 0.1  # of a course, in simulated time [s]
+_FAREWELL = 1.0  # longest wait until its last command has arrived [s]
 _NO_EXECUTOR = "Is policy_executor running, active and with the same task?"
 
 
@@ -122,6 +124,8 @@ class PolicyRun(Node):
                 yield done + chunk
         finally:
             self._command(np.inf)
+            if self._course:
+                self._cmd_vel.wait_for_all_acked(Duration(seconds=_FAREWELL))
 
     def _command(self, time: float) -> None:
         """Publishes what the course has at a time [s]; it is zero after its end."""
