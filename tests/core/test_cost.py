@@ -160,6 +160,7 @@ FOLLOWING = Following(
     np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.6, 0.8]]),
     moving=np.ones(3),
     still=np.ones(3),
+    rest=np.zeros(1),
 )
 CONTEXT = np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 1.0], [-2.0, -1.0, 0.5], [0.0, 0.0, 0.0]])
 
@@ -171,6 +172,19 @@ def test_targets_follow_the_context(cost, rng):
     parts = cost.in_context(CONTEXT).parts(states, controls)
     assert_allclose(parts, WEIGHTS * (Features()(states, controls) - targets) ** 2)
     assert_array_equal(FOLLOWING.follows, [False, True, True])
+
+
+def test_a_weight_counts_while_a_command_is_at_rest_or_while_it_is_not(cost, rng):
+    following = dataclasses.replace(
+        FOLLOWING, moving=np.array([1.0, 1.0, 0.0]), still=np.array([1.0, 0.0, 1.0])
+    )
+    context = np.array([[0.5, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    assert_array_equal(following.factors(context), [[1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+    states, controls = rng.standard_normal((2, 3)), rng.standard_normal((2, 2))
+    followed = dataclasses.replace(cost, following=FOLLOWING).in_context(context)
+    always = followed.parts(states, controls)
+    parts = dataclasses.replace(followed, following=following).parts(states, controls)
+    assert_allclose(parts, always * following.factors(context))
 
 
 def test_a_plan_on_the_way_follows_the_context_of_its_steps(cost, rng):

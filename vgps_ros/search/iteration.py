@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.search.evaluation import Evaluation
 from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.search.selection import Tried
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Update
 
@@ -20,12 +21,14 @@ class SearchState:
         simulator_steps: that learning has taken so far.
         history: metrics of the iterations so far.
         last: what the last one ended with; None at k = 0.
+        best: the best policy of those that were tried; None where none was.
     """
 
     initial_solutions: tuple[OptimizationResult, ...]
     simulator_steps: int
     history: tuple[IterationMetrics, ...]
     last: Update | None
+    best: Tried | None = None
 
     @property
     def k(self) -> int:

@@ -41,10 +41,11 @@ SETTLING = 1.0  # time after a change of a command in which errors do not count 
 LATE = 2.0  # time at the end of a rollout in which it must obey [s]
 TOLERANCE = 0.2  # largest mean error of a rollout that obeys, as a share of the command's range
 STEPS = 100_000_000  # of all rollouts of a judgement together
+_GOLDEN = 0.6180339887498949  # its multiples fill a turn evenly
 _AT_ONCE = 400_000  # steps of the rollouts whose states are in memory at once
 
 # The places of draws in the stream of judgements.
-GRID, TRIALS, PUSHES, SENSORS, TRAINING = range(5)
+GRID, TRIALS, PUSHES, SENSORS, SELECTION = range(5)
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,7 @@ class Trial:
         noise: of the controls, shape (N, T, n_u), [N·m]; zeros for the policy without noise.
         lag: steps by which the policy reads the state too late.
         misread: what is added to each reading of the state, shape (N, T, r); None: nothing.
+        phases: the clock's φ at each start, shape (N,), in turns; None: 0.
     """
 
     starts: Array
@@ -160,6 +162,7 @@ class Trial:
     noise: Array
     lag: int = 0
     misread: Array | None = None
+    phases: Array | None = None
 
     def of(self, rows: Sequence[int]) -> "Trial":
         """Returns some of them."""
@@ -169,6 +172,7 @@ class Trial:
             starts=self.starts[rows],
             commands=self.commands[rows],
             noise=self.noise[rows],
+            phases=None if self.phases is None else self.phases[rows],
             misread=misread,
         )
 
@@ -182,7 +186,7 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
         rollouts: starts, commands and noise.
         times: times at which the rollouts are judged [s].
     """
-    context = _contexts(task.signals, rollouts.commands)
+    context = _contexts(task.signals, rollouts)
     states, controls = _executed(task, driver, rollouts, context)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
     standing = np.logical_and.accumulate(standing, axis=1)
@@ -251,7 +255,7 @@ def judge_controller(
     rng = generator(seed, Stream.JUDGEMENT, GRID)
     starts = perturbed_starts(task, perturbation, total, rng)
     scale = driver.policy.noise_std if stochastic else np.zeros_like(driver.policy.noise_std)
-    times = judged_times(seconds)
+    phases, times = first_phases(total), judged_times(seconds)
     size, parts = max(1, _AT_ONCE // steps), []
     for first in range(0, total, size):
         own = range(first, min(first + size, total))
@@ -262,7 +266,7 @@ def judge_controller(
             for i in own
         ]
         noise = drawn_noise(scale, (len(own), steps), rng)
-        given = Trial(starts[own], np.array(commands), noise)
+        given = Trial(starts[own], np.array(commands), noise, phases=phases[own])
         parts.append(behaviour(task, driver, given, times))
     found = Behaviour.joined(parts)
     each = [found.of(slice(i * rollouts, (i + 1) * rollouts)) for i in range(len(grid) + 1)]
@@ -281,54 +285,6 @@ def judge_controller(
         "all_commands": _figures(task, found.of(slice(0, len(grid) * rollouts))),
         "changing": _figures(task, each[-1]),
     }
-
-
-@dataclass(frozen=True)
-class Fitness:
-    """How well a policy does in rollouts under changing commands.
-
-    Attributes:
-        survival: share of the rollouts that are up at their end.
-        squared_error: mean of (e / range)² over the commands and the steps that count; 0 where no
-            reading achieves a command, inf where no step counts.
-    """
-
-    survival: float
-    squared_error: float
-
-
-def survives(
-    task: Task, policy: GaussianPolicy, seed: int, k: int, rollouts: int, seconds: float
-) -> Fitness:
-    """Rolls a policy out without noise from fresh starts, under fresh commands that change.
-
-    Args:
-        task: the task, which may have no commands.
-        policy: π_θ.
-        seed: seed of the run.
-        k: the iteration, by which all draws differ.
-        rollouts: their number.
-        seconds: their length [s].
-    """
-    rng, space = generator(seed, Stream.JUDGEMENT, TRAINING, k), task.dynamics.space
-    steps = max(1, round(seconds / task.dynamics.time_step))
-    spread = task.initial_std * rng.standard_normal((rollouts, space.tangent_dim))
-    given = Trial(
-        space.add(task.initial_state, spread),
-        np.array([changing_commands(task, steps, rng) for _ in range(rollouts)]),
-        np.zeros((rollouts, steps, task.dynamics.control_dim)),
-    )
-    driver = Driver(policy, task.observation)
-    found = behaviour(task, driver, given, (steps * task.dynamics.time_step,))
-    commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
-    if not commands:
-        error = 0.0
-    elif not found.counts.any():
-        error = np.inf
-    else:
-        ranges = np.array([c.highest - c.lowest for c in commands])
-        error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
-    return Fitness(float(found.up.mean()), float(error))
 
 
 def command_grid(signals: Signals) -> Array:
@@ -360,6 +316,11 @@ def drawn_noise(scale: Array, shape: tuple[int, int], rng: np.random.Generator) 
     if not scale.any():
         return np.zeros((*shape, len(scale)))
     return np.asarray(scale * rng.standard_normal((*shape, len(scale))))
+
+
+def first_phases(rollouts: int) -> Array:
+    """Returns φ at the start of each rollout, shape (rollouts,): evenly over a turn."""
+    return np.asarray((_GOLDEN * np.arange(rollouts)) % 1.0)
 
 
 def judged_times(seconds: float) -> tuple[float, ...]:
@@ -410,12 +371,12 @@ def _figures(task: Task, found: Behaviour) -> dict[str, Any]:
     return result
 
 
-def _contexts(signals: Signals, commands: Array) -> Array:
-    """Returns z of each step, shape (N, T, n_z), where the clock begins at 0."""
-    if not signals.frequency:
-        return commands
-    phases = np.array([signals.phases(each, 0.0)[:-1] for each in commands])
-    return signals.context(commands, phases)
+def _contexts(signals: Signals, rollouts: Trial) -> Array:
+    """Returns z of each step, shape (N, T, n_z)."""
+    count, steps = rollouts.commands.shape[:2]
+    firsts = np.zeros(count) if rollouts.phases is None else rollouts.phases
+    phases = np.array([signals.phases(steps, first) for first in firsts])
+    return signals.context(rollouts.commands, phases)
 
 
 def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ a policy to these solutions, and is evaluated alike.
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -22,6 +22,7 @@ from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
+from vgps_ros.search.selection import is_tried, tried
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.vgps import Candidates, vgps
@@ -128,12 +129,23 @@ def search(
         update = chosen.iterate(work, state.last, k)
         q_step = work.optimization_seconds - optimized
         m_step = time.perf_counter() - began - q_step
+        best, notice = state.best, ""
+        if is_tried(settings, k):
+            this = tried(task, settings, seed, update.policy, k)
+            best = this if best is None or this.beats(best) else best
+            if k == settings.iterations and best is not this:
+                update = replace(update, policy=best.policy)
+                notice = (
+                    f"The policy of iteration {best.k} is kept: up in {100 * best.survival:.0f} % "
+                    f"of {settings.keep.rollouts} rollouts, where that of iteration {k} was in "
+                    f"{100 * this.survival:.0f} %."
+                )
         evaluation = evaluated(update, k)
         history = (*state.history, measure(work, state, update, evaluation, q_step, m_step))
-        state = SearchState(work.initial_solutions, work.simulator_steps, history, update)
+        state = SearchState(work.initial_solutions, work.simulator_steps, history, update, best)
         if checkpoints:
             checkpoints.save(run, state)
-        figures, alarms = history[-1], work.take_warnings()
+        figures, alarms = history[-1], (*work.take_warnings(), *filter(None, [notice]))
         # With new situations the M-step also fits what L(q, θ) of the old ones does not know.
         if chosen.raises_bound and not settings.renew.share:
             alarms = (*alarms, *lost_bound(figures), *lost_coverage(figures))

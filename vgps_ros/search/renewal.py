@@ -153,7 +153,7 @@ class _Driven:
     Attributes:
         states: shape (T+1, n_x).
         commands: of each step, shape (T, n_c); they change once.
-        phases: the clock's φ, shape (T+1,).
+        phases: the clock's φ, shape (T,).
         push_end: step after a push; 0 where there is none.
         fall: step of the fall; T where there is none.
     """
@@ -191,11 +191,11 @@ def _driven(
     first, later = (signals.draw(rng, settings.commands) for _ in range(2))
     change = min(steps, round(rng.uniform(*_CHANGE) / period))
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
-    phases = signals.phases(commands, rng.uniform() if signals.moves(first) else 0.0)
+    phases = signals.phases(steps, rng.uniform())
     here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
     states, _ = here.dynamics.execute(
         policy,
-        here.observation.within(signals.context(commands, phases[:-1])),
+        here.observation.within(signals.context(commands, phases)),
         start[None],
         noise * rng.standard_normal((1, steps, len(noise))),
     )
@@ -228,8 +228,7 @@ def _first_motion(work: Workspace, begun: _Begun, policy: GaussianPolicy) -> Tra
     if _stays_up(task, own):
         return own
     warm = round(_WARM_UP / task.dynamics.time_step)
-    moves = bool(signals.moves(begun.commands))
-    before = begun.phase - moves * warm * signals.frequency * task.dynamics.time_step
+    before = begun.phase - warm * signals.frequency * task.dynamics.time_step
     running_up = signals.held(begun.commands, warm, before % 1.0)
     usual = motion(task.initial_state, np.concatenate([running_up, situation.context]))
     if _stays_up(task, usual):

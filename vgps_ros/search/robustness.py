@@ -23,6 +23,7 @@ from vgps_ros.search.judgement import (
     Trial,
     behaviour,
     check_lengths,
+    first_phases,
     interval,
 )
 from vgps_ros.simulation.dynamics import Dynamics
@@ -109,7 +110,9 @@ class Trials:
     def rollouts(self) -> Trial:
         """The rollouts without a disturbance."""
         none = np.empty((*self.noise.shape[:2], 0))
-        return Trial(self.starts, none if self.commands is None else self.commands, self.noise)
+        commands = none if self.commands is None else self.commands
+        phases = first_phases(len(self.starts))
+        return Trial(self.starts, commands, self.noise, phases=phases)
 
 
 def robustness(

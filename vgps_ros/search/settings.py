@@ -175,6 +175,19 @@ class RenewalSettings:
 
 
 @dataclass(frozen=True)
+class KeepSettings:
+    """Settings of the rollouts by which a search that renews situations keeps its best policy."""
+
+    rollouts: int = setting(
+        40,
+        "rollouts in which each policy of the second half is tried; 0: the last one is kept",
+        minimum=0,
+        maximum=10_000,
+    )
+    seconds: float = setting(10.0, "length of such a rollout [s]", minimum=1.0, maximum=1e3)
+
+
+@dataclass(frozen=True)
 class SearchSettings:
     """Settings of a policy search."""
 
@@ -255,6 +268,7 @@ class SearchSettings:
     disturb: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     commands: CommandSettings = field(default_factory=CommandSettings)
     renew: RenewalSettings = field(default_factory=RenewalSettings)
+    keep: KeepSettings = field(default_factory=KeepSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)

@@ -112,8 +112,7 @@ def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator
     before, after = (signals.draw(rng, settings.commands) for _ in range(2))
     change = int(when * steps) if share < settings.commands.change else steps
     commands = np.concatenate([np.tile(before, (change, 1)), np.tile(after, (steps - change, 1))])
-    first = phase if signals.moves(before) else 0.0
-    return signals.context(commands, signals.phases(commands, first)[:-1])
+    return signals.context(commands, signals.phases(steps, phase))
 
 
 def _situation(

@@ -301,9 +301,9 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], dtype=float)
         follow = [_following(part, read, (*place, "target")) for part in parts]
         read.document.refuse(
-            term.when is not None and not read.signals.frequency,
+            term.when is not None and not read.signals.commands,
             (*place, "when"),
-            "the task has no clock that could turn or stand; add one.",
+            "the task has no command that could be at rest or not; add one.",
         )
         whens += [term.when] * size
         linear += [a for a, _ in follow]
@@ -336,7 +336,7 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
             np.array(lifted),
             moving=np.array([float(when != "still") for when in whens]),
             still=np.array([float(when != "moving") for when in whens]),
-            clock=tuple(read.signals.names.index(name) for name in CLOCK if read.signals.frequency),
+            rest=read.signals.rest,
         ),
     )
 

@@ -54,7 +54,7 @@ class Followed(Record, frozen=True, kw_only=True):
     ] = None
     phase: Annotated[Number, about("with swing, its lead on the clock [turns]", 0.5)] = 0.0
     rest: Annotated[
-        Number, about("the target where the command is zero, or the clock stands", 0.02)
+        Number, about("the target where the command is zero, or a foot is down", 0.02)
     ] = 0.0
 
 
@@ -100,7 +100,10 @@ class CostTerm(Record, frozen=True, kw_only=True):
     terminal: Annotated[bool, about("whether only the last state counts", True)] = False
     when: Annotated[
         Literal["moving", "still"] | None,
-        about("moving: it counts only while the clock turns; still: only while it stands", "still"),
+        about(
+            "moving: it counts only while anything is commanded; still: only while nothing is",
+            "still",
+        ),
     ] = None
     control: Annotated[
         Name | tuple[Name, ...] | None,
@@ -151,7 +154,7 @@ class MirrorEntry(Record, frozen=True, kw_only=True):
 
 
 class Clock(Record, frozen=True, kw_only=True):
-    """A phase that turns while any command is not zero."""
+    """A phase that turns with time."""
 
     frequency: Annotated[Positive, about("turns in a second [Hz]", 2.0)]
 

@@ -3,15 +3,11 @@
 
 They are the context z of a step (see `core.observation`). Nothing of them is a state: an
 optimisation knows them ahead, the cost may follow them, the policy may read them, and whoever
-executes a policy carries them on.
+executes a policy tells it their values.
 
-A command at rest is zero, or the value of its range that is nearest to zero. The clock is a phase φ
-in turns. It turns at its frequency while any command is not at rest, and stands at 0 while all are,
-so that a walk always begins in the same way:
-
-    φ_{t+1} = φ_t + f Δt (modulo 1) while it moves,    φ_{t+1} = 0 while it does not.
-
-The policy reads m sin 2πφ and m cos 2πφ, where m is 1 while it moves, and 0 while it does not.
+A command at rest is zero, or the value of its range that is nearest to zero. The clock is a phase
+φ = f t in turns, of which the policy reads sin 2πφ and cos 2πφ. It always turns: a robot that is
+pushed where nothing is commanded needs to know which foot to set next.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,6 +22,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
 
 CLOCK = ("clock/sin", "clock/cos")
+_SHARE_OF_RANGE, _OF_CLOCK = 0.25, 0.5  # standard deviations of a command and of the clock
 
 
 @dataclass(frozen=True)
@@ -114,23 +111,13 @@ class Signals:
             at_rest[int(rng.integers(n))] = False
         return np.where(at_rest, self.rest, drawn)
 
-    def phases(self, commands: Array, first: float) -> Array:
-        """Returns φ of each step and of the one after them, shape (T+1,), in turns.
+    def phases(self, steps: int, first: float) -> Array:
+        """Returns φ of some steps, shape (steps,), in turns, from that of the first one."""
+        return np.asarray((first + self.frequency * self.time_step * np.arange(steps)) % 1.0)
 
-        Args:
-            commands: of each step, shape (T, n_c).
-            first: φ of the first step.
-        """
-        moves = self.moves(commands)
-        phases = np.empty(len(commands) + 1)
-        phases[0] = first
-        for t, moving in enumerate(moves):
-            phases[t + 1] = (phases[t] + self.frequency * self.time_step) % 1.0 if moving else 0.0
-        return phases
-
-    def moves(self, commands: Array) -> Array:
-        """Returns whether the clock turns, shape (...,), with the commands (..., n_c)."""
-        return np.asarray((commands != self.rest).any(axis=-1) | (not self.commands))
+    def phase_at(self, stamp: int) -> float:
+        """Returns φ at a time [ns], in turns."""
+        return float(self.frequency * (stamp * 1e-9) % 1.0)
 
     def context(self, commands: Array, phases: Array) -> Array:
         """Returns z, shape (..., n_z), for commands (..., n_c) and φ (...,)."""
@@ -138,10 +125,10 @@ class Signals:
             return commands
         turned = 2.0 * np.pi * phases
         clock = np.stack([np.sin(turned), np.cos(turned)], axis=-1)
-        return np.concatenate([commands, clock * self.moves(commands)[..., None]], axis=-1)
+        return np.concatenate([commands, clock], axis=-1)
 
     def phase_of(self, context: Array) -> float:
-        """Returns φ of a context (n_z,), in turns; 0 where the clock stands, or there is none."""
+        """Returns φ of a context (n_z,), in turns; 0 where there is no clock."""
         if not self.frequency:
             return 0.0
         return float(np.arctan2(*context[-2:]) / (2.0 * np.pi) % 1.0)
@@ -149,7 +136,18 @@ class Signals:
     def held(self, commands: Array, steps: int, first: float = 0.0) -> Array:
         """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""
         each = np.tile(np.asarray(commands, dtype=float), (steps, 1))
-        return self.context(each, self.phases(each, first)[:-1])
+        return self.context(each, self.phases(steps, first))
+
+    def spread(self, told: Sequence[str]) -> Array:
+        """Returns standard deviations of numbers that a policy is told, by name, shape (c,).
+
+        By them a distance from a training judges other commands, since a policy learns from some
+        commands what to do in all between them.
+        """
+        ranges = {f"command/{c.name}": c.highest - c.lowest for c in self.commands}
+        return np.array(
+            [_SHARE_OF_RANGE * ranges[name] if name in ranges else _OF_CLOCK for name in told]
+        )
 
     def clamped(self, given: Mapping[str, float]) -> tuple[dict[int, float], list[str]]:
         """Returns the values of some commands within their ranges, by the commands' places.

@@ -1,0 +1,87 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The policy that a search with renewed situations ends with is the best of those it tried."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tests.told_rotor import write_task
+from vgps_ros.core.settings import with_values
+from vgps_ros.search import methods
+from vgps_ros.search.checkpoints import Checkpoints
+from vgps_ros.search.methods import search
+from vgps_ros.search.selection import Tried, is_tried, tried
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.tasks import make_task
+
+VALUES = {
+    "iterations": 4,
+    "situations": 3,
+    "initial_ddp_iterations": 5,
+    "renew.share": 0.5,
+    "renew.begin": 2,
+    "renew.seconds": 1.0,
+    "renew.worst": 100.0,
+    "keep.rollouts": 5,
+    "keep.seconds": 2.0,
+}
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory):
+    return make_task(write_task(tmp_path_factory.mktemp("told")))
+
+
+@pytest.fixture(scope="module")
+def settings(task):
+    return with_values(search_settings(task), VALUES)
+
+
+def test_survival_counts_first_and_then_the_error_and_the_later_one_of_equals():
+    good, better = Tried(None, 3, 0.9, 0.5), Tried(None, 4, 0.95, 0.7)
+    assert better.beats(good)
+    assert not good.beats(better)
+    closer = replace(good, squared_error=0.4)
+    assert closer.beats(good)
+    assert not good.beats(closer)
+    assert replace(good, k=5).beats(good)
+
+
+def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings):
+    assert [is_tried(settings, k) for k in (1, 2, 3, 4)] == [False, False, True, True]
+    assert not is_tried(with_values(settings, {"renew.share": 0.0}), 4)
+    assert not is_tried(with_values(settings, {"keep.rollouts": 0}), 4)
+
+
+def test_the_same_policy_is_tried_in_the_same_rollouts_in_each_iteration(task, settings):
+    (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    first, second = (tried(task, settings, 0, last.policy, k) for k in (3, 4))
+    assert (first.survival, first.squared_error) == (second.survival, second.squared_error)
+    other = tried(task, settings, 1, last.policy, 3)
+    assert other.squared_error != first.squared_error
+    idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
+    assert tried(task, settings, 0, idle, 3).squared_error > first.squared_error
+
+
+def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp_path, monkeypatch):
+    """Iteration 3 is called the best one here; the rollouts behind such a figure are real above."""
+
+    def called(task, settings, seed, policy, k):
+        return replace(tried(task, settings, seed, policy, k), survival=1.0 if k == 3 else 0.2)
+
+    monkeypatch.setattr(methods, "tried", called)
+    run = partial(search, "vgps", task, settings, 0, partial(optimize_all, task))
+    *_, third, last = run()
+    assert_array_equal(last.policy.parameters, third.policy.parameters)
+    assert any("policy of iteration 3 is kept: up in 100 % of 5" in said for said in last.warnings)
+    begun = run(checkpoints=Checkpoints(tmp_path))
+    for _ in range(3):
+        next(begun)
+    begun.close()
+    (*_, again) = run(checkpoints=Checkpoints(tmp_path))
+    assert_array_equal(again.policy.parameters, last.policy.parameters)
+    assert again.policy_digest == last.policy_digest

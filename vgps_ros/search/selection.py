@@ -1,0 +1,94 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Keeps the best policy of a search, since survival moves from iteration to iteration.
+
+In the second half of a search each policy is tried in the same rollouts: from starts around the
+task's, without noise, under commands that change, and with one push each of those that new
+situations have. A training whose situations are renewed ends with the policy that stayed up most
+often; of several that did so equally often, with the one that followed its commands best.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.judgement import SELECTION, Achieved, changing_commands
+from vgps_ros.search.robustness import Trials, behaviours
+from vgps_ros.search.settings import SearchSettings
+from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbance import DisturbanceSettings
+from vgps_ros.tasks.disturbed_task import UNDISTURBED, draw_disturbance
+from vgps_ros.tasks.driver import Driver
+
+
+@dataclass(frozen=True)
+class Tried:
+    """How a policy did.
+
+    Attributes:
+        policy: the policy.
+        k: the iteration that it is of.
+        survival: share of the rollouts that are up at their end.
+        squared_error: mean of (e / range)² over the commands and the steps that count; 0 where no
+            reading achieves a command, inf where no step counts.
+    """
+
+    policy: GaussianPolicy
+    k: int
+    survival: float
+    squared_error: float
+
+    def beats(self, other: "Tried") -> bool:
+        """Returns whether it is to be kept rather than an earlier one."""
+        mine, theirs = (self.survival, -self.squared_error), (other.survival, -other.squared_error)
+        return mine >= theirs
+
+
+def is_tried(settings: SearchSettings, k: int) -> bool:
+    """Returns whether the policy of iteration k is tried."""
+    return settings.renew.share > 0.0 and settings.keep.rollouts > 0 and 2 * k > settings.iterations
+
+
+def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
+    """Tries the policy of iteration k; all are tried in the same rollouts.
+
+    Args:
+        task: the task.
+        settings: of the search.
+        seed: of the run.
+        policy: π_θ.
+        k: the iteration.
+    """
+    rng, space = generator(seed, Stream.JUDGEMENT, SELECTION), task.dynamics.space
+    count, steps = settings.keep.rollouts, round(settings.keep.seconds / task.dynamics.time_step)
+    starts = task.initial_std * rng.standard_normal((count, space.tangent_dim))
+    trials = Trials(
+        space.add(task.initial_state, starts),
+        np.zeros((count, steps, task.dynamics.control_dim)),
+        seed,
+        DisturbanceSettings(),
+        np.array([changing_commands(task, steps, rng) for _ in range(count)]),
+    )
+    sizes = settings.renew.push * np.sqrt(rng.uniform(0.1, 1.0, count))
+    pushes = [
+        draw_disturbance(
+            task,
+            DisturbanceSettings(
+                body=settings.disturb.body, push=size, push_before=settings.keep.seconds / 2
+            ),
+            rng,
+        )
+        if size
+        else UNDISTURBED
+        for size in sizes
+    ]
+    found = behaviours(task, Driver(policy, task.observation), pushes, trials)
+    commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
+    error = 0.0
+    if commands and not found.counts.any():
+        error = np.inf
+    elif commands:
+        ranges = np.array([c.highest - c.lowest for c in commands])
+        error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
+    return Tried(policy, k, float(found.up[:, -1].mean()), float(error))
