@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core import policy_fit
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.policy_fit import (
@@ -101,6 +102,41 @@ def test_targets_pool_every_step_of_every_distribution(random_distribution, thre
     assert targets.means.shape == targets.variances.shape == (32, 2)
     variances = np.diagonal(qs[1].control_covariances, axis1=1, axis2=2)
     assert_array_equal(targets.variances[-5:], variances)
+
+
+def test_a_late_sample_reads_a_state_and_has_the_control_of_the_one_after(
+    random_distribution, whole, rng
+):
+    """Along exact linear dynamics the control is that of the state to which q leads."""
+    q = random_distribution(horizon=6)
+    now, late = (
+        draw_targets([q], whole, "analytic", 2, np.random.default_rng(1), share)
+        for share in (0.0, 1.0)
+    )
+    assert_array_equal(now.inputs, late.inputs)  # nothing is told here
+    f = q.linear_dynamics
+    for sample in (slice(0, 6), slice(6, 12)):
+        deviations = now.inputs[sample] - q.mean.states[:-1]
+        for t in range(5):
+            control = q.gains[t] @ deviations[t]
+            after = f.f_x[t] @ deviations[t] + f.f_u[t] @ control
+            expected = q.mean.controls[t + 1] + q.gains[t + 1] @ after
+            assert_allclose(late.means[sample][t], expected)
+        assert_array_equal(late.means[sample][5], now.means[sample][5])  # there is no later one
+    some = draw_targets([q], whole, "analytic", 200, rng, 0.3)
+    exact = q.mean.controls + np.einsum(
+        "tux,stx->stu", q.gains, some.inputs.reshape(200, 6, 4) - q.mean.states[:-1]
+    )
+    is_late = (np.abs(some.means.reshape(200, 6, 2) - exact) > 1e-9).any(axis=2)
+    assert is_late[:, :5].mean() == pytest.approx(0.3, abs=0.06)
+
+
+def test_a_late_sample_is_told_what_is_so_now(random_distribution, whole):
+    context = np.arange(6.0)[:, None]
+    q = dataclasses.replace(random_distribution(horizon=6), context=context)
+    told = Observation.of(whole.readings, ["clock"], ["clock"])
+    late = draw_targets([q], told, "analytic", 2, np.random.default_rng(1), 1.0)
+    assert_array_equal(late.inputs[:6, -1], [1.0, 2.0, 3.0, 4.0, 5.0, 5.0])
 
 
 def test_best_noise_maximises_the_objective(random_policy, random_distribution, three, rng):

@@ -6,7 +6,7 @@
   `onnx_policy.TOLERANCE`. Torques of the safe action count where the diagnostics say that it drove.
 - States: in lock-step, x' = f(x, u) from each recorded state and torque, by MuJoCo and the recorded
   MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
-- Contexts: the clock that the executor told its policy, from state to state, and the commands'
+- Contexts: the clock that the executor told its policy in each state, and the commands'
   ranges. Torques are computed with the recorded context.
 - Commands in contexts: each is one that was recorded on `cmd_vel` or `command`, within its range,
   and was the newest within `COMMAND_WINDOW` of the answer; or at rest, where none was fresh.

@@ -128,6 +128,13 @@ class FitSettings:
         minimum=0.0,
         maximum=1.0,
     )
+    late: float = setting(
+        0.0,
+        "share of the samples that read the state one control period too late, so that the policy "
+        "bears latency",
+        minimum=0.0,
+        maximum=1.0,
+    )
     resample_every: int = setting(
         25,
         "LBFGS iterations between new samples, 20 to 50 in the paper; gauss_newton draws anew "

@@ -61,8 +61,12 @@ def draw_targets(
     form: str,
     samples_per_step: int,
     rng: np.random.Generator,
+    late: float = 0.0,
 ) -> Targets:
-    """Draws the samples of one M-step from q(x_t), or from q(x_t, u_t) in the sampled form."""
+    """Draws the samples of one M-step from q(x_t), or from q(x_t, u_t) in the sampled form.
+
+    A share `late` of the samples reads the state one step too late.
+    """
     parts = []
     for q in distributions:
         deviations = sample_deviations(q, samples_per_step, rng)
@@ -75,9 +79,40 @@ def draw_targets(
             variances = np.zeros_like(means)
         states = observation.space.add(q.mean.states[:-1], deviations)
         inputs = observation.within(q.context)(states)
+        if late:
+            inputs, means = _late(q, observation, deviations, inputs, means, late, rng)
         pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
         parts.append(Targets(*pooled))
     return joined(parts)
+
+
+def _late(
+    q: TrajectoryDistribution,
+    observation: Observation,
+    deviations: Array,
+    inputs: Array,
+    means: Array,
+    share: float,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Returns inputs (S, T, n_o) and means (S, T, n_u), of which a share is late.
+
+    Such a sample reads h(x_t) where x_{t+1} has come already: its control is that of x_{t+1}, to
+    which the linear dynamics and q's gains lead, δx_{t+1} = (f_x + f_u K) δx_t. What it is told is
+    of t + 1, since commands and clock are no readings.
+    """
+    f = q.linear_dynamics
+    after = np.einsum("txy,sty->stx", f.f_x + f.f_u @ q.gains, deviations)[:, :-1]
+    next_means = q.mean.controls[1:] + np.einsum("tux,stx->stu", q.gains[1:], after)
+    read = inputs[:, :-1].copy()
+    if observation.told:
+        told = len(observation.told)
+        read[..., -told:] = inputs[:, 1:, -told:]
+    is_late = rng.uniform(size=read.shape[:2])[..., None] < share
+    inputs, means = inputs.copy(), means.copy()
+    inputs[:, :-1] = np.where(is_late, read, inputs[:, :-1])
+    means[:, :-1] = np.where(is_late, next_means, means[:, :-1])
+    return inputs, means
 
 
 def joined(parts: Sequence[Targets]) -> Targets:
@@ -147,7 +182,12 @@ def fit_policy(
     def samples() -> Iterator[Targets]:
         while True:
             drawn = draw_targets(
-                distributions, observation, settings.form, settings.samples_per_step, rng
+                distributions,
+                observation,
+                settings.form,
+                settings.samples_per_step,
+                rng,
+                settings.late,
             )
             found = joined([drawn, *visited])
             if augmentation:

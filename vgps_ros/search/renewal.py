@@ -303,4 +303,5 @@ def _samples(work: Workspace, solution: OptimizationResult, k: int, i: int) -> T
     settings = work.settings.fit
     rng = generator(work.seed, Stream.DATASET, k, i)
     (q,) = work.scored([solution])
-    return draw_targets([q], work.task.observation, settings.form, settings.samples_per_step, rng)
+    observation, count = work.task.observation, settings.samples_per_step
+    return draw_targets([q], observation, settings.form, count, rng, settings.late)
