@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Task files with commands and a clock, and the sentence, with its line, for each fault of them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,6 +11,18 @@ from tests.told_rotor import write_task
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.environment import TaskEnvironment
+
+COMMANDED = sorted((Path(__file__).parents[2] / "config" / "commanded").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", COMMANDED, ids=[path.stem for path in COMMANDED])
+def test_robots_of_one_speed_have_a_task_file_of_commanded_ones(path):
+    task, usual = make_task(str(path)), make_task(path.stem)
+    (forward,) = task.signals.commands
+    assert (forward.source, forward.rest) == ("cmd_vel/linear/x", 0.0)
+    assert task.dims["n_x"] == usual.dims["n_x"]
+    names = (*usual.observation.names, *task.signals.names)
+    assert task.observation.names == names
 
 
 def test_a_policy_reads_the_state_then_the_commands_then_the_clock(tmp_path):
