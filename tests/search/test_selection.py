@@ -41,7 +41,7 @@ def settings(task):
     return with_values(search_settings(task), VALUES)
 
 
-def test_survival_counts_first_and_then_the_error_and_the_later_one_of_equals():
+def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
     good, better = Tried(None, 3, 0.9, 0.5), Tried(None, 4, 0.95, 0.7)
     assert better.beats(good)
     assert not good.beats(better)
@@ -60,7 +60,7 @@ def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings)
 def test_the_same_policy_is_tried_in_the_same_rollouts_in_each_iteration(task, settings):
     (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
     first, second = (tried(task, settings, 0, last.policy, k) for k in (3, 4))
-    assert (first.survival, first.squared_error) == (second.survival, second.squared_error)
+    assert (first.success, first.squared_error) == (second.success, second.squared_error)
     other = tried(task, settings, 1, last.policy, 3)
     assert other.squared_error != first.squared_error
     idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
@@ -71,13 +71,15 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     """Iteration 3 is called the best one here; the rollouts behind such a figure are real above."""
 
     def called(task, settings, seed, policy, k):
-        return replace(tried(task, settings, seed, policy, k), survival=1.0 if k == 3 else 0.2)
+        return replace(tried(task, settings, seed, policy, k), success=1.0 if k == 3 else 0.2)
 
     monkeypatch.setattr(methods, "tried", called)
     run = partial(search, "vgps", task, settings, 0, partial(optimize_all, task))
     *_, third, last = run()
     assert_array_equal(last.policy.parameters, third.policy.parameters)
-    assert any("policy of iteration 3 is kept: up in 100 % of 5" in said for said in last.warnings)
+    assert any(
+        "policy of iteration 3 is kept: it obeyed in 100 % of 5" in said for said in last.warnings
+    )
     begun = run(checkpoints=Checkpoints(tmp_path))
     for _ in range(3):
         next(begun)

@@ -136,9 +136,9 @@ def search(
             if k == settings.iterations and best is not this:
                 update = replace(update, policy=best.policy)
                 notice = (
-                    f"The policy of iteration {best.k} is kept: up in {100 * best.survival:.0f} % "
-                    f"of {settings.keep.rollouts} rollouts, where that of iteration {k} was in "
-                    f"{100 * this.survival:.0f} %."
+                    f"The policy of iteration {best.k} is kept: it obeyed in "
+                    f"{100 * best.success:.0f} % of {settings.keep.rollouts} rollouts with pushes, "
+                    f"and that of iteration {k} in {100 * this.success:.0f} %."
                 )
         evaluation = evaluated(update, k)
         history = (*state.history, measure(work, state, update, evaluation, q_step, m_step))

@@ -3,8 +3,9 @@
 
 In the second half of a search each policy is tried in the same rollouts: from starts around the
 task's, without noise, under commands that change, and with one push each of those that new
-situations have. A training whose situations are renewed ends with the policy that stayed up most
-often; of several that did so equally often, with the one that followed its commands best.
+situations have. A training whose situations are renewed ends with the policy that was up and obeyed
+its commands most often (see `judgement`); of several that did so equally often, with the one of the
+least error.
 """
 
 from dataclasses import dataclass
@@ -29,19 +30,19 @@ class Tried:
     Attributes:
         policy: the policy.
         k: the iteration that it is of.
-        survival: share of the rollouts that are up at their end.
+        success: share of the rollouts that are up and obey at their end.
         squared_error: mean of (e / range)² over the commands and the steps that count; 0 where no
             reading achieves a command, inf where no step counts.
     """
 
     policy: GaussianPolicy
     k: int
-    survival: float
+    success: float
     squared_error: float
 
     def beats(self, other: "Tried") -> bool:
         """Returns whether it is to be kept rather than an earlier one."""
-        mine, theirs = (self.survival, -self.squared_error), (other.survival, -other.squared_error)
+        mine, theirs = (self.success, -self.squared_error), (other.success, -other.squared_error)
         return mine >= theirs
 
 
@@ -91,4 +92,4 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
     elif commands:
         ranges = np.array([c.highest - c.lowest for c in commands])
         error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
-    return Tried(policy, k, float(found.up[:, -1].mean()), float(error))
+    return Tried(policy, k, float(found.obeys[:, -1].mean()), float(error))
