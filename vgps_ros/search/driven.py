@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a robot did of what it was told: each command beside what achieved it, and the paths."""
+"""Compares what a robot did with what it was told: commands, and the paths that they lead to."""
 
 from dataclasses import dataclass
 
@@ -88,7 +88,7 @@ class Driven:
 
     @property
     def drift(self) -> float | None:
-        """How far the end lies from where the commands led to [m], if the paths are known."""
+        """Distance of the end from where the commands led to [m]; None if the paths are unknown."""
         if self.asked_path is None or self.driven_path is None:
             return None
         return float(np.linalg.norm((self.driven_path - self.asked_path)[-1, :2]))

@@ -27,6 +27,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets, draw_targets
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation, drawn_context
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Workspace
@@ -177,11 +178,7 @@ def _driven(
     period, space = task.dynamics.time_step, task.dynamics.space
     steps, push_end = max(2, round(settings.renew.seconds / period)), 0
     if settings.renew.push and rng.uniform() < settings.renew.pushed:
-        size = settings.renew.push * np.sqrt(rng.uniform(0.1, 1.0))
-        drawn = DisturbanceSettings(
-            body=settings.disturb.body, push=size, push_before=settings.renew.seconds / 4
-        )
-        push = draw_disturbance(task, drawn, rng)
+        push = drawn_push(task, settings, rng.uniform(0.1, 1.0), settings.renew.seconds / 4, rng)
         disturbance = replace(disturbance, push=push.push, push_time=push.push_time)
         push_end = round((push.push_time + push.push_duration) / period)
     start = task.initial_state
@@ -202,6 +199,18 @@ def _driven(
     sound = np.isfinite(states[0]).all(axis=1) & ~task.fallen(states[0])
     fall = steps if sound.all() else int(np.argmin(sound))
     return _Driven(states[0], commands, phases, push_end, fall)
+
+
+def drawn_push(
+    task: Task, settings: SearchSettings, share: float, before: float, rng: np.random.Generator
+) -> Disturbance:
+    """Draws a push as new situations have them, in any direction, before a time [s].
+
+    Its impulse is the largest one, `renew.push`, times the root of the share.
+    """
+    size = settings.renew.push * np.sqrt(share)
+    drawn = DisturbanceSettings(body=settings.disturb.body, push=size, push_before=before)
+    return draw_disturbance(task, drawn, rng)
 
 
 def _back_home(task: Task, state: Array) -> Array:

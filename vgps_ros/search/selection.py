@@ -15,17 +15,18 @@ import numpy as np
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.judgement import SELECTION, Achieved, changing_commands
+from vgps_ros.search.renewal import drawn_push
 from vgps_ros.search.robustness import Trials, behaviours
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import UNDISTURBED, draw_disturbance
+from vgps_ros.tasks.disturbed_task import UNDISTURBED
 from vgps_ros.tasks.driver import Driver
 
 
 @dataclass(frozen=True)
 class Tried:
-    """How a policy did.
+    """Records how a policy did.
 
     Attributes:
         policy: the policy.
@@ -71,19 +72,10 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
         DisturbanceSettings(),
         np.array([changing_commands(task, steps, rng) for _ in range(count)]),
     )
-    sizes = settings.renew.push * np.sqrt(rng.uniform(0.1, 1.0, count))
-    pushes = [
-        draw_disturbance(
-            task,
-            DisturbanceSettings(
-                body=settings.disturb.body, push=size, push_before=settings.keep.seconds / 2
-            ),
-            rng,
-        )
-        if size
-        else UNDISTURBED
-        for size in sizes
-    ]
+    pushes = [UNDISTURBED] * count
+    if settings.renew.push:
+        before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
+        pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
     found = behaviours(task, Driver(policy, task.observation), pushes, trials)
     commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
