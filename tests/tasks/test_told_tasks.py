@@ -84,6 +84,11 @@ def test_a_sampled_first_motion_obeys_the_commands(tmp_path):
         ("[-1.0, 2.0]", "[-1.0, .nan]", r"line 6, commands\.speed\.range\[1\]: it is nan, but"),
         ("{command: speed, rest: 0.5}", "0.5", r"line 6, commands\.speed: no cost reads it, so"),
         ("speed: {r", "a/b: {r", r"line 6, commands\.a/b: its name must hold no slash"),
+        (
+            "clock: {",
+            "  other: {range: [0, 1], from: cmd_vel/angular/z}\nclock: {",
+            r"line 7, commands\.other\.from: speed comes from cmd_vel/angular/z already",
+        ),
         ("angular/z", "angular/w", r"line 6, commands\.speed: .* must be cmd_vel/linear/x"),
         ("frequency: 1.0", "frequency: 0", r"line 7, clock\.frequency: it is 0, but"),
         ("frequency: 1.0", "frequency: .nan", r"line 7, clock\.frequency: it is nan, but"),

@@ -50,6 +50,12 @@ def check_task_file(task: TaskFile, document: Document) -> None:
             "its name must hold no slash, and `from` must be cmd_vel/linear/x, or another field of "
             "a Twist: linear or angular, x, y or z.",
         )
+        same = next((o for o, c in task.commands.items() if c.source == command.source), name)
+        document.refuse(
+            command.source is not None and same != name,
+            ("commands", name, "from"),
+            f"{same} comes from {command.source} already; each command needs a field of its own.",
+        )
     for i, term in enumerate(task.cost):
         _check_term(term, document, ("cost", i))
     for i, entry in enumerate(task.observe):

@@ -100,8 +100,9 @@ def blueprint(
             _series("cost of the plans", contents=[PLAN_COST], legend=False),
             _series("solve time of the plans [s]", contents=[PLAN_TIME], legend=False),
         ]
-    if logged is not None and CONTEXT in logged:
-        below.insert(0, _series("commands and clock", origin=CONTEXT))
+    context = [("commands", f"{CONTEXT}/command"), ("clock", f"{CONTEXT}/clock")]
+    shown = [(name, entity) for name, entity in context if logged and entity in logged]
+    below = [*(_series(name, origin=entity) for name, entity in shown), *below]
     tabs = [rrb.Tabs(*below)] if below else []
     left = rrb.Vertical(robot, *tabs, row_shares=[1] * (1 + len(tabs)))
     tubes = [

@@ -135,10 +135,15 @@ class RobotScene:
 
     def log_context(self, stamp: int, values: Mapping[str, float]) -> None:
         """Plots the commands and the clock in the state of a time [ns], by name."""
-        if CONTEXT not in self._recording.logged:
-            self._recording.name_series(CONTEXT, list(values))
         self._recording.set_time(stamp)
-        self._recording.log(CONTEXT, rr.Scalars, scalars=list(values.values()))
+        for kind in ("command", "clock"):
+            entity = f"{CONTEXT}/{kind}"
+            of_kind = {name: v for name, v in values.items() if name.startswith(f"{kind}/")}
+            if not of_kind:
+                continue
+            if entity not in self._recording.logged:
+                self._recording.name_series(entity, list(of_kind))
+            self._recording.log(entity, rr.Scalars, scalars=list(of_kind.values()))
 
     def log_plan(self, stamp: int, states: Array, cost: float, solve_time: float) -> None:
         """Draws the path of the centre of mass in a plan that begins at a time [ns]."""
