@@ -137,3 +137,13 @@ def test_a_control_of_least_noise_bends_no_parameter(drawn):
     assert (alone[0] == 0).all()
     assert (alone[1] != 0).all()
     assert point.weights[0] == 0
+
+
+def test_shorter_steps_gain_where_few_samples_mislead(taught):
+    start, draw = taught
+    losses, unseen = [draw(20) for _ in range(50)], draw(20_000)
+    values = [
+        unseen.value(minimize_gauss_newton(start, iter(losses), 50, 1e-5, retries))
+        for retries in (0, 3)
+    ]
+    assert values[1] < values[0] - 0.05

@@ -21,7 +21,8 @@ them, since the curvature need not be exact. λ falls where the quadratic model 
 where it was not. Each step has new samples, so that the fit cannot lean on those it has seen: from
 one draw it comes closer to that draw's optimum, but q, which adapts to the network, then ends at a
 poorer one (docs/evidence/benchmarks.md). They also tell when to end: once the last step has gained
-less on new samples than a tolerance.
+less on new samples than a tolerance. Where samples are few for the size of the network, a step may
+suit its own samples alone; a shorter one, with a larger λ, may still gain on all.
 """
 
 from collections.abc import Iterator
@@ -172,10 +173,11 @@ class Curvature:
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e6
 # Conjugate gradients in a step. More of them solve a model better that is only a model.
 _INNER_ITERATIONS = 15
+_SHORTER = 10.0  # factor on λ after a step that gained too little on new samples
 
 
 def minimize_gauss_newton(
-    start: Array, losses: Iterator[FitLoss], iterations: int, tolerance: float
+    start: Array, losses: Iterator[FitLoss], iterations: int, tolerance: float, retries: int = 0
 ) -> Array:
     """Returns the θ that the steps reach from `start`.
 
@@ -184,6 +186,7 @@ def minimize_gauss_newton(
         losses: F(θ) over new samples, without end.
         iterations: the most steps.
         tolerance: the least gain of a step that is worth another one [nat].
+        retries: how often a step that gained less is followed by a shorter one.
     """
     theta, damping = start, _FIRST_DAMPING
     before = None
@@ -193,7 +196,10 @@ def minimize_gauss_newton(
         if before is not None:
             gain = loss.value(before) - here.value
             if not gain >= tolerance:
-                return theta if gain > 0 else before
+                theta = theta if gain > 0 else before
+                if not retries:
+                    return theta
+                here, retries, damping = loss.at(theta), retries - 1, _SHORTER * damping
         before = theta
         theta, damping = _step(theta, loss, here, damping)
     return theta

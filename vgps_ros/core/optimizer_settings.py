@@ -128,6 +128,13 @@ class FitSettings:
         minimum=0.0,
         maximum=1.0,
     )
+    retries: int = setting(
+        0,
+        "shorter steps that gauss_newton takes in all after steps of less gain, before it ends; "
+        "for large networks, which a few samples mislead",
+        minimum=0,
+        maximum=1000,
+    )
     late: float = setting(
         0.0,
         "share of the samples that read the state one control period too late, so that the policy "

@@ -216,8 +216,8 @@ def fit_to_targets(
     theta = scaling.to_standard(policy.parameters)
     losses = (fit_loss(scaling, targets) for targets in samples)
     if settings.optimizer == "gauss_newton":
-        iterations, tolerance = settings.iterations, settings.tolerance
-        theta = minimize_gauss_newton(theta, losses, iterations, tolerance)
+        iterations, tolerance, retries = settings.iterations, settings.tolerance, settings.retries
+        theta = minimize_gauss_newton(theta, losses, iterations, tolerance, retries)
     else:
         theta = _fit_lbfgs(theta, losses, settings)
     parameters = scaling.to_raw(theta)
