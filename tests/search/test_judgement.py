@@ -2,6 +2,7 @@
 """How well policies obey commands, on a cart whose speed is known in closed form."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.settings import with_values
 from vgps_ros.search.judgement import (
     Trial,
     behaviour,
@@ -19,8 +21,13 @@ from vgps_ros.search.judgement import (
     interval,
     judge_controller,
     judged_times,
+    late_error,
 )
+from vgps_ros.search.renewal import renew
 from vgps_ros.search.robustness import Trials, robustness, usual_noise
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.driver import Driver
@@ -118,6 +125,34 @@ def test_rollouts_are_judged_at_each_time_by_what_comes_before_it(cart):
     assert found.counts.tolist() == [600]  # a second after the start and the change does not count
     assert found.errors[0, 0] == pytest.approx(-0.5)
     assert found.squares[0, 0] == pytest.approx(0.5)
+
+
+def test_the_error_late_in_a_rollout_is_a_share_of_the_range(cart):
+    """Half of a command of 2 m/s is missed by 1 m/s, a third of the range."""
+    commands = np.full((1, 400, 1), 0.3)
+    commands[:, 100:] = 2.0
+    context = cart.signals.context(commands, np.zeros((1, 400)))
+    told, silent = cart.observation.within(context[0]), np.zeros((1, 400, 1))
+    states, controls = cart.dynamics.execute(
+        reaching(cart, 0.5).policy, told, cart.initial_state[None], silent
+    )
+    assert late_error(cart, states, controls, context) == pytest.approx(1 / 3)
+
+
+def test_new_situations_begin_where_commands_are_obeyed_least(cart, tmp_path):
+    """A policy that reaches half of a command obeys the largest ones least."""
+    text = TASK.replace("observe:", "  - {control: all, weight: 1.0e-3}\nobserve:")
+    (tmp_path / "task.yaml").write_text(text)
+    task = make_task(str(tmp_path))
+    values = {"situations": 60, "initial_ddp_iterations": 2, "renew.share": 1.0}
+    settings = with_values(search_settings(task), {**values, "renew.seconds": 4.0})
+    work = Workspace(task, settings, 0, partial(optimize_all, task))
+
+    def size(policy):
+        solutions, _ = renew(work, work.initial_solutions, policy, 4)
+        return np.mean([abs(each.situation.context[0, 0]) for each in solutions[1:]])
+
+    assert size(reaching(task, 0.5).policy) > 1.2 * size(reaching(task).policy)
 
 
 def test_a_fall_ends_what_counts(cart):

@@ -215,6 +215,19 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
     )
 
 
+def late_error(task: Task, states: Array, controls: Array, context: Array) -> float:
+    """Returns the largest mean error over the last `LATE` seconds, as a share of the range.
+
+    It is that of N rollouts of T steps, with the arguments of `Achieved.errors`; 0 where no reading
+    achieves a command.
+    """
+    achieved, steps = Achieved.of(task), round(LATE / task.dynamics.time_step)
+    errors = achieved.errors(states, controls, context)[:, -steps:].mean(axis=1)
+    commands = [task.signals.commands[i] for i in achieved.commands]
+    ranges = np.array([command.highest - command.lowest for command in commands])
+    return float(np.max(np.abs(errors) / ranges, initial=0.0))
+
+
 def judge_controller(
     task: Task,
     driver: Driver,

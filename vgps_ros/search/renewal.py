@@ -3,7 +3,7 @@
 
 A policy leaves the motions that it was taught, and falls where nothing was taught. So the policy is
 rolled out, with pushes or without, and a new situation begins on the way: after the push, shortly
-before a fall, where it has most to learn, or anywhere.
+before a fall or where it obeys least, since it has most to learn there, or anywhere.
 
 What the policy itself does from there is the first motion if it bears it. Otherwise that is the
 motion that the policy makes in the long run under the same commands, at the same phase of the
@@ -27,6 +27,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets, draw_targets
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.judgement import LATE, late_error
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation, drawn_context
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -39,11 +40,12 @@ from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 _BEFORE_FALL = (0.3, 0.9)  # [s]
 _AFTER_PUSH = 0.5  # [s]
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
-_TOLD_ANEW = 0.5  # share of the new situations with new commands, where there was no fall
+_LEAST_OBEYED = 0.5  # share of the new situations, without a fall, that begin where it obeys least
+_TOLD_ANEW = 0.5  # share of the others with new commands, where there was no fall
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
 _MOST = 6.0  # cost of a solution, as a multiple of the first ones' median, that is no recovery
-_TRIES = 4  # motions of the policy, until one falls
+_TRIES = 4  # motions of the policy, until one falls; of those that stay up the worst one counts
 _END = 0.25  # share of the horizon by which a solution is judged
 
 
@@ -120,19 +122,24 @@ def _new_situation(
 ) -> _Begun:
     """Returns a situation that begins where a motion of the policy goes.
 
-    Of a few motions it takes the first one with a fall, if there is one.
+    Of a few motions it takes the first one with a fall, or else the one that obeys least.
     """
     task, settings, signals = work.task, work.settings, work.task.signals
     rng = generator(work.seed, Stream.RENEWAL, k, i)
     period = task.dynamics.time_step
     lasting = draw_disturbance(task, settings.disturb, rng)
-    for _ in range(_TRIES):
-        motion = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+    motion = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+    for _ in range(_TRIES - 1):
         if motion.fall < len(motion.commands):
             break
+        other = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+        motion = max(motion, other, key=lambda each: each.error)
     steps, fall, end = len(motion.commands), motion.fall, motion.push_end
     early, late = (round(seconds / period) for seconds in reversed(_BEFORE_FALL))
-    if 0 < end < fall:
+    least_obeyed = fall == steps and rng.uniform() < _LEAST_OBEYED
+    if least_obeyed:
+        at = steps - 1 - int(rng.integers(min(steps, round(LATE / period))))
+    elif 0 < end < fall:
         at = min(end + int(rng.integers(1 + round(_AFTER_PUSH / period))), fall - 1)
     elif fall < steps and rng.uniform() < settings.renew.before_fall:
         at = max(0, fall - int(rng.integers(late, max(early, late + 1))))
@@ -141,7 +148,7 @@ def _new_situation(
     begun = _back_home(task, motion.states[at])
     commands, phase = motion.commands[at], float(motion.phases[at])
     context = signals.held(commands, task.planned_horizon, phase)
-    if fall == steps and not end and rng.uniform() < _TOLD_ANEW:
+    if fall == steps and not end and not least_obeyed and rng.uniform() < _TOLD_ANEW:
         context = drawn_context(task, settings, rng)
         commands, phase = context[0, : len(commands)], signals.phase_of(context[0])
     return _Begun(Situation(begun, context, lasting), commands, phase)
@@ -157,6 +164,8 @@ class _Driven:
         phases: the clock's φ, shape (T,).
         push_end: step after a push; 0 where there is none.
         fall: step of the fall; T where there is none.
+        error: largest mean error of a command over the last seconds, as a share of its range; inf
+            after a fall.
     """
 
     states: Array
@@ -164,6 +173,7 @@ class _Driven:
     phases: Array
     push_end: int
     fall: int
+    error: float
 
 
 def _driven(
@@ -190,15 +200,17 @@ def _driven(
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
     phases = signals.phases(steps, rng.uniform())
     here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
-    states, _ = here.dynamics.execute(
+    context = signals.context(commands, phases)
+    states, controls = here.dynamics.execute(
         policy,
-        here.observation.within(signals.context(commands, phases)),
+        here.observation.within(context),
         start[None],
         noise * rng.standard_normal((1, steps, len(noise))),
     )
     sound = np.isfinite(states[0]).all(axis=1) & ~task.fallen(states[0])
     fall = steps if sound.all() else int(np.argmin(sound))
-    return _Driven(states[0], commands, phases, push_end, fall)
+    error = late_error(task, states, controls, context[None]) if sound.all() else np.inf
+    return _Driven(states[0], commands, phases, push_end, fall, error)
 
 
 def drawn_push(
