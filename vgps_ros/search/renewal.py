@@ -16,6 +16,7 @@ were replaced.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -28,6 +29,7 @@ from vgps_ros.core.policy_fit import Targets, draw_targets
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.judgement import LATE, late_error
+from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation, drawn_context
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -72,18 +74,20 @@ def renew(
     settings, rng = work.settings.renew, generator(work.seed, Stream.RENEWAL, k)
     count = max(1, round(settings.share * (len(solutions) - 1)))
     replaced = [1 + int(i) for i in rng.permutation(len(solutions) - 1)[:count]]
-    requests = []
-    for i in replaced:
+
+    def request(i: int) -> OptimizationRequest:
         begun = _new_situation(work, solutions, policy, k, i)
         motion = _first_motion(work, begun, policy)
-        request = replace(
+        return replace(
             work.request(i, begun.situation, k),
             cost_scale=1.0,
             max_iterations=settings.ddp_iterations,
             guess=motion.controls,
             guess_states=motion.states,
         )
-        requests.append(request)
+
+    with ThreadPoolExecutor(work.task.dynamics.simulations.threads) as pool:
+        requests = list(pool.map(request, replaced))
     first = work.initial_solutions
     worst = settings.worst * float(np.median([_end_cost(work, each) for each in first]))
     most = _MOST * float(np.median([each.cost for each in first]))
