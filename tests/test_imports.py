@@ -75,14 +75,6 @@ def test_no_node_imports_another():
         assert not found & nodes - {own}, file
 
 
-def test_training_without_a_graph_needs_no_ros():
-    script = SCRIPT.split("for package in")[0] + "import vgps_ros.search.training"
-    run = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-
-
 def test_only_what_learns_waits_for_torch_and_nothing_for_onnx():
     script = """
 import importlib, pkgutil, sys

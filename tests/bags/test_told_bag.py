@@ -139,6 +139,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     assert any("contexts tell commands that are not in the bag" in words for words in missing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bag", [1.2], indirect=True)
 def test_a_command_that_was_too_old_is_at_rest_and_one_that_was_held_on_is_found(bag, tmp_path):
     found = check_bag(bag)

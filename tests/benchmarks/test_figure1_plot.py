@@ -16,6 +16,8 @@ from benchmarks.figure1.cells import Panel
 from benchmarks.figure1.statistics import CEILING, summary
 from benchmarks.figure1.table import write_table
 
+pytestmark = pytest.mark.slow
+
 
 def main(arguments):
     figure1(["plot", *arguments])

@@ -44,6 +44,7 @@ def test_on_a_linear_system_neither_step_lowers_the_bound_and_the_noise_falls():
     assert noise == sorted(noise, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_swimmer_learns_and_its_policy_drives_it_without_ros(tmp_path):
     text = run("02_swimmer.py", tmp_path)
     assert len(re.findall(r"^\d+: policy", text, re.MULTILINE)) == 2

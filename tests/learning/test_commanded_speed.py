@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import with_values
@@ -37,6 +38,7 @@ def speeds_of(task: Task, policy: GaussianPolicy) -> np.ndarray:
     return np.where(found.up[:, 0], found.errors[:, 0] + SPEEDS, np.nan)
 
 
+@pytest.mark.slow
 def test_a_short_training_makes_a_runner_of_commanded_speed():
     task = make_task(RUNNER)
     settings = with_values(search_settings(task), SHORT)

@@ -9,7 +9,7 @@ import pytest
 from tests.learning.gates import GATES, converged_cost, score, settings_of, task_of, train
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", GATES)
 def test_a_short_training_learns_its_task(name, seed):
     gate, task, converged = GATES[name], task_of(name), converged_cost(name, seed)

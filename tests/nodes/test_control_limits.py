@@ -4,6 +4,7 @@
 import signal
 
 import numpy as np
+import pytest
 from builtin_interfaces.msg import Time
 from numpy.testing import assert_array_equal
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
@@ -18,6 +19,7 @@ from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.tasks import make_task
 
 
+@pytest.mark.slow
 def test_executor_simulation_check_and_process_clip_to_the_same_bit(graph, tmp_path):
     task = make_task(write_task(tmp_path))
     shape = Architecture(task.observation.names, (), 1)

@@ -128,7 +128,7 @@ def test_a_full_disk_is_said_others_notice_nothing_and_it_goes_on_by_itself(grap
     assert "messages are lost" in recorder.output
 
 
-@pytest.mark.parametrize("room", [0, 60_000])  # for the index, and none
+@pytest.mark.parametrize("room", [0, pytest.param(60_000, marks=pytest.mark.slow)])
 def test_on_a_full_disk_it_ends_at_once_with_a_sentence_and_a_readable_bag(graph, tmp_path, room):
     path = tmp_path / "bag"
     recorder = start(graph, path)

@@ -11,11 +11,8 @@ from tests.nodes.conftest import EXECUTABLES
 
 OWN = {  # nodes that begin in different ways, with a parameter of each
     "simulation": "real_time_factor",
-    "policy_executor": "torque_rate_limit",
-    "mpc": "plan_every",
     "policy_learner": "alpha_iterations",
     "recorder": "max_file_duration",
-    "player": "start_offset",
 }
 
 
@@ -51,9 +48,8 @@ def test_an_argument_that_no_node_takes_is_refused(tmp_path):
 
 
 FILES = {
-    "misspelt.yaml": "/ns/policy_learner: {ros__parameters: {fit: {fomr: closed}}}",
-    "nested.yaml": "ns: {policy_learner: {ros__parameters: {alfas: [1.0]}}}",
-    "malformed.yaml": "policy_learner: [",
+    "nested.yaml": "ns: {simulation: {ros__parameters: {taks: rotor}}}",
+    "malformed.yaml": "recorder: [",
 }
 
 
@@ -70,11 +66,8 @@ FILES = {
             "-r __node:=r -p r:otput:=x",
             "r has no parameter 'otput'. Did you mean 'output'?",
         ),
-        ("policy_learner", "--params-file misspelt.yaml", "'fit.fomr'. Did you mean 'fit.form'?"),
-        ("policy_learner", "--params-file nested.yaml", "'alfas'. Did you mean 'alphas'?"),
-        ("policy_learner", "--params-file malformed.yaml", "Couldn't parse params file"),
-        ("policy_executor", "--params-file none.yaml", "Error opening YAML file"),
-        ("policy_learner", "-p method:=vpgs", "method is 'vpgs', but it must be one of"),
+        ("simulation", "--params-file nested.yaml", "'taks'. Did you mean 'task'?"),
+        ("recorder", "--params-file malformed.yaml", "Couldn't parse params file"),
         ("policy_executor", "-p safe_action:=zeros", "Did you mean 'zero'?"),
     ],
 )

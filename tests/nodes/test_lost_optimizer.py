@@ -62,6 +62,7 @@ def training(shared_graph, learner, tmp_path):
     assert training.optimizer.end() == 0
 
 
+@pytest.mark.slow
 def test_one_that_is_killed_and_back_at_once_is_asked_again(training, expected):
     training.optimizer.kill()
     training.start_optimizer()
@@ -69,9 +70,8 @@ def test_one_that_is_killed_and_back_at_once_is_asked_again(training, expected):
     assert training.loses_a_solve()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected, number):
-    assert training.optimizer.end(number) == 0
+def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected):
+    assert training.optimizer.end(signal.SIGTERM) == 0
     shared_graph.spin_until(training.loses_a_solve, what="the learner to miss it")
     training.start_optimizer()
     assert same_bits(training.end(), expected)
@@ -87,6 +87,7 @@ def test_one_that_is_killed_is_missed_and_waited_for(shared_graph, training, exp
     shared_graph.diagnosis("policy_learner", DiagnosticStatus.OK)
 
 
+@pytest.mark.slow
 def test_one_that_hangs_is_missed_and_goes_on(shared_graph, training, expected):
     training.optimizer.send(signal.SIGSTOP)
     try:

@@ -125,7 +125,6 @@ def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_a
     ("number", "moment"),
     [
         (signal.SIGTERM, "Compiling"),
-        (signal.SIGINT, "Waiting for joint_states"),
         (signal.SIGTERM, "driving"),
     ],
 )

@@ -3,8 +3,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from simulation_interfaces.srv import SetSimulationState
 
 from tests.nodes.conftest import executed
 from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
+from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import make_task
 
@@ -30,10 +29,19 @@ def within(namespace: str, file: Path = CONFIG / "rotor.yaml") -> list[str]:
     return ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)]
 
 
-def bag_says(*arguments: str) -> tuple[int, str]:
-    command = [sys.executable, "-m", "vgps_ros.programs", "bag", *arguments]
-    answer = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
-    return answer.returncode, answer.stdout + answer.stderr
+@pytest.fixture
+def bag_says(capsys):
+    """Returns a function that runs `vgps bag` and returns whether it went well, and its words."""
+
+    def says(*arguments: str) -> tuple[bool, str]:
+        capsys.readouterr()
+        try:
+            vgps(["bag", *arguments])
+        except SystemExit as stop:
+            return False, str(stop.code)
+        return True, capsys.readouterr().out
+
+    return says
 
 
 def listens(name: str, graph, topic: str) -> bool:
@@ -41,7 +49,7 @@ def listens(name: str, graph, topic: str) -> bool:
     return name in {info.node_name for info in listeners}
 
 
-def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp_path):
+def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp_path, bag_says):
     rotor, settings = make_task("rotor"), replace(SHORT, iterations=3)
     recorder = graph.start("recorder", output=str(tmp_path / "bag"))
     for namespace in ROBOTS:
@@ -81,22 +89,22 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
         assert figures["cost"] == rotor.trajectory_cost(rollout)
     assert recorder.end() == 0
 
-    code, text = bag_says("check", str(tmp_path / "bag"))
-    assert code == 1
+    well, text = bag_says("check", str(tmp_path / "bag"))
+    assert not well
     assert "has several robots (/robot1/joint_command, /robot1/joint_states" in text
     assert "choose one with --namespace, which is one of /robot1, /robot2." in text
     for namespace in ROBOTS:
-        code, text = bag_says("check", str(tmp_path / "bag"), "--namespace", namespace)
-        assert code == 0, text
+        well, text = bag_says("check", str(tmp_path / "bag"), "--namespace", namespace)
+        assert well, text
         assert int(text.split()[0]) >= rotor.horizon  # a state that waits is answered again
         table = tmp_path / f"{namespace[1:]}.csv"
         flags = ("--namespace", namespace, "--output", str(table))
-        assert bag_says("table", str(tmp_path / "bag"), *flags)[0] == 0
+        assert bag_says("table", str(tmp_path / "bag"), *flags)[0]
         assert len(table.read_text().splitlines()) == rotor.horizon + 2
     tables = {(tmp_path / f"{namespace[1:]}.csv").read_text() for namespace in ROBOTS}
     assert len(tables) == 2  # each has its own policy, and so its own motion
-    code, text = bag_says("check", str(tmp_path / "bag"), "--namespace", "/robot3")
-    assert code == 1
+    well, text = bag_says("check", str(tmp_path / "bag"), "--namespace", "/robot3")
+    assert not well
     assert "has no messages on mjcf_description for /robot3" in text
 
 
@@ -121,9 +129,7 @@ def test_a_second_simulation_needs_a_clock_and_frames_of_its_own(graph):
     [
         ("simulation", "-r __ns:=/robot1", "has parameters for /simulation, which this node, "),
         ("/**/simulation", "-r __node:=sim", "/sim, does not take: name their block /**/sim,"),
-        ("/**/simulation", "-r __ns:=/robot1", ""),
         ("/*/simulation", "-r __ns:=/robot1", ""),
-        ("/robot1/simulation", "-r __ns:=/robot1", ""),
         ("/**/*", "-r __ns:=/a/b", ""),
         ("/**/policy_learner", "-r __ns:=/robot1", ""),
     ],

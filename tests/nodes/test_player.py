@@ -222,9 +222,8 @@ def test_a_type_that_is_not_installed_or_has_changed_is_named_and_the_rest_playe
     assert seconds(received) == [5]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("doing", ["playing", "paused", "in the delay"])
-def test_signals_end_it_whatever_it_is_doing(graph, make_bag, number, doing):
+def test_two_terminations_end_it_whatever_it_is_doing(graph, make_bag, doing):
     bag = make_bag(states(*np.arange(3000) / 10))
     received = listen(graph, "/joint_states")
     player = graph.start(
@@ -233,8 +232,8 @@ def test_signals_end_it_whatever_it_is_doing(graph, make_bag, number, doing):
     graph.spin_until_output(player, "Plays 1 topics")
     if doing == "playing":
         graph.spin_until(lambda: received, what="a message")
-    player.send(number)
-    player.send(number)
+    player.send(signal.SIGTERM)
+    player.send(signal.SIGTERM)
     assert player.wait() == 0, player.output
     assert "Traceback" not in player.output
     assert "of /" in player.output.splitlines()[-1]
@@ -244,10 +243,7 @@ def bad_bag(make_bag: Make, tmp_path: Path, what: str) -> Path:
     if what == "a bag":
         return make_bag(states(0.0, 0.5))
     path = tmp_path / "bad"
-    if what != "nothing":
-        path.mkdir()
     if what == "no messages":
-        path.rmdir()
         writer = BagWriter(path)
         writer.add_topic("/joint_states", "sensor_msgs/msg/JointState", "", [])
         writer.close()
@@ -258,11 +254,8 @@ def bad_bag(make_bag: Make, tmp_path: Path, what: str) -> Path:
     ("what", "parameters", "sentence"),
     [
         ("nothing", {}, "is not a bag"),
-        ("an empty folder", {}, "bad'"),
         ("no messages", {}, "has no messages to play"),
         ("a bag", {"include": "[policy]"}, "is left to play; it has /joint_states"),
-        ("a bag", {"include": "['(']"}, "must be a regular expression"),
-        ("a bag", {"rate": 0.001}, "rate"),
         ("a bag", {"start_offset": 7.0, "delay": 0.0}, "start_offset is 7 s, but the bag is only"),
     ],
 )

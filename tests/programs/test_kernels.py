@@ -12,6 +12,8 @@ import yaml
 
 from vgps_ros.search.metrics import METRICS
 
+pytestmark = pytest.mark.slow
+
 KERNELS = ("Sandybridge", "Prescott", "Nehalem")
 # Of the costs, over two iterations; each further fit enlarges the rounding, a thousandfold or more.
 TOLERANCE = 1e-4

@@ -29,6 +29,9 @@ EXPECTED = {
 }
 
 
+SLOW = ("dm_cartpole", "gym_hopper", "gym_walker2d")  # to sample a first motion, or to solve
+
+
 @pytest.fixture(params=EXPECTED)
 def name(request):
     return request.param
@@ -48,6 +51,10 @@ def test_each_file_is_tried():
 
 
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in EXPECTED],
+)
 def test_a_robot_loads_and_ddp_lowers_its_cost(name, task):
     n_dx, n_u, iterations, share = EXPECTED[name]
     assert (task.dims["n_dx"], task.dims["n_u"]) == (n_dx, n_u)

@@ -26,6 +26,7 @@ ONE_DECISION = dataclasses.replace(
     guess=lambda rng: np.zeros((2, 1)),
     initial_state=np.array([0.0, 5.0]),
 )
+SAMPLES = ("gps", "adaptive_gps")  # to which only samples show the way
 RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger"}
 
 
@@ -94,7 +95,10 @@ def displaced(solve):
     return solve_and_displace
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(m, marks=[pytest.mark.slow] if m in SAMPLES else []) for m in METHODS],
+)
 def test_a_problem_of_one_decision_is_solved_from_afar(method):
     """u_1* minimises w u² + ‖r(x_2)‖², a parabola, since the second control is best left zero.
 
@@ -114,8 +118,8 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
     if method.startswith("cost"):
         # Weights by cost need costs that differ as those of a robot's whole motion do.
         settings.update(alphas=(5.0,), alpha_iterations=(0,))
-    if weighs := method in ("gps", "adaptive_gps"):
-        # Only samples show these the way: they need many, and may still miss it.
+    if weighs := method in SAMPLES:
+        # They need many samples, and may still miss it.
         settings = {"iterations": 20, "policy_rollouts": 1000}
     gaps = []
     # The adapted oracle may drift with its policy, as it did on two of ten seeds.

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 PROGRAM = """
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
@@ -25,6 +27,7 @@ def output(**environment: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_a_new_machine_is_compiled_for_once_and_told(tmp_path):
     assert "Compiling" in output(NUMBA_CACHE_DIR=str(tmp_path))
     assert any(tmp_path.rglob("*.nbc"))

@@ -51,14 +51,7 @@ with suppress(SystemExit):
     [
         ("", ["MUJOCO_LOG.TXT"]),
         ("from vgps_ros.simulation.warnings import silence_mujoco as s; s()", []),
-        *(
-            (_PROGRAM.format(words), [])
-            for words in (
-                ["train", "--output", "nowhere", "--check"],
-                ["evaluate", "nowhere"],
-                ["find-gait", "--output", "/"],
-            )
-        ),
+        (_PROGRAM.format(["evaluate", "nowhere"]), []),
     ],
 )
 def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(

@@ -49,6 +49,10 @@ def test_its_model_is_built_of_primitives_in_one_file(name):
     assert not spec.textures
 
 
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] if n == "hopper" else []) for n in EXPECTED],
+)
 def test_ddp_lowers_its_cost(name):
     *_, iterations, share = EXPECTED[name]
     assert remaining_share(solved(make_task(name), iterations)) < share
@@ -85,6 +89,7 @@ def test_quadruped_stands_where_a_law_holds_its_pose(rng):
     assert held.states[-1, 2] == pytest.approx(0.27, abs=0.03)
 
 
+@pytest.mark.slow
 def test_hopper_hops_ahead_in_its_first_motion(rng):
     task = make_task("hopper")
     hops = task.demonstrate(task.initial_state, task.planned_horizon, rng)

@@ -126,7 +126,7 @@ def test_a_solve_knows_the_push_and_its_motion_is_one_of_the_pushed_robot(sled):
 
 
 def test_a_solve_closes_what_a_changed_model_opens():
-    task = make_task("hopper")
+    task = make_task("walker")
     change = Disturbance(payload=0.3, slope=(0.02, 0.0), friction=0.8)
     request = first_request(task, 0, 20)
     changed = replace(request.situation, disturbance=change)
