@@ -45,6 +45,7 @@ def printed(program: str, **variables: str) -> str:
     return run.stdout
 
 
+@pytest.mark.slow
 def test_the_bits_do_not_depend_on_the_kernel_of_blas():
     own = printed(BITS)
     assert {printed(BITS, OPENBLAS_CORETYPE=kernel) for kernel in KERNELS[:2]} == {own}

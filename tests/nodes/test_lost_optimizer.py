@@ -105,6 +105,7 @@ def test_a_learner_that_was_stopped_itself_goes_on(shared_graph, training, expec
     assert same_bits(training.end(), expected)
 
 
+@pytest.mark.slow
 def test_a_training_without_an_optimizer_fails_when_a_parameter_says_so(graph, tmp_path):
     graph.start("policy_learner", optimizer_timeout=1.0, **SETTINGS)
     program = start_training(graph, SHORT, 7, tmp_path / "out")

@@ -216,6 +216,7 @@ def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_pa
         learner.send(signal.SIGCONT)
 
 
+@pytest.mark.slow
 def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     graph.start("trajectory_optimizer")
     graph.start("policy_learner", **parameters(SHORT), checkpoint_folder=tmp_path / "kept")
@@ -230,6 +231,7 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     assert program.end(signal.SIGINT) == 1
 
 
+@pytest.mark.slow
 def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
     settings = SearchSettings(
         iterations=6,

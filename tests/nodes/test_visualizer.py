@@ -7,6 +7,7 @@ import subprocess
 import time
 
 import numpy as np
+import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
@@ -126,6 +127,7 @@ def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_
     assert rows(path, "/trajectory_distribution/root_x/0") == 0  # metres beside radians
 
 
+@pytest.mark.slow
 def test_a_burst_of_states_is_recorded_whole(graph, swimmer, tmp_path):
     visualizer = start(graph, tmp_path / "run.rrd")
     # A shorter history would lose some before they are sent, where the machine is busy.
