@@ -42,7 +42,7 @@ from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 _BEFORE_FALL = (0.3, 0.9)  # [s]
 _AFTER_PUSH = 0.5  # [s]
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
-_LEAST_OBEYED = 0.5  # share of the new situations, without a fall, that begin where it obeys least
+_LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
 _TOLD_ANEW = 0.5  # share of the others with new commands, where there was no fall
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
