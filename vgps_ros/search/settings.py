@@ -153,9 +153,7 @@ class RenewalSettings:
         minimum=0.0,
         maximum=1e6,
     )
-    pushed: float = setting(
-        0.6, "share of the new situations with a push", minimum=0.0, maximum=1.0
-    )
+    pushed: float = setting(0.6, "share of these motions with a push", minimum=0.0, maximum=1.0)
     ddp_iterations: int = setting(
         20, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
     )
