@@ -142,7 +142,7 @@ def read_damaged(read, path, original, examples):
 def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
     write, read = KINDS[kind]
     write(tmp_path)
-    read_damaged(read, tmp_path / "file", (tmp_path / "file").read_bytes(), 150)
+    read_damaged(read, tmp_path / "file", (tmp_path / "file").read_bytes(), 300)
 
 
 @pytest.mark.parametrize(

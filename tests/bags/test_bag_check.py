@@ -218,7 +218,9 @@ def said_to_be_safe(change, value="True"):
     return apply
 
 
-@pytest.mark.parametrize("action", ["damping", "feedback"])
+@pytest.mark.parametrize(
+    "action", [pytest.param("zero", marks=pytest.mark.slow), "damping", "feedback"]
+)
 def test_torques_of_the_safe_action_count_where_a_key_says_that_it_drove(tmp_path, capsys, action):
     settings = SafetySettings(safe_action=action, damping=3.0)
     swimmer = make_task("swimmer")

@@ -266,7 +266,7 @@ def test_what_lacks_a_message_is_left_out_and_never_mixed_with_another_state():
 
 def test_messages_that_never_become_a_state_take_bounded_memory():
     collector = StateCollector(STATES.is_complete)
-    for i in range(1200):
+    for i in range(3000):
         assert collector.add("odom", sent(i, i)[0][1]) is None
     assert len(collector._waiting) == 1000
 

@@ -45,7 +45,7 @@ def test_malformed_states_draw_only_finite_torques_within_limits_and_end_nothing
     node, commands, states = _start(graph)
     standing = state_to_msg(walker.initial_state, walker.joint_names, stamp_of(PERIOD))
     flood = settings(
-        max_examples=60,
+        max_examples=200,
         phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
         deadline=None,

@@ -49,11 +49,14 @@ def test_unstamped_velocities_come_on_any_topic(graph, course):
     assert told(twists) == LEGS
 
 
-def test_an_interrupt_ends_it_with_the_robot_at_rest(graph):
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
+def test_a_signal_ends_it_with_the_robot_at_rest(graph, number):
     twists = graph.messages(TwistStamped, "cmd_vel")
     program = graph.start("drive")
     graph.spin_until(lambda: any(message.twist.linear.x for message in twists), what="its driving")
-    assert program.end(signal.SIGINT) == 1
+    assert program.end(number) == 1
     assert "vgps drive: interrupted." in program.output
     assert "Traceback" not in program.output
     graph.spin_until(lambda: told(message.twist for message in twists)[-1] == LEGS[-1])

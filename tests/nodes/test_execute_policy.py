@@ -51,18 +51,22 @@ def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy
         assert "Traceback" not in program.output
         return program.output
 
+    assert "There is no task 'crawler'" in ends_with("--task", "crawler")
     assert "steps is 0, but it must be from 1" in ends_with("--steps", "0", code=2)
     assert "No simulation is there" in ends_with("--timeout", "1")
     graph.start("simulation")
-    assert "No policy came" in ends_with("--timeout", "2")
+    assert "No policy came" in ends_with("--timeout", "3")
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
-    assert "Is policy_executor running" in ends_with("--timeout", "2")
+    assert "Is policy_executor running" in ends_with("--timeout", "3")
 
 
-def test_an_interrupt_ends_it_with_a_sentence(graph):
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
+def test_a_signal_ends_it_with_a_sentence(graph, number):
     program = graph.start("execute_policy")
     graph.spin_until(lambda: "execute_policy" in graph.node.get_node_names())
-    program.end(signal.SIGINT)
+    program.end(number)
     assert "Traceback" not in program.output
     assert "vgps execute-policy: interrupted." in program.output

@@ -40,12 +40,15 @@ def start(graph):
     return live, re.search(r"The page is (\S+)", live.output)[1]
 
 
-def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph):
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph, number):
     live, address = start(graph)
     assert address.startswith("http://127.0.0.1:")
     page = urllib.request.urlopen(address, timeout=60).read()
     assert b"<html" in page
-    assert live.end(signal.SIGTERM) == 0, live.output
+    assert live.end(number) == 0, live.output
     assert "Traceback" not in live.output
 
 

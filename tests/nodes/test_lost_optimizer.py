@@ -70,8 +70,11 @@ def test_one_that_is_killed_and_back_at_once_is_asked_again(training, expected):
     assert training.loses_a_solve()
 
 
-def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected):
-    assert training.optimizer.end(signal.SIGTERM) == 0
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected, number):
+    assert training.optimizer.end(number) == 0
     shared_graph.spin_until(training.loses_a_solve, what="the learner to miss it")
     training.start_optimizer()
     assert same_bits(training.end(), expected)

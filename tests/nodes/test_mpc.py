@@ -125,6 +125,7 @@ def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_a
     ("number", "moment"),
     [
         (signal.SIGTERM, "Compiling"),
+        pytest.param(signal.SIGINT, "Waiting for joint_states", marks=pytest.mark.slow),
         (signal.SIGTERM, "driving"),
     ],
 )

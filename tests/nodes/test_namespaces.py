@@ -129,7 +129,9 @@ def test_a_second_simulation_needs_a_clock_and_frames_of_its_own(graph):
     [
         ("simulation", "-r __ns:=/robot1", "has parameters for /simulation, which this node, "),
         ("/**/simulation", "-r __node:=sim", "/sim, does not take: name their block /**/sim,"),
+        pytest.param("/**/simulation", "-r __ns:=/robot1", "", marks=pytest.mark.slow),
         ("/*/simulation", "-r __ns:=/robot1", ""),
+        pytest.param("/robot1/simulation", "-r __ns:=/robot1", "", marks=pytest.mark.slow),
         ("/**/*", "-r __ns:=/a/b", ""),
         ("/**/policy_learner", "-r __ns:=/robot1", ""),
     ],

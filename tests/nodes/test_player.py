@@ -222,8 +222,11 @@ def test_a_type_that_is_not_installed_or_has_changed_is_named_and_the_rest_playe
     assert seconds(received) == [5]
 
 
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
 @pytest.mark.parametrize("doing", ["playing", "paused", "in the delay"])
-def test_two_terminations_end_it_whatever_it_is_doing(graph, make_bag, doing):
+def test_signals_end_it_whatever_it_is_doing(graph, make_bag, number, doing):
     bag = make_bag(states(*np.arange(3000) / 10))
     received = listen(graph, "/joint_states")
     player = graph.start(
@@ -232,8 +235,8 @@ def test_two_terminations_end_it_whatever_it_is_doing(graph, make_bag, doing):
     graph.spin_until_output(player, "Plays 1 topics")
     if doing == "playing":
         graph.spin_until(lambda: received, what="a message")
-    player.send(signal.SIGTERM)
-    player.send(signal.SIGTERM)
+    player.send(number)
+    player.send(number)
     assert player.wait() == 0, player.output
     assert "Traceback" not in player.output
     assert "of /" in player.output.splitlines()[-1]
@@ -243,7 +246,10 @@ def bad_bag(make_bag: Make, tmp_path: Path, what: str) -> Path:
     if what == "a bag":
         return make_bag(states(0.0, 0.5))
     path = tmp_path / "bad"
+    if what != "nothing":
+        path.mkdir()
     if what == "no messages":
+        path.rmdir()
         writer = BagWriter(path)
         writer.add_topic("/joint_states", "sensor_msgs/msg/JointState", "", [])
         writer.close()
@@ -254,8 +260,14 @@ def bad_bag(make_bag: Make, tmp_path: Path, what: str) -> Path:
     ("what", "parameters", "sentence"),
     [
         ("nothing", {}, "is not a bag"),
+        pytest.param("an empty folder", {}, "bad'", marks=pytest.mark.slow),
         ("no messages", {}, "has no messages to play"),
         ("a bag", {"include": "[policy]"}, "is left to play; it has /joint_states"),
+        pytest.param(
+            *("a bag", {"include": "['(']"}, "must be a regular expression"),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("a bag", {"rate": 0.001}, "rate", marks=pytest.mark.slow),
         ("a bag", {"start_offset": 7.0, "delay": 0.0}, "start_offset is 7 s, but the bag is only"),
     ],
 )

@@ -195,7 +195,9 @@ def test_torques_go_to_ros2_control_as_a_plain_array(graph, swimmer, random_poli
     ("parameters", "sentences"),
     [
         ({"task": "crawler"}, ["crawler", "swimmer"]),
+        pytest.param({"command_type": "wrench"}, ["is 'wrench'"], marks=pytest.mark.slow),
         ({"seed": 1.5}, ["seed"]),
+        pytest.param({"stochastic": 1}, ["stochastic"], marks=pytest.mark.slow),
     ],
 )
 def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sentences):
@@ -205,13 +207,16 @@ def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sen
     assert "Traceback" not in process.output
 
 
-def test_lock_step_through_two_processes_equals_a_rollout_in_process(graph, swimmer, random_policy):
+@pytest.mark.parametrize("stochastic", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_lock_step_through_two_processes_equals_a_rollout_in_process(
+    graph, swimmer, random_policy, stochastic
+):
     horizon, policy = 60, random_policy(4)
     start = np.linspace(-0.3, 0.3, 10)
     graph.start(
         "simulation", initial_state=start.tolist(), start_paused=True, wait_timeout=PATIENCE
     )
-    graph.start("policy_executor", stochastic=True, seed=2)
+    graph.start("policy_executor", stochastic=stochastic, seed=2)
     received = graph.messages(JointState, "joint_states")
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
@@ -229,7 +234,7 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(graph, swim
     def law(t, x):
         noise = generator(2, Stream.EXECUTION, t * PERIOD).standard_normal(2)
         mean = executed(policy, swimmer.observation(x)[0])
-        return mean[None] + policy.noise_std * noise
+        return mean[None] + stochastic * policy.noise_std * noise
 
     in_process = swimmer.dynamics.rollout(start, law, horizon)
     assert len(states()) == horizon + 1
@@ -238,15 +243,28 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(graph, swim
         np.testing.assert_array_equal(state, in_process.states[t])
 
 
-def test_two_terminations_end_a_running_graph_with_code_0(graph, random_policy):
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_signals_end_a_running_graph_with_code_0(graph, random_policy, number):
     simulation, executor = graph.start("simulation"), graph.start("policy_executor")
     states = graph.messages(JointState, "joint_states")
     policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
     graph.spin_until(lambda: len(states) > 100)
     for process in (simulation, executor):
-        process.send(signal.SIGTERM)
-        assert process.end(signal.SIGTERM) == 0, process.output
+        process.send(number)
+        assert process.end(number) == 0, process.output
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_a_second_signal_does_no_harm(graph, number):
+    process = graph.start("policy_executor")
+    graph.spin_until_output(process, "Waiting for joint_states")
+    process.send(number)
+    assert process.end(number) == 0, process.output
 
 
 def test_a_policy_from_a_file_drives_and_is_published(graph, swimmer, random_policy, tmp_path):

@@ -137,12 +137,15 @@ def test_topics_are_chosen_by_pattern(graph, tmp_path):
     assert set(rows(tmp_path / "bag")) == {"/joint_a"}
 
 
-def test_two_terminations_at_once_end_it_with_a_whole_bag(graph, tmp_path):
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_two_signals_at_once_end_it_with_a_whole_bag(graph, tmp_path, number):
     recorder = graph.start("recorder", output=tmp_path / "bag")
     graph.spin_until_output(recorder, "Recording to")
     graph.spin_for(1.5)
-    recorder.send(signal.SIGTERM)
-    recorder.send(signal.SIGTERM)
+    recorder.send(number)
+    recorder.send(number)
     assert recorder.wait() == 0, recorder.output
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
     assert rows(tmp_path / "bag")["/diagnostics"]
@@ -215,6 +218,9 @@ def test_a_topic_of_unknown_type_is_named_and_recorded_once_the_type_is_known(
 @pytest.mark.parametrize(
     ("output", "min_space", "sentence"),
     [
+        pytest.param(
+            *("file/bag", 0.0, "cannot be made: .*Not a directory"), marks=pytest.mark.slow
+        ),
         ("/proc/bag", 0.0, "cannot be made: .*No such file"),
         ("bag", 9e6, "cannot be written to: No space left but .*name another folder"),
     ],
@@ -222,6 +228,7 @@ def test_a_topic_of_unknown_type_is_named_and_recorded_once_the_type_is_known(
 def test_a_folder_that_cannot_be_written_is_refused_with_a_sentence(
     graph, tmp_path, output, min_space, sentence
 ):
+    (tmp_path / "file").touch()
     recorder = graph.start("recorder", output=tmp_path / output, min_space=min_space)
     assert recorder.wait() == 1
     assert re.search(sentence, recorder.output)

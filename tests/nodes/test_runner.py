@@ -120,8 +120,9 @@ raise SystemExit(run(Talking, {executor_name}close=close))
 """
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    ("executor", "number"), [("", signal.SIGINT), ("streaming_executor", signal.SIGTERM)]
+    "executor", [pytest.param("", marks=pytest.mark.slow), "streaming_executor"]
 )
 def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
     graph, executor, number

@@ -174,10 +174,13 @@ def at(seconds):
 NAN = float("nan")
 FAULTS = {
     "not finite": ({"velocity": [0.0, NAN, 0.0, 0.0, 0.0]}, "velocity is nan at index 1"),
+    "infinite": ({"position": [float("inf")] * 5}, "position is inf at index 0"),
     "other names": ({"name": list("abcde")}, "each of ['root_x'"),
     "a joint twice": ({"name": ["root_x"] * 5}, "must be there once"),
     "too short": ({"position": [0.0] * 4}, "position has 4 values"),
+    "without velocities": ({"velocity": []}, "velocity has 0 values"),
     "empty": ({"name": [], "position": [], "velocity": []}, "each of ['root_x'"),
+    "before time": ({"header": at(-1)}, "must not be < 0"),
     "out of order": ({"header": at(1)}, "older than that of the newest"),
 }
 
@@ -462,7 +465,7 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
     np.testing.assert_array_equal(robot.drive(near), mean(robot.policy, near))
 
 
-@pytest.mark.parametrize("way", ["TERM", "SHUTDOWN"])
+@pytest.mark.parametrize("way", [pytest.param("INT", marks=pytest.mark.slow), "TERM", "SHUTDOWN"])
 def test_the_last_torques_are_zero_however_it_ends(graph, swimmer, random_policy, way):
     robot = Robot(graph, swimmer, random_policy(0))
     assert robot.drive().any()
@@ -470,7 +473,7 @@ def test_the_last_torques_are_zero_however_it_ends(graph, swimmer, random_policy
     if way == "SHUTDOWN":
         assert robot.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     else:
-        robot.process.send(signal.SIGTERM)
+        robot.process.send(getattr(signal, f"SIG{way}"))
     torques, stamp = graph.spin_until(lambda: robot.commands, what="the last torques")[-1]
     assert not torques.any()
     assert stamp == robot.step * PERIOD

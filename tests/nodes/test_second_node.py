@@ -1,16 +1,27 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A node that would publish what another one of the graph publishes already ends at its start."""
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from simulation_interfaces.srv import GetSimulationState
 
 
-def test_a_second_node_that_would_do_the_same_is_refused(graph):
-    kept = graph.start("mpc")
-    graph.diagnosis("mpc", DiagnosticStatus.OK)
-    refused = graph.start("policy_executor")
+@pytest.mark.parametrize(
+    ("first", "second", "topic"),
+    [
+        pytest.param(*("policy_learner",) * 2, "learning_progress", marks=pytest.mark.slow),
+        pytest.param(
+            *("policy_executor", "demonstration", "joint_command"), marks=pytest.mark.slow
+        ),
+        ("mpc", "policy_executor", "joint_command"),
+    ],
+)
+def test_a_second_node_that_would_do_the_same_is_refused(graph, first, second, topic):
+    kept = graph.start(first)
+    graph.diagnosis(first, DiagnosticStatus.OK)
+    refused = graph.start(second)
     assert refused.wait() == 1
-    assert "/mpc publishes /joint_command already" in refused.output
+    assert f"/{first} publishes /{topic} already" in refused.output
     assert "callback" not in refused.output  # of rclpy's words about errors in the code
     assert kept.running
 

@@ -245,7 +245,10 @@ def test_a_wrong_parameter_is_refused_while_it_runs(robot, name, wrong, sentence
 @pytest.mark.parametrize(
     ("parameters", "sentences"),
     [
+        pytest.param({"task": "crawler"}, ["crawler", "swimmer"], marks=pytest.mark.slow),
         ({"mode": "fast"}, ["mode is 'fast'", "lock_step, real_time"]),
+        pytest.param({"mode": 3}, ["mode"], marks=pytest.mark.slow),
+        pytest.param({"real_time_factor": -1.0}, ["real_time_factor"], marks=pytest.mark.slow),
         ({"initial_state": [0.5]}, ["initial_state has 1 values"]),
     ],
 )
@@ -326,12 +329,15 @@ def test_in_real_time_an_old_command_is_refused_also_after_a_reset(graph, swimme
         assert not moves()
 
 
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
 @pytest.mark.parametrize("twice", [False, True])
-def test_a_termination_ends_it_with_code_0_even_while_it_steps(graph, twice):
+def test_a_signal_ends_it_with_code_0_even_while_it_steps(graph, number, twice):
     process = graph.start("simulation", start_paused=True)
     request = StepSimulation.Request(steps=5)
     graph.call_async(StepSimulation, "simulation/step_simulation", request)
     graph.spin_for(0.2)
     if twice:
-        process.send(signal.SIGTERM)
-    assert process.end(signal.SIGTERM) == 0, process.output
+        process.send(number)
+    assert process.end(number) == 0, process.output

@@ -264,8 +264,11 @@ def test_to_quit_ends_the_node_well_and_its_goal_too(alone):
     assert "Traceback" not in process.output
 
 
-def test_a_termination_ends_it_with_code_0_while_a_goal_is_at_work(graph):
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_a_signal_ends_it_with_code_0_while_a_goal_is_at_work(graph, number):
     process = graph.start("simulation", start_paused=True)
     Client(graph, "").goal(5)
-    assert process.end(signal.SIGTERM) == 0, process.output
+    assert process.end(number) == 0, process.output
     assert "Traceback" not in process.output

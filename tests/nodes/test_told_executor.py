@@ -85,6 +85,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     after(command, wrong, ERROR, "there is no command 'speed', but angle, lift.")
     for names, values, sentence in (
         (["lift"], [float("nan")], "values is nan at index 0; every value must be finite."),
+        (["lift"], [float("inf")], "values is inf at index 0; every value must be finite."),
         (["lift", "angle"], [0.5], "values has 1 values, but shape (2,) needs 2."),
         (["lift", "lift"], [0.1, 0.2], "The names are ['lift', 'lift'], but each may come only"),
     ):

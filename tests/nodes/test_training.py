@@ -143,7 +143,7 @@ def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
     graph, swimmer, tmp_path
 ):
     settings = replace(
-        SHORT, iterations=3, hidden_units=(10,), initial_ddp_iterations=25, situations=4
+        SHORT, iterations=8, hidden_units=(10,), initial_ddp_iterations=25, situations=4
     )
     for name in ("optimizer_a", "optimizer_b"):
         graph.start("trajectory_optimizer", "--ros-args", "-r", f"__node:={name}")
@@ -165,7 +165,7 @@ def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
     for start in starts:
         law = lambda t, x: policy.mean(swimmer.observation(x))  # noqa: E731
         swim = swimmer.dynamics.rollout(start, law, swimmer.horizon)
-        assert swim.states[-1, 0] > 4.5  # metres in 10 s; standing still gives 0
+        assert swim.states[-1, 0] > 5.0  # metres in 10 s; standing still gives 0
         assert swimmer.trajectory_cost(swim) < 220  # standing still costs 500, converged DDP 157
 
 
@@ -220,15 +220,13 @@ def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_pa
 def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     graph.start("trajectory_optimizer")
     graph.start("policy_learner", **parameters(SHORT), checkpoint_folder=tmp_path / "kept")
-    program = start_training(graph, replace(SHORT, iterations=1000), 0, tmp_path / "out")
-    graph.spin_until_output(program, "2/1000")
+    program = start_training(graph, replace(SHORT, iterations=12), 0, tmp_path / "out")
+    graph.spin_until_output(program, "2/12")
     second = graph.start("policy_learner", **parameters(SHORT))
     assert second.wait() == 1
     assert "/policy_learner publishes /learning_progress already" in second.output
-    told = program.output.count("/1000")
-    graph.spin_until(lambda: program.output.count("/1000") > told, what="more iterations")
+    assert program.wait() == 0, program.output
     assert "has died" not in program.output
-    assert program.end(signal.SIGINT) == 1
 
 
 @pytest.mark.slow
@@ -270,6 +268,7 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(gra
     learner = graph.start("policy_learner", task="rotor", **parameters(SHORT))
     for changes, sentence in (  # noqa: B007
         ({"cost": float("nan")}, "costs is nan at index 0"),
+        ({"status": "fine"}, "status is 'fine', but it must be one of"),
         ({"distribution": TrajectoryDistribution()}, "n_x=0 and n_u=0"),
     ):
         program = start_training(graph, SHORT, 0, tmp_path / "out")

@@ -73,10 +73,13 @@ def test_states_and_progress_are_recorded_and_bad_states_left_out(graph, swimmer
     assert rows(tmp_path / "run.rrd", "/learning/ddp_cost") == 0
 
 
-def test_two_terminations_at_once_end_it_with_a_whole_file(graph, tmp_path):
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
+def test_two_signals_at_once_end_it_with_a_whole_file(graph, tmp_path, number):
     visualizer = start(graph, tmp_path / "run.rrd")
-    visualizer.send(signal.SIGTERM)
-    visualizer.send(signal.SIGTERM)
+    visualizer.send(number)
+    visualizer.send(number)
     assert visualizer.wait() == 0, visualizer.output
     assert RrdReader(tmp_path / "run.rrd").recordings()
 

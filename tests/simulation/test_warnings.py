@@ -51,7 +51,14 @@ with suppress(SystemExit):
     [
         ("", ["MUJOCO_LOG.TXT"]),
         ("from vgps_ros.simulation.warnings import silence_mujoco as s; s()", []),
-        (_PROGRAM.format(["evaluate", "nowhere"]), []),
+        *(
+            pytest.param(_PROGRAM.format(words), [], marks=marks)
+            for words, marks in (
+                (["train", "--output", "nowhere", "--check"], [pytest.mark.slow]),
+                (["evaluate", "nowhere"], []),
+                (["find-gait", "--output", "/"], [pytest.mark.slow]),
+            )
+        ),
     ],
 )
 def test_a_divergence_leaves_a_log_only_where_no_program_has_silenced_mujoco(

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Many damaged task files: each reads well, or gives one sentence, and nothing is executed.
+"""Hundreds of damaged task files: each reads well, or gives one sentence, and nothing is executed.
 
 DAMAGED_SEED changes how they are damaged.
 """
@@ -16,7 +16,7 @@ from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.builder import load_task
 
-COUNT = 150
+COUNT = 500
 SEED = int(os.environ.get("DAMAGED_SEED", "0"))
 VALUES = [
     *(

@@ -117,7 +117,7 @@ class Achieved:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """What N rollouts do.
+    """Records what N rollouts do.
 
     Attributes:
         up: whether each is up at each of K times, shape (N, K).

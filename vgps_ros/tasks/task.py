@@ -154,7 +154,7 @@ class Task:
 
     @property
     def planned_context(self) -> Array:
-        """What commands and clock are in each step that is optimised, shape (T, n_z)."""
+        """The commands and the clock of each step that is optimised, shape (T, n_z)."""
         if self.context is None:
             return np.empty((self.planned_horizon, 0))
         return self.context[: self.planned_horizon]
