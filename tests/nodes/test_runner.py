@@ -72,7 +72,8 @@ class Slow(Node):
         super().__init__("slow")
         print("begins", flush=True)
         try:
-            time.sleep(300.0)
+            for _ in range(3000):  # a signal just before a sleep is noticed after it
+                time.sleep(0.1)
         except Exception as error:  # as where a file is read that may be damaged
             raise InvalidInputError("It cannot be read.") from error
 
