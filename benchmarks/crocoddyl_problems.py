@@ -21,7 +21,7 @@ from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import control_range, state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.task import smoothed_noise
+from vgps_ros.tasks.first_motion import smoothed_noise
 
 _PERIOD = 0.02  # [s]
 _UNUSED = 1e6  # weight of the control of a joint that has no motor

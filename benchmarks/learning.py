@@ -19,7 +19,6 @@ from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.task import smoothed_noise
 
 # What takes the time of a search: where each part is called from.
 PARTS = {
@@ -87,7 +86,7 @@ def growth() -> Iterator[Comparison]:
     swimmer = make_task("swimmer")
     quick = {"initial_ddp_iterations": 2, "evaluation_rollouts": 1}
     cases: dict[str, tuple[Sequence[int], Callable[[int], float]]] = {
-        "horizon": (HORIZONS, lambda n: _iteration_seconds(_with_horizon(swimmer, n), **quick)),
+        "horizon": (HORIZONS, lambda n: _iteration_seconds(replace(swimmer, horizon=n), **quick)),
         "initial states": (
             INITIAL_STATES,
             lambda n: _iteration_seconds(swimmer, situations=n, **quick),
@@ -108,12 +107,6 @@ def growth() -> Iterator[Comparison]:
             unit="",
             curve=tuple(zip(sizes, times, strict=True)),
         )
-
-
-def _with_horizon(task: Task, horizon: int) -> Task:
-    n_u = task.dynamics.control_dim
-    guess = partial(smoothed_noise, shape=(horizon, n_u), amplitude=30.0, time_constant=25.0)
-    return replace(task, horizon=horizon, guess=guess)
 
 
 def _iteration_seconds(task: Task, **settings: Any) -> float:

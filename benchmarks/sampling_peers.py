@@ -24,7 +24,7 @@ from vgps_ros.search.mpc import MpcSettings, Planner
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.simulation.model import sensor_numbers, state_names
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.sampled_motion import FALLEN, Plans, SampledBeginning, replanned
+from vgps_ros.tasks.sampled_motion import FALLEN, Plans, SampledMotion, replanned
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv" / "judo" / "bin" / "python"  # see scripts/run_benchmarks.bash
@@ -169,10 +169,10 @@ def _judo(problem: dict[str, Any]) -> Drive:
     return Drive(np.array(answer["states"]), np.array(answer["controls"]), answer["plans"])
 
 
-def _beginning(task: Task) -> SampledBeginning:
+def _beginning(task: Task) -> SampledMotion:
     """Returns the task's settings of samples, which all planners share."""
-    assert isinstance(task.demonstrate, SampledBeginning)
-    return task.demonstrate
+    assert isinstance(task.begin, SampledMotion)
+    return task.begin
 
 
 def _places(task: Task, readings: Any) -> list[tuple[str, int]]:

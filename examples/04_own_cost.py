@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize
@@ -45,7 +44,6 @@ def bent(task: Task) -> float:
     request = OptimizationRequest(
         trajectory_index=0, iteration=0, seed=0, cost_scale=1.0, max_iterations=40,
         situation=Situation.at_start(task),
-        guess=task.guess(generator(0, Stream.INITIAL_CONTROLS, 0)) if task.guess else None,
     )  # fmt: skip
     states = optimize(task, request).distribution.mean.states
     return float(np.abs(states[:, 3]).mean())

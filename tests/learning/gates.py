@@ -138,11 +138,7 @@ def task_of(name: str) -> Task:
     if seconds is None:
         return task
     horizon = round(seconds / task.dynamics.time_step)
-    planned, guess = horizon + task.lookahead, task.guess
-    changes: dict[str, Any] = {"horizon": horizon}
-    if guess:
-        changes["guess"] = lambda rng: guess(rng)[:planned]
-    return dataclasses.replace(task, **changes)
+    return dataclasses.replace(task, horizon=horizon)
 
 
 def settings_of(name: str, task: Task) -> SearchSettings:

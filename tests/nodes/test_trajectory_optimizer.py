@@ -26,7 +26,7 @@ def optimizer(shared_graph):
 
 @pytest.fixture
 def request_message(swimmer):
-    guess = swimmer.guess(generator(0, Stream.INITIAL_CONTROLS, 0))
+    guess = swimmer.begin.controls(swimmer, 500, generator(0, Stream.INITIAL_CONTROLS, 0))
     return OptimizeTrajectory.Request(
         task="swimmer",
         cost_scale=1.0,
@@ -64,7 +64,6 @@ def test_a_solve_lowers_the_cost_and_logs_it(shared_graph, optimizer, request_me
         ({"initial_state": array("d", [0.0] * 9)}, "initial_state has 9 values"),
         ({"initial_state": array("d", [math.nan] * 10)}, "initial_state is nan at index 0"),
         ({"initial_state": array("d", [1e300] * 10)}, "diverges"),
-        ({"guess": []}, "neither guess nor previous"),
         ({"guess": [Trajectory(controls=array("d", [0.0] * 4))]}, "guess.controls has 4 values"),
     ],
 )

@@ -117,7 +117,8 @@ def test_a_training_starts_from_the_motion_of_a_policy(foreign, tmp_path, capsys
     task = make_task("swimmer", str(path))
     law = driver_of(make_task("swimmer"), open_policy(path)).mean
     shown = task.dynamics.rollout(task.initial_state, lambda _, x: law(x), task.planned_horizon)
-    np.testing.assert_array_equal(task.demonstration.states, shown.states)
+    begun = task.begin(task, task.initial_state, task.planned_horizon, None)
+    np.testing.assert_array_equal(begun.trajectory.states, shown.states)
     assert np.abs(shown.controls).max() > 1.0
     output_of(capsys, "train", *flags, *QUICK, "--output", tmp_path / "run")
     assert (tmp_path / "run" / "policy.json").is_file()

@@ -30,7 +30,7 @@ def first_request(short_swimmer, rng):
         cost_scale=1.0,
         max_iterations=3,
         situation=Situation.at_start(short_swimmer),
-        guess=short_swimmer.guess(rng),
+        guess=short_swimmer.begin.controls(short_swimmer, 40, rng),
     )
 
 

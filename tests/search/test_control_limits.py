@@ -118,6 +118,7 @@ def test_a_motor_that_cannot_move_is_trained_all_the_same(tmp_path):
 
 def test_first_noise_is_drawn_within_the_limits(tmp_path):
     path = write_task(tmp_path, ("search:", "begin: {law: noise, std: 10.0}\nsearch:"))
-    controls = make_task(path).guess(generator(0, Stream.INITIAL_CONTROLS, 0))
+    task = make_task(path)
+    controls = task.begin.controls(task, 50, generator(0, Stream.INITIAL_CONTROLS, 0))
     assert controls.min() == LOW
     assert controls.max() <= HIGH

@@ -14,8 +14,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
-from vgps_ros.search.optimization_request import OptimizationRequest, first_request
-from vgps_ros.search.situations import Situation
+from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import make_task
@@ -71,10 +70,7 @@ def test_a_solve_that_goes_on_from_it_descends_along_the_trajectory(short_swimme
 @pytest.mark.parametrize("begin", ["", "begin: {law: path, through: [side, up]}\n"])
 def test_limits_clamp_and_gaps_close_as_without_samples(tmp_path, begin):
     task = sampled(make_task(write_task(tmp_path, ("search:", begin + "search:"))))
-    guess = np.zeros((task.horizon, 1))
-    start, path = Situation.at_start(task), task.path
-    request = OptimizationRequest(0, 0, 0, 1.0, 50, start, guess, path)
-    q = optimize(task, request).distribution
+    q = optimize(task, first_request(task, 0, 50)).distribution
     clamped = (q.mean.controls == HIGH)[:, 0]
     assert 5 < clamped.sum() < len(clamped)
     assert not q.gains[clamped].any()

@@ -23,7 +23,6 @@ ONE_DECISION = dataclasses.replace(
     ROTOR,
     horizon=2,
     cost=dataclasses.replace(ROTOR.cost, control_weights=np.array([0.01])),
-    guess=lambda rng: np.zeros((2, 1)),
     initial_state=np.array([0.0, 5.0]),
 )
 SAMPLES = ("gps", "adaptive_gps")  # to which only samples show the way
@@ -162,8 +161,6 @@ def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
 
 def test_a_fallen_robot_costs_what_lying_still_does():
     walker = dataclasses.replace(make_task("walker"), horizon=120, lookahead=0)
-    demonstration = walker.demonstration.first(120)
-    walker = dataclasses.replace(walker, demonstration=demonstration)
     settings = dataclasses.replace(search_settings(walker), initial_ddp_iterations=1)
     work = Workspace(walker, settings, 0, solver(walker))
     rng = np.random.default_rng(0)

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The situations that a search draws, and what it learns in them."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,9 +25,7 @@ def test_situations_start_on_the_way_of_the_first_motion_each_with_its_push():
     for each, guess in found[1:]:
         np.testing.assert_array_equal(guess.states[0], each.initial_state)
         assert guess.controls.shape == (walker.planned_horizon, 6)
-        gaps = walker.dynamics.gaps(
-            replace(walker.demonstration, states=guess.states, controls=guess.controls)
-        )
+        gaps = walker.dynamics.gaps(guess)
         assert np.abs(gaps).max() < 1e-9  # a motion of the undisturbed robot
     later = [each.initial_state[0] for each, _ in found]
     assert 0.0 <= min(later) < 0.3 < max(later) < 1.0  # metres that it has come by then

@@ -12,6 +12,7 @@ from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.marginals import Spread, sample_deviations, state_covariances
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 
 
@@ -25,6 +26,16 @@ def test_first_solve_lowers_the_cost_of_its_guess(short_swimmer, first_request):
     assert result.cost == result.modified_cost == result.iterations[-1].cost
     assert result.status is Status.ITERATION_LIMIT
     assert len(result.iterations) == 3
+
+
+def test_a_solve_without_a_guess_starts_from_the_tasks_own_first_motion(short_swimmer):
+    request = first_request(short_swimmer, 3, 2)
+    drawn = generator(3, Stream.INITIAL_CONTROLS, 0)
+    guess = short_swimmer.begin.controls(short_swimmer, short_swimmer.planned_horizon, drawn)
+    given = optimize(short_swimmer, dataclasses.replace(request, guess=guess))
+    own = optimize(short_swimmer, request)
+    assert_array_equal(own.distribution.mean.states, given.distribution.mean.states)
+    assert own.simulator_steps == given.simulator_steps
 
 
 def test_distribution_is_centred_on_an_executed_trajectory(short_swimmer, next_request):
@@ -135,7 +146,6 @@ def starting(request, state):
         (lambda r: {"guess": r.guess[:-1]}, r"guess\.controls has shape \(39, 2\)"),
         (lambda r: {"guess": changed(r.guess, np.inf)}, r"guess\.controls is inf at index 3"),
         (lambda r: {"guess": r.guess.T}, r"guess\.controls .*shape"),
-        (lambda r: {"guess": None}, r"neither guess nor previous; send one"),
     ],
 )
 def test_bad_first_request_is_refused(short_swimmer, first_request, change, message):

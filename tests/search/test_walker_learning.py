@@ -15,9 +15,7 @@ from vgps_ros.tasks import make_task
 
 @pytest.fixture(scope="module")
 def short_walker():
-    walker = make_task("walker")
-    demonstration = walker.demonstration.first(60)
-    return dataclasses.replace(walker, demonstration=demonstration, horizon=50, lookahead=10)
+    return dataclasses.replace(make_task("walker"), horizon=50, lookahead=10)
 
 
 def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
@@ -36,7 +34,7 @@ def test_a_short_walk_is_learned_over_the_scored_horizon(short_walker):
     assert q.mean.horizon == 60
     scored = q.mean.first(50)
     assert last.ddp_cost == short_walker.trajectory_cost(scored)
-    demonstrated = short_walker.trajectory_cost(short_walker.demonstration.first(50))
+    demonstrated = short_walker.trajectory_cost(short_walker.begin.motion.first(50))
     assert last.initial_ddp_cost < demonstrated
     assert last.evaluation.stochastic_survived.shape == (3,)
     stds = np.sqrt(np.diagonal(q.state_covariances, axis1=1, axis2=2))

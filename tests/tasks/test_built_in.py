@@ -84,7 +84,7 @@ def test_quadruped_weighs_about_as_much_as_a_go1():
 
 def test_quadruped_stands_where_a_law_holds_its_pose(rng):
     task = make_task("quadruped")
-    held = task.demonstrate(task.initial_state, task.planned_horizon, rng)
+    held = task.begin(task, task.initial_state, task.planned_horizon, rng).trajectory
     assert not task.fallen(held.states).any()
     assert held.states[-1, 2] == pytest.approx(0.27, abs=0.03)
 
@@ -92,7 +92,7 @@ def test_quadruped_stands_where_a_law_holds_its_pose(rng):
 @pytest.mark.slow
 def test_hopper_hops_ahead_in_its_first_motion(rng):
     task = make_task("hopper")
-    hops = task.demonstrate(task.initial_state, task.planned_horizon, rng)
+    hops = task.begin(task, task.initial_state, task.planned_horizon, rng).trajectory
     assert not task.fallen(hops.states).any()
     assert task.distance(hops.states[0], hops.states[-1]) > 1.0
 

@@ -95,7 +95,7 @@ def test_a_start_that_is_outside_the_limits_is_refused(changed, old, new, name):
 
 def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
     task = make_task(str(folder))
-    motion = task.demonstrate(task.initial_state, 100, rng)
+    motion = task.begin(task, task.initial_state, 100, rng).trajectory
     gains = 300 * (0.1 - motion.states[:-1, 3]) - 30 * motion.states[:-1, 7]
     assert_allclose(motion.controls[:, 0], np.clip(gains, -24, 24), rtol=1e-12)
 
@@ -107,7 +107,7 @@ def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
 def test_a_beginning_draws_controls_in_the_motors_range(changed, law, expected):
     begin = TASK[TASK.index("begin:") : TASK.index("optimizer:")]
     task = changed((begin, f"begin: {law}\n"))
-    controls = task.guess(generator(0, Stream.INITIAL_CONTROLS, 0))
+    controls = task.begin.controls(task, 460, generator(0, Stream.INITIAL_CONTROLS, 0))
     assert controls.shape == (460, 1)
     assert np.abs(controls).max() <= 24.0
     assert expected == 24.0 or controls.std() == pytest.approx(expected, rel=0.5)

@@ -9,7 +9,8 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.motion_table import load_demonstration, with_demonstration, write_motion
+from vgps_ros.tasks.first_motion import with_demonstration
+from vgps_ros.tasks.motion_table import load_demonstration, write_motion
 
 WALKER = make_task("walker")
 
@@ -17,7 +18,7 @@ WALKER = make_task("walker")
 @pytest.fixture
 def recorded(tmp_path):
     path = tmp_path / "walk.csv"
-    shown, dynamics = WALKER.demonstration, WALKER.dynamics
+    shown, dynamics = WALKER.begin.motion, WALKER.dynamics
     time = dynamics.time_step * np.arange(shown.horizon + 1)
     write_motion(path, dynamics.model, time, shown)
     return path
@@ -25,8 +26,8 @@ def recorded(tmp_path):
 
 def test_a_demonstration_is_read_back_bit_for_bit(recorded):
     found = load_demonstration(WALKER, recorded)
-    assert_array_equal(found.states, WALKER.demonstration.states)
-    assert_array_equal(found.controls, WALKER.demonstration.controls)
+    assert_array_equal(found.states, WALKER.begin.motion.states)
+    assert_array_equal(found.controls, WALKER.begin.motion.controls)
 
 
 def test_a_task_starts_where_its_demonstration_does(recorded, swimmer):

@@ -30,12 +30,12 @@ def pendulum(tmp_path):
 
 
 def request_of(task, **changes):
-    given = {"guess": task.guess(None), "guess_states": task.path} | changes
+    given = {"guess": np.zeros((50, 1)), "guess_states": task.begin.states} | changes
     return OptimizationRequest(0, 0, 0, 1.0, 60, Situation.at_start(task), **given)
 
 
 def test_a_path_leads_through_its_keyframes_at_even_times(pendulum):
-    path = pendulum("through: [side, up]").path
+    path = pendulum("through: [side, up]").begin.states
     assert_allclose(path[[0, 25, 50], 0], [0.0, 1.5, 3.0], atol=1e-12)
     assert_allclose(path[:, 1], 3.0, atol=1e-9)  # 3 rad in 1 s
     assert_allclose(np.diff(path[:, 0], n=2), 0.0, atol=1e-12)
@@ -43,7 +43,7 @@ def test_a_path_leads_through_its_keyframes_at_even_times(pendulum):
 
 def test_without_keyframes_and_file_the_robot_stays(pendulum):
     task = pendulum("scale: 1.0")
-    assert_array_equal(task.path, np.zeros((51, 2)))
+    assert_array_equal(task.begin.states, np.zeros((51, 2)))
 
 
 def test_a_recorded_motion_of_another_size_is_scaled_in_its_lengths_alone(tmp_path):
@@ -55,10 +55,12 @@ def test_a_recorded_motion_of_another_size_is_scaled_in_its_lengths_alone(tmp_pa
     (tmp_path / "task.yaml").write_text(without + "\n" + begin)
     task = make_task(str(tmp_path))
     times = 0.01 * np.arange(461)
-    assert_allclose(task.path[:, 0], times)  # 0.5 m/s, times 2
-    assert_allclose(task.path[:, 3], 0.1 + 0.08 * times)
-    assert_allclose(task.path[:, [1, 2]], np.broadcast_to(task.initial_state[[1, 2]], (461, 2)))
-    assert_allclose(task.path[:, [4, 7]], np.broadcast_to([1.0, 0.08], (461, 2)))
+    assert_allclose(task.begin.states[:, 0], times)  # 0.5 m/s, times 2
+    assert_allclose(task.begin.states[:, 3], 0.1 + 0.08 * times)
+    assert_allclose(
+        task.begin.states[:, [1, 2]], np.broadcast_to(task.initial_state[[1, 2]], (461, 2))
+    )
+    assert_allclose(task.begin.states[:, [4, 7]], np.broadcast_to([1.0, 0.08], (461, 2)))
 
 
 @pytest.mark.parametrize(
@@ -78,8 +80,10 @@ def test_a_path_that_the_model_lacks_is_refused(pendulum, tmp_path, begin, sente
 
 def test_a_solve_closes_the_path_and_executes_what_it_returns(pendulum):
     task = pendulum("through: [side]")
-    assert np.abs(task.dynamics.gaps(Trajectory(task.path, task.guess(None)))).max() > 0.01
+    assert np.abs(task.dynamics.gaps(Trajectory(task.begin.states, np.zeros((50, 1))))).max() > 0.01
     result = optimize(task, request_of(task))
+    own = optimize(task, request_of(task, guess=None, guess_states=None))
+    assert_array_equal(own.distribution.mean.states, result.distribution.mean.states)
     mean = result.distribution.mean
     replay = task.dynamics.rollout(mean.states[0], lambda t, _: mean.controls[t], task.horizon)
     assert_array_equal(replay.states, mean.states)
@@ -101,6 +105,6 @@ def test_a_path_goes_through_a_message_bit_for_bit(pendulum):
 def test_states_of_a_wrong_size_or_without_controls_are_refused(pendulum):
     task = pendulum("through: [side]")
     with pytest.raises(InvalidInputError, match=r"guess\.states has shape \(50, 2\)"):
-        optimize(task, request_of(task, guess_states=task.path[1:]))
+        optimize(task, request_of(task, guess_states=task.begin.states[1:]))
     with pytest.raises(InvalidInputError, match=r"guess\.states without guess\.controls"):
         optimize(task, request_of(task, guess=None))

@@ -54,7 +54,7 @@ def task_of(tmp_path):
 
 def motion_of(task, seed=0):
     rng = np.random.default_rng(seed)
-    return task.demonstrate(task.initial_state, task.planned_horizon, rng)
+    return task.begin(task, task.initial_state, task.planned_horizon, rng).trajectory
 
 
 @pytest.mark.parametrize("method", ["predictive", "cross_entropy"])

@@ -14,7 +14,7 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import deviation_names
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.task import smoothed_noise
+from vgps_ros.tasks.first_motion import smoothed_noise
 
 
 def test_swimmer_has_three_links_five_degrees_of_freedom_and_two_torques(swimmer):
@@ -39,9 +39,10 @@ def test_torque_turns_the_joint_that_bears_its_name(swimmer):
         assert max(joints, key=lambda n: joints[n]) == name
 
 
-def test_guess_depends_on_its_generator_and_is_smooth(swimmer):
+def test_first_controls_depend_on_their_generator(swimmer):
     first, again, other = (
-        swimmer.guess(generator(seed, Stream.INITIAL_CONTROLS, 0)) for seed in (0, 0, 1)
+        swimmer.begin.controls(swimmer, 500, generator(seed, Stream.INITIAL_CONTROLS, 0))
+        for seed in (0, 0, 1)
     )
     assert first.shape == (500, 2)
     np.testing.assert_array_equal(first, again)

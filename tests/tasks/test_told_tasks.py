@@ -65,7 +65,7 @@ def test_a_sampled_first_motion_obeys_the_commands(tmp_path):
     task = make_task(write_task(tmp_path, ("search:", sampling)))
     for speed in (-1.0, 2.0):
         here, rng = task.commanded(np.array([speed])), np.random.default_rng(0)
-        motion = here.demonstrate(here.initial_state, here.planned_horizon, rng)
+        motion = here.begin(here, here.initial_state, here.planned_horizon, rng).trajectory
         still = here.dynamics.rollout(here.initial_state, lambda *_: np.zeros(1), 20)
         assert here.trajectory_cost(motion) < 0.5 * here.trajectory_cost(still)
 

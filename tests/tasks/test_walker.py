@@ -11,6 +11,7 @@ from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Gait, standing, walk
+from vgps_ros.tasks.walker.task import walking_from
 
 WALKER = make_task("walker")
 LEG = ["hip", "knee", "ankle"]
@@ -49,7 +50,7 @@ def test_a_foot_bears_a_load_only_on_the_floor():
 
 @pytest.mark.parametrize("step", [3, 40, 75])
 def test_derivatives_through_contact_agree_with_finite_differences(step, finite_differences):
-    state, control = WALKER.demonstration.states[step], WALKER.demonstration.controls[step]
+    state, control = WALKER.begin.motion.states[step], WALKER.begin.motion.controls[step]
     assert FootLoads(WALKER.dynamics.model)(state).sum() > 100
     trajectory = Trajectory(np.stack([state, state]), control[None])
     linear, _ = WALKER.dynamics.linearize(trajectory)
@@ -70,7 +71,7 @@ def test_a_rollout_without_torques_falls_and_does_not_survive():
         WALKER.initial_state[None], lambda t, x: np.zeros((1, 6)), 200
     )
     assert not WALKER.survived(states)[0]
-    assert WALKER.survived(WALKER.demonstration.states[None])[0]
+    assert WALKER.survived(WALKER.begin.motion.states[None])[0]
 
 
 def test_demonstration_walks_five_seconds():
@@ -80,14 +81,14 @@ def test_demonstration_walks_five_seconds():
 
 
 def test_demonstration_goes_on_from_other_starts_too(rng):
-    same = WALKER.demonstrate(WALKER.initial_state, WALKER.planned_horizon, rng)
-    assert_allclose(same.states, WALKER.demonstration.states, atol=1e-9)
+    same = walking_from(WALKER.initial_state, WALKER.planned_horizon)
+    assert_allclose(same.states, WALKER.begin.motion.states, atol=1e-9)
     start = WALKER.initial_state + WALKER.varied_state_std * rng.standard_normal(18)
-    walking = WALKER.demonstrate(start, 500, rng)
+    walking = WALKER.begin(WALKER, start, 500, rng).trajectory
     assert_array_equal(walking.states[0], start)
     assert not WALKER.fallen(walking.states).any()
     assert_array_equal(
-        WALKER.demonstrate(start, 500, rng).states, walking.states
+        WALKER.begin(WALKER, start, 500, rng).trajectory.states, walking.states
     )  # not in mid-stride
 
 
@@ -101,12 +102,12 @@ def follow(demonstration):
 
 
 def test_demonstration_is_followed_where_open_loop_replay_leaves_it():
-    found = follow(WALKER.demonstration)
-    assert_allclose(found.states, WALKER.demonstration.states, atol=1e-9)
+    found = follow(WALKER.begin.motion)
+    assert_allclose(found.states, WALKER.begin.motion.states, atol=1e-9)
 
 
 def test_a_demonstration_that_cannot_be_followed_is_reported_with_where_and_by_how_much():
-    states = WALKER.demonstration.states.copy()
+    states = WALKER.begin.motion.states.copy()
     states[100:, 4] += 0.5
     with pytest.raises(DivergenceError, match=r"at step 100 \(1\.00 s\) left_knee/pos.* is 0\.\d"):
-        follow(Trajectory(states, WALKER.demonstration.controls))
+        follow(Trajectory(states, WALKER.begin.motion.controls))

@@ -154,8 +154,7 @@ def examine_task(
         InvalidInputError: the task's settings of the policy search are out of range, or do not
             suit its robot.
     """
-    from vgps_ros.search.first_motion import first_motion
-    from vgps_ros.search.optimization_request import first_request
+    from vgps_ros.search.optimization_request import first_request, nominal_of
     from vgps_ros.search.settings import search_settings
     from vgps_ros.search.situations import check_situations
     from vgps_ros.search.trajectory_optimization import optimize
@@ -164,7 +163,7 @@ def examine_task(
     found = TaskCheck()
     request = first_request(task, seed, iterations)
     try:
-        first = first_motion(task, request).trajectory
+        first = nominal_of(task, request).trajectory
         found.costs.append(float(task.cost.values(first).sum()))
     except VgpsError as error:
         found.troubles.append(f"The first rollout fails: {error}")

@@ -32,8 +32,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.settings import setting
-from vgps_ros.search.first_motion import first_motion
-from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.optimization_request import first_request, nominal_of
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
 
@@ -127,11 +126,12 @@ class Planner:
         settings = self._settings
         request = first_request(self._task, seed, settings.first_iterations)
         # No motion is made beyond the plan's end.
-        motion = first_motion(replace(self._task, horizon=self.steps, lookahead=0), request)
-        gaps = None if motion.gaps is None else motion.gaps[: self.steps]
-        begun = motion.trajectory.first(self.steps)
+        begun = nominal_of(replace(self._task, horizon=self.steps, lookahead=0), request)
         cost, iterations = self._cost(0, None, self._at_rest), settings.first_iterations
-        found = solve(self._task.dynamics, cost, begun, settings.ddp, iterations, gaps=gaps)
+        found = solve(
+            *(self._task.dynamics, cost, begun.trajectory, settings.ddp, iterations),
+            gaps=begun.gaps,
+        )
         return Plan(0, found.trajectory, found.policy.gains, found.cost, found.status)
 
     def next_plan(

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The request for one solve of a policy search, and its check."""
+"""The request for one solve of a policy search, its check, and the motion from which it starts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +9,11 @@ import numpy as np
 from vgps_ros.core.checks import check_array, check_record, positive
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.situations import Situation
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.task import Nominal
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class OptimizationRequest:
         cost_scale: α.
         max_iterations: largest number of DDP iterations.
         situation: x_1, the commands, and what disturbs the robot.
-        guess: controls (T, n_u) to start from if there is no `previous`.
+        guess: controls (T, n_u) to start from if there is no `previous`; None: the task's own first
+            motion.
         guess_states: states (T+1, n_x) to start from with them, all but the first; they need not
             satisfy the dynamics. None: those of the controls' rollout.
         previous: q(ζ) of the iteration before.
@@ -51,7 +54,6 @@ class OptimizationRequest:
 
 def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest:
     """Returns the first solve of a search that starts from the task's initial state."""
-    drawn = generator(seed, Stream.INITIAL_CONTROLS, 0)
     return OptimizationRequest(
         trajectory_index=0,
         iteration=0,
@@ -59,9 +61,33 @@ def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest
         cost_scale=1.0,
         max_iterations=iterations,
         situation=Situation.at_start(task),
-        guess=task.guess(drawn) if task.guess else None,
-        guess_states=task.path,
     )
+
+
+def nominal_of(
+    task: Task, request: OptimizationRequest, is_cancelled: Callable[[], bool] = lambda: False
+) -> Nominal:
+    """Returns the motion from which a solve starts: of the solve before, given, or the task's own.
+
+    Raises:
+        DivergenceError: a recorded motion cannot be followed.
+    """
+    start, dynamics, horizon = request.initial_state, task.dynamics, task.planned_horizon
+    if request.previous is not None:
+        previous = request.previous
+        # A solve descends along the trajectory itself, of which means over q know little.
+        is_mean = task.optimizer.dynamics_samples > 0
+        return Nominal(previous.mean, linear_dynamics=None if is_mean else previous.linear_dynamics)
+    if request.guess is None:
+        rng = generator(request.seed, Stream.INITIAL_CONTROLS, request.trajectory_index)
+        return task.begin(task, start, horizon, rng, is_cancelled)
+    guess = request.guess
+    if request.guess_states is not None:
+        states = np.concatenate([start[None], request.guess_states[1:]])
+        guessed = Trajectory(states, np.clip(guess, *dynamics.control_limits))
+        return Nominal.guessed(guessed, dynamics)
+    rollout = dynamics.rollout(start, lambda t, _: guess[t], horizon)
+    return Nominal(rollout, horizon * dynamics.substeps)
 
 
 def check_request(task: Task, request: OptimizationRequest) -> None:

@@ -54,21 +54,13 @@ class Situation:
         return alike and self.disturbance == other.disturbance
 
 
-@dataclass(frozen=True)
-class Guess:
-    """The motion from which the first solve of a situation starts.
-
-    Attributes:
-        controls: shape (T, n_u); None: the task's own motion.
-        states: shape (T+1, n_x), that go with them; None: those of their rollout.
-    """
-
-    controls: Array | None = None
-    states: Array | None = None
-
-
-def situations(task: Task, settings: SearchSettings, seed: int) -> list[tuple[Situation, Guess]]:
+def situations(
+    task: Task, settings: SearchSettings, seed: int
+) -> list[tuple[Situation, Trajectory | None]]:
     """Draws the situations; see the settings `situations`, `disturb` and `commands`.
+
+    Returns:
+        Each with the motion from which its first solve starts; None for the task's own.
 
     Raises:
         InvalidInputError: as `check_situations` does.
@@ -117,7 +109,7 @@ def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator
 
 def _situation(
     task: Task, settings: SearchSettings, seed: int, i: int, start: Array
-) -> tuple[Situation, Guess]:
+) -> tuple[Situation, Trajectory | None]:
     rng, rng_of_motion, rng_of_context = (
         generator(seed, stream, i)
         for stream in (Stream.DISTURBANCES, Stream.INITIAL_CONTROLS, Stream.COMMANDS)
@@ -125,19 +117,19 @@ def _situation(
     disturbance = draw_disturbance(task, settings.disturb, rng)
     latest = settings.disturb.start_before if i else 0.0
     begun = round(latest * rng.uniform() / task.dynamics.time_step)
-    guess = Guess(None, task.path)
-    if begun:
-        motion = _later(task, start, begun, rng_of_motion)
-        start, guess = motion.states[0], Guess(motion.controls, motion.states)
-    elif task.guess:
-        guess = Guess(task.guess(rng_of_motion), task.path)
+    motion = None
+    if begun:  # on the way of the task's first motion, whose first steps are left out
+        steps = begun + task.planned_horizon
+        whole = task.begin(task, start, steps, rng_of_motion).trajectory
+        motion = Trajectory(whole.states[begun:], whole.controls[begun:])
+        start = motion.states[0]
     context = drawn_context(task, settings, rng_of_context) if i else task.planned_context
-    return Situation(start, context, disturbance), guess
+    return Situation(start, context, disturbance), motion
 
 
 def _check_later_starts(task: Task, count: int) -> None:
     """Checks that some situation can start on the way of the first motion."""
-    if task.demonstrate is None:
+    if not task.begin.goes_on:
         raise InvalidInputError(
             f"disturb.start_before is set, but the first motion of the task {task.name} follows no "
             "law that could go on for longer; leave it out."
@@ -147,10 +139,3 @@ def _check_later_starts(task: Task, count: int) -> None:
             "disturb.start_before is set, but the first situation starts where the task does, and "
             "there is no other one; set situations to 2 or more, or leave it out."
         )
-
-
-def _later(task: Task, start: Array, begun: int, rng: np.random.Generator) -> Trajectory:
-    """Returns the task's first motion from a start on, but without its first steps."""
-    assert task.demonstrate is not None
-    motion = task.demonstrate(start, begun + task.planned_horizon, rng)
-    return Trajectory(motion.states[begun:], motion.controls[begun:])

@@ -24,11 +24,11 @@ from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.slow_steps import notice_if_slow
-from vgps_ros.search.first_motion import first_motion
-from vgps_ros.search.optimization_request import OptimizationRequest, check_request
+from vgps_ros.search.optimization_request import OptimizationRequest, check_request, nominal_of
 from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.task import Nominal
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,9 @@ def optimize(
     here = request.situation.of(task)
     warned_before = here.dynamics.warnings()
     told = task.in_context(request.situation.context)
-    start = first_motion(told, request, is_cancelled)
+    start = nominal_of(told, request, is_cancelled)
     if here.dynamics is not task.dynamics and request.previous is None:
-        start = start.under(here.dynamics)
+        start = Nominal.guessed(start.trajectory, here.dynamics, start.simulator_steps)
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled

@@ -190,11 +190,11 @@ class Workspace:
         requests = [
             replace(
                 self.request(i, situation, k=0),
-                guess=guess.controls,
-                guess_states=guess.states,
+                guess=motion.controls if motion else None,
+                guess_states=motion.states if motion else None,
                 max_iterations=self.settings.initial_ddp_iterations,
             )
-            for i, (situation, guess) in enumerate(situations(self.task, self.settings, self.seed))
+            for i, (situation, motion) in enumerate(situations(self.task, self.settings, self.seed))
         ]
         first, *others = self.optimize(requests)
         if isinstance(first, DivergenceError):

@@ -41,7 +41,7 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
         assert path is not None
         task = load_task(path, reference if reference in BUILT_IN else str(path.resolve()))
     if demonstration:
-        from vgps_ros.tasks.motion_table import with_demonstration
+        from vgps_ros.tasks.first_motion import with_demonstration
 
         task = with_demonstration(task, Path(demonstration))
     for name, conditions in (("fallen", task.fallen), ("limits", task.limits)):

@@ -25,7 +25,7 @@ from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, 
 from vgps_ros.simulation.names import known, matching, scalar_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.checks import is_multiple
-from vgps_ros.tasks.first_motion import keyframe, with_beginning
+from vgps_ros.tasks.first_motion import Drawn, keyframe, with_beginning
 from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
     Changes,
@@ -78,6 +78,7 @@ def load_task(path: Path, name: str) -> Task:
             varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
             std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
             observation=read.observation(file.observe),
+            begin=Drawn(),  # until the task is whole
             fallen=read.conditions(file.fallen, "fallen"),
             limits=read.conditions(file.limits, "limits"),
             optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),

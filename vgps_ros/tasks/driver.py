@@ -1,16 +1,12 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A policy that drives the robot of a task, and the motion that it makes."""
+"""A policy that drives the robot of a task."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
-
-import numpy as np
+from dataclasses import dataclass
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation
-from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.policies.policy_file import Policy, PolicyFile, open_policy
+from vgps_ros.core.records import Array
+from vgps_ros.policies.policy_file import Policy, PolicyFile
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.task import Task
 
@@ -64,37 +60,3 @@ def driver_of(task: Task, file: PolicyFile) -> Driver:
             "that it has yet to choose; use a policy that reads positions and velocities."
         )
     return Driver(policy, observation)
-
-
-def demonstrated_by(task: Task, path: Path) -> Task:
-    """Returns the task with the motion of a policy, without its noise, as its demonstration.
-
-    Raises:
-        InvalidInputError: the file is no policy for the robot, or the motion diverges.
-    """
-    driver = driver_of(task, open_policy(path))
-
-    def demonstrate(
-        start: Array,
-        steps: int,
-        _rng: np.random.Generator,
-        _is_cancelled: Callable[[], bool] = lambda: False,
-        /,
-    ) -> Trajectory:
-        context = task.planned_context
-
-        def law(t: int, x: Array) -> Array:
-            told = driver.observation.within(context[min(t, len(context) - 1)])
-            return driver.policy.mean(told(x))
-
-        return task.dynamics.rollout(start, law, steps)
-
-    shown = demonstrate(task.initial_state, task.planned_horizon, np.random.default_rng(0))
-    sound = np.isfinite(shown.states).all(axis=1)
-    if not sound.all():
-        seconds = sound.argmin() * task.dynamics.time_step
-        raise InvalidInputError(
-            f"The motion of '{path}' diverges after {seconds:.2f} s, so no training can start from "
-            "it; check the metadata's joint_names, observation_names and action_scale."
-        )
-    return replace(task, demonstration=shown, demonstrate=demonstrate, guess=None, path=None)

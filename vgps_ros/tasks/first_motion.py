@@ -2,78 +2,213 @@
 """The motion from which a task's first solve starts: drawn, held by a law, a path, or recorded."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
+from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.simulation.model import state_names
 from vgps_ros.simulation.names import known, matching
-from vgps_ros.tasks.motion_table import read_columns, read_rows, with_demonstration
-from vgps_ros.tasks.sampled_motion import sampled_beginning
+from vgps_ros.tasks.driver import Driver, driver_of
+from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
+from vgps_ros.tasks.sampled_motion import sampled_motion
 from vgps_ros.tasks.schema import Begin, Noise, Path, Pd, RecordedMotion, Sampling
-from vgps_ros.tasks.task import Task, smoothed_noise
+from vgps_ros.tasks.task import FirstMotion, Nominal, Task
 from vgps_ros.tasks.yaml_file import Document, Place
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
 
 
-def with_beginning(task: Task, begin: Begin, document: Document) -> Task:
-    """Returns the task with the beginning that its file describes.
+def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
+    """Returns the task with the first motion that its file describes.
 
     Raises:
-        InvalidInputError: the beginning does not fit the model.
+        InvalidInputError: the entry does not fit the model.
     """
-    shape = (task.planned_horizon, task.dynamics.control_dim)
-    if isinstance(begin, RecordedMotion):
-        path = document.file(("begin", "file"), begin.file)
+    begin: FirstMotion
+    if isinstance(entry, RecordedMotion):
+        path = document.file(("begin", "file"), entry.file)
         with document.at(("begin", "file")):
             return with_demonstration(task, path)
-    if isinstance(begin, Pd):
-        law = _pd_law(task, begin, document)
-        return replace(task, demonstrate=partial(_executed, task.dynamics, law))
-    if isinstance(begin, Sampling):
-        return replace(task, demonstrate=sampled_beginning(task, begin, document))
-    if isinstance(begin, Noise):
-        std = np.array(begin.std)
-        if std.size not in (1, shape[1]):
-            raise document.error(
-                ("begin", "std"),
-                f"it has {std.size} values, but the model has {shape[1]} actuators.",
-            )
-        return replace(
-            task,
-            guess=partial(
-                _noise, task.dynamics, shape, std, begin.time_constant / task.dynamics.time_step
-            ),
+    if isinstance(entry, Pd):
+        begin = Made(partial(_executed, _pd_law(task, entry, document)))
+    elif isinstance(entry, Sampling):
+        begin = sampled_motion(task, entry, document)
+    elif isinstance(entry, Path):
+        begin = AlongPath(path_states(task, entry, document))
+    elif isinstance(entry, Noise):
+        std, n_u = np.array(entry.std), task.dynamics.control_dim
+        document.refuse(
+            std.size not in (1, n_u),
+            ("begin", "std"),
+            f"it has {std.size} values, but the model has {n_u} actuators.",
         )
-    task = replace(task, guess=lambda _: np.zeros(shape))
-    if isinstance(begin, Path):
-        return replace(task, path=path_states(task, begin, document))
-    return task
+        begin = Drawn(std, entry.time_constant)
+    else:
+        begin = Drawn()
+    return replace(task, begin=begin)
 
 
-def _noise(
-    dynamics: Dynamics,
-    shape: tuple[int, int],
-    std: Array,
-    time_constant: float,
-    rng: np.random.Generator,
-) -> Array:
-    noise = std * smoothed_noise(rng, shape, 1.0, time_constant)
-    return np.clip(noise, *dynamics.control_limits)
+def with_demonstration(task: Task, path: FilePath) -> Task:
+    """Returns the task with the demonstration of a file.
+
+    It starts from the first state of a recorded motion. A policy drives it from its own start.
+
+    Raises:
+        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task; or it
+            is a policy that does not fit the robot, or whose motion diverges.
+    """
+    if not is_policy_file(path):
+        recorded = load_demonstration(task, path)
+        return replace(task, begin=Recorded(recorded), initial_state=recorded.states[0])
+    drive = partial(_driven, driver_of(task, open_policy(path)))
+    shown = drive(task, task.initial_state, task.planned_horizon)
+    sound = np.isfinite(shown.states).all(axis=1)
+    if not sound.all():
+        seconds = sound.argmin() * task.dynamics.time_step
+        raise InvalidInputError(
+            f"The motion of '{path}' diverges after {seconds:.2f} s, so no training can start from "
+            "it; check the metadata's joint_names, observation_names and action_scale."
+        )
+    return replace(task, begin=Recorded(shown, Made(drive)))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Executes controls that do not look at the state: zero, or smooth noise.
+
+    Attributes:
+        std: standard deviation of each control, shape (1,) or (n_u,), [N·m]; None: zero.
+        time_constant: time over which they vary [s].
+    """
+
+    std: Array | None = None
+    time_constant: float = 0.5
+    goes_on: ClassVar[bool] = False
+
+    def controls(self, task: Task, steps: int, rng: np.random.Generator) -> Array:
+        """Returns controls within their limits, shape (steps, n_u)."""
+        controls = np.zeros((steps, task.dynamics.control_dim))
+        if self.std is not None:
+            time_constant = self.time_constant / task.dynamics.time_step
+            controls = self.std * smoothed_noise(rng, controls.shape, 1.0, time_constant)
+        return np.clip(controls, *task.dynamics.control_limits)
+
+    def __call__(
+        self, task: Task, start: Array, steps: int, rng: np.random.Generator, *_: Any
+    ) -> Nominal:
+        """Returns the rollout of the controls."""
+        controls, dynamics = self.controls(task, steps, rng), task.dynamics
+        rollout = dynamics.rollout(start, lambda t, _: controls[t], steps)
+        return Nominal(rollout, steps * dynamics.substeps)
+
+
+@dataclass(frozen=True)
+class AlongPath:
+    """Goes through given states, without controls; the solve closes the gaps.
+
+    Attributes:
+        states: they need not satisfy the dynamics, shape (T+1, n_x).
+    """
+
+    states: Array
+    goes_on: ClassVar[bool] = False
+
+    def __call__(
+        self, task: Task, start: Array, steps: int, rng: np.random.Generator, *_: Any
+    ) -> Nominal:
+        """Returns the path, which begins at the start."""
+        states = np.concatenate([start[None], self.states[1 : steps + 1]])
+        return Nominal.guessed(
+            Trajectory(states, Drawn().controls(task, steps, rng)), task.dynamics
+        )
+
+
+@dataclass(frozen=True)
+class Made:
+    """A motion that a function makes, from any start and for as long as it is asked to.
+
+    Attributes:
+        make: maps the task, x_1 (n_x,) and a number of steps to the motion. It is known before the
+            training, so that its simulator steps do not count as learning.
+    """
+
+    make: Callable[[Task, Array, int], Trajectory]
+    goes_on: ClassVar[bool] = True
+
+    def __call__(self, task: Task, start: Array, steps: int, *_: Any) -> Nominal:
+        """Returns the motion."""
+        return Nominal(self.make(task, start, steps))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded motion, which a rollout follows.
+
+    Attributes:
+        motion: x̄, ū over the planned horizon.
+        elsewhere: makes the motion from other starts, or for longer; None: the rollout follows the
+            recorded one from there too.
+    """
+
+    motion: Trajectory
+    elsewhere: FirstMotion | None = None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the motion from other starts goes on."""
+        return self.elsewhere is not None and self.elsewhere.goes_on
+
+    def __call__(self, task: Task, start: Array, steps: int, *rest: Any) -> Nominal:
+        """Returns the rollout."""
+        shown = self.motion.first(steps)
+        here = np.array_equal(start, shown.states[0]) and shown.horizon == steps
+        if self.elsewhere and not here:
+            return self.elsewhere(task, start, steps, *rest)
+        tolerance = task.optimizer.demonstration_tolerance
+        return Nominal(*track(task.dynamics, shown, start, task.position_names, tolerance))
 
 
 def _executed(
-    dynamics: Dynamics, law: Callable[[int, Array], Array], start: Array, steps: int, *_: Any
+    law: Callable[[int, Array], Array], task: Task, start: Array, steps: int
 ) -> Trajectory:
-    return dynamics.rollout(start, law, steps)
+    return task.dynamics.rollout(start, law, steps)
+
+
+def _driven(driver: Driver, task: Task, start: Array, steps: int) -> Trajectory:
+    """Returns the motion of a policy without its noise."""
+    context = task.planned_context
+
+    def law(t: int, x: Array) -> Array:
+        told = driver.observation.within(context[min(t, len(context) - 1)])
+        return driver.policy.mean(told(x))
+
+    return task.dynamics.rollout(start, law, steps)
+
+
+def smoothed_noise(
+    rng: np.random.Generator, shape: tuple[int, int], amplitude: float, time_constant: float
+) -> Array:
+    """Draws controls that vary smoothly: white noise through a first-order filter.
+
+    Args:
+        rng: source of the draw.
+        shape: (T, n_u).
+        amplitude: stationary standard deviation [N·m].
+        time_constant: time constant of the filter, in steps.
+    """
+    decay = np.exp(-1.0 / time_constant)
+    noise = amplitude * rng.standard_normal(shape)
+    for t in range(1, shape[0]):
+        noise[t] = decay * noise[t - 1] + np.sqrt(1.0 - decay**2) * noise[t]
+    return noise
 
 
 def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array], Array]:

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A recorded motion as a task's demonstration.
+"""Tables of recorded motions.
 
 The file is a table of comma-separated values with a header, one row a step of the task:
 
@@ -10,7 +10,6 @@ act until the next row; those of the last row are not used.
 """
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -20,9 +19,7 @@ from vgps_ros.core.checks import finite_array, nearest, quoted
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.policies.policy_file import is_policy_file
 from vgps_ros.simulation.model import actuated_joint_names, state_names
-from vgps_ros.tasks.driver import demonstrated_by
 from vgps_ros.tasks.task import Task
 
 
@@ -64,28 +61,6 @@ def read_columns(path: Path, names: list[str], times: Array) -> Array:
 
 
 RATE_TOLERANCE = 0.01  # largest error of a row's time step, as a share of it
-
-
-def with_demonstration(task: Task, path: Path) -> Task:
-    """Returns the task with the demonstration of a file.
-
-    It starts from the first state of a recorded motion. A policy drives it from its own start.
-
-    Raises:
-        InvalidInputError: the file is unreadable, or names, rate or size do not fit the task; or it
-            is a policy that does not fit the robot, or whose motion diverges.
-    """
-    if is_policy_file(path):
-        return demonstrated_by(task, path)
-    recorded = load_demonstration(task, path)
-    return replace(
-        task,
-        demonstration=recorded,
-        demonstrate=None,
-        guess=None,
-        path=None,
-        initial_state=recorded.states[0],
-    )
 
 
 def load_demonstration(task: Task, path: Path) -> Trajectory:

@@ -18,8 +18,8 @@ refined by DDP; its first controls are executed, and the next plan starts where 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.tasks.schema import Sampling
-from vgps_ros.tasks.task import Task
+from vgps_ros.tasks.task import Nominal, Task
 from vgps_ros.tasks.yaml_file import Document
 
 METHODS = ("predictive", "cross_entropy")
@@ -209,47 +209,44 @@ class Plans:
 
 
 @dataclass(frozen=True)
-class SampledBeginning:
+class SampledMotion:
     """Finds the first motion of a task.
 
     Attributes:
-        task: the task.
         sampler: improves each plan.
         period: number of controls after which the next plan is made.
         ddp_iterations: iterations of DDP on each plan.
     """
 
-    task: Task
     sampler: Sampler
     period: int
     ddp_iterations: int
-
-    def in_context(self, context: Array) -> "SampledBeginning":
-        """Returns what finds it where commands and clock are z, shape (T, n_z)."""
-        return replace(self, task=self.task.in_context(context))
+    goes_on: ClassVar[bool] = True
 
     def __call__(
         self,
+        task: Task,
         start: Array,
         steps: int,
         rng: np.random.Generator,
         is_cancelled: Callable[[], bool] = lambda: False,
         /,
-    ) -> Trajectory:
-        """Returns the motion; see `Demonstrate`."""
-        return receding_motion(
-            Plans(self.task, self.ddp_iterations),
+    ) -> Nominal:
+        """Returns the motion, whose simulator steps do not count as learning."""
+        motion = receding_motion(
+            Plans(task, self.ddp_iterations),
             self.sampler,
             start,
             steps,
             self.period,
             rng,
-            on_progress=progress_lines(f"Samples a first motion of {self.task.name}"),
+            on_progress=progress_lines(f"Samples a first motion of {task.name}"),
             is_cancelled=is_cancelled,
         )
+        return Nominal(motion)
 
 
-def sampled_beginning(task: Task, begin: Sampling, document: Document) -> SampledBeginning:
+def sampled_motion(task: Task, begin: Sampling, document: Document) -> SampledMotion:
     """Returns what finds the first motion.
 
     Raises:
@@ -274,8 +271,7 @@ def sampled_beginning(task: Task, begin: Sampling, document: Document) -> Sample
         f"it is {begin.elites}, but only {begin.samples} samples are drawn.",
     )
     low, high = task.dynamics.control_limits
-    return SampledBeginning(
-        task,
+    return SampledMotion(
         Sampler(
             method=begin.method,
             steps=round(begin.plan / step),

@@ -15,7 +15,7 @@ from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
-from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
 from vgps_ros.simulation.readings import Readings
@@ -60,18 +60,57 @@ class Conditions:
         return np.any((values < self.lowest) | (values > self.highest), axis=-1)
 
 
-class Demonstrate(Protocol):
-    """Makes the first motion of a task."""
+@dataclass(frozen=True)
+class Nominal:
+    """The motion from which a solve starts, and what is known of it.
+
+    Attributes:
+        trajectory: x, u.
+        simulator_steps: simulator steps that it took, as far as they count as learning.
+        linear_dynamics: f_x, f_u along it; None where they are not known.
+        gaps: see `core.ddp.solve`, shape (T, n_dx); None where the motion was executed.
+    """
+
+    trajectory: Trajectory
+    simulator_steps: int = 0
+    linear_dynamics: LinearDynamics | None = None
+    gaps: Array | None = None
+
+    @classmethod
+    def guessed(
+        cls, trajectory: Trajectory, dynamics: Dynamics, simulator_steps: int = 0
+    ) -> "Nominal":
+        """Returns a motion that these dynamics did not make, so that the solve closes its gaps."""
+        steps = simulator_steps + trajectory.horizon * dynamics.substeps
+        return cls(trajectory, steps, gaps=dynamics.gaps(trajectory))
+
+
+class FirstMotion(Protocol):
+    """Makes the motion from which the first solve of a task starts; `tasks.first_motion` has all.
+
+    Attributes:
+        goes_on: whether it can last for longer than the task plans, as that of a law can.
+    """
+
+    @property
+    def goes_on(self) -> bool: ...  # noqa: D102
 
     def __call__(
         self,
+        task: "Task",
         start: Array,
         steps: int,
         rng: np.random.Generator,
         is_cancelled: Callable[[], bool] = lambda: False,
         /,
-    ) -> Trajectory:
-        """Returns a motion from x_1 (n_x,); once it is cancelled it may be as poor as it likes."""
+    ) -> Nominal:
+        """Returns a motion of so many steps from x_1, shape (n_x,), in the task's context.
+
+        Once it is cancelled it may be as poor as it likes.
+
+        Raises:
+            DivergenceError: a recorded motion cannot be followed.
+        """
 
 
 @dataclass(frozen=True, eq=False)  # two tasks are the same only if they are one
@@ -93,12 +132,7 @@ class Task:
             inf for none.
         fallen: tells whether the robot has fallen in states (..., n_x).
         limits: tells whether an executor must stop the policy in states (..., n_x).
-        guess: draws the controls, shape (T, n_u), from which the first solve starts, or None.
-        path: states, shape (T+1, n_x), from which the first solve starts with the guess; they need
-            not satisfy the dynamics. None: those of the guess's rollout.
-        demonstration: the trajectory from which the first solve starts if there is no guess.
-        demonstrate: makes the first motion from any x_1, where it is not drawn or recorded; if it
-            is None, a rollout follows the recorded demonstration.
+        begin: makes the motion from which the first solve starts.
         lookahead: number of steps that are optimised beyond T, so that the policy does not learn
             from the end of the optimised horizon, after which nothing has a cost.
         signals: the commands and the clock.
@@ -120,10 +154,7 @@ class Task:
     std_limit: Array
     fallen: Conditions
     limits: Conditions
-    guess: Callable[[np.random.Generator], Array] | None = None
-    path: Array | None = None
-    demonstration: Trajectory | None = None
-    demonstrate: Demonstrate | None = None
+    begin: FirstMotion
     lookahead: int = 0
     signals: Signals = field(default_factory=Signals)
     augmentation: Augmentation | None = None
@@ -163,13 +194,11 @@ class Task:
         """Returns the task where commands and clock are z over the planned horizon, (T, n_z)."""
         if not self.signals.names:
             return self
-        told = getattr(self.demonstrate, "in_context", None)
         return replace(
             self,
             context=context,
             cost=self.cost.in_context(context),
             observation=self.observation.within(context),
-            demonstrate=told(context) if told else self.demonstrate,
         )
 
     def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
@@ -234,24 +263,6 @@ class Task:
     def trajectory_cost(self, trajectory: Trajectory) -> float:
         """Returns Σ_t c of one trajectory."""
         return float(self.cost.values(trajectory).sum())
-
-
-def smoothed_noise(
-    rng: np.random.Generator, shape: tuple[int, int], amplitude: float, time_constant: float
-) -> Array:
-    """Draws controls that vary smoothly: white noise through a first-order filter.
-
-    Args:
-        rng: source of the draw.
-        shape: (T, n_u).
-        amplitude: stationary standard deviation [N·m].
-        time_constant: time constant of the filter, in steps.
-    """
-    decay = np.exp(-1.0 / time_constant)
-    noise = amplitude * rng.standard_normal(shape)
-    for t in range(1, shape[0]):
-        noise[t] = decay * noise[t - 1] + np.sqrt(1.0 - decay**2) * noise[t]
-    return noise
 
 
 # What a training's identity has by name: the task, and the settings of which these are defaults.

@@ -30,7 +30,8 @@ def test_a_linear_quadratic_problem_is_solved_with_its_optimal_gains(lq_problem,
 
 def test_it_makes_the_step_of_a_solve_with_half_the_derivatives(short_swimmer, rng, monkeypatch):
     task, expanded = short_swimmer, []
-    controls, linearize = task.guess(rng), type(task.dynamics).linearize
+    controls = task.begin.controls(task, task.horizon, rng)
+    linearize = type(task.dynamics).linearize
 
     def counted(self, trajectory):
         expanded.append(trajectory)

@@ -21,7 +21,7 @@ PLAIN = DdpSettings(initial_regularization=0.0, regularization_floor=0.0)
 def swim(short_swimmer, rng):
     """Returns a function that optimises the swimmer from smooth random controls."""
     task = short_swimmer
-    controls = task.guess(rng)
+    controls = task.begin.controls(task, task.horizon, rng)
     initial = task.dynamics.rollout(task.initial_state, lambda t, _: controls[t], task.horizon)
 
     def run(settings=task.optimizer.ddp, max_iterations=8, **options):
@@ -107,7 +107,7 @@ def test_gains_of_the_distribution_use_their_own_regularisation(swim, short_swim
 
 def test_known_derivatives_change_nothing(swim, short_swimmer, rng):
     task = short_swimmer
-    controls = task.guess(np.random.default_rng(20131205))
+    controls = task.begin.controls(task, task.horizon, np.random.default_rng(20131205))
     initial = task.dynamics.rollout(task.initial_state, lambda t, _: controls[t], task.horizon)
     linear, steps = task.dynamics.linearize(initial)
     given, plain = swim(max_iterations=2, linear_dynamics=linear), swim(max_iterations=2)

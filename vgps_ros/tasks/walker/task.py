@@ -5,10 +5,10 @@ from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks.builder import load_task
+from vgps_ros.tasks.first_motion import Made, Recorded
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.walker.simbicon import GAIT, Simbicon, go_on, standing
 
@@ -18,13 +18,8 @@ WARM_UP = 1000  # steps after which the gait is steady
 def task() -> Task:
     """Returns the walker's task."""
     first = demonstration()
-    return replace(
-        plain_task(),
-        initial_state=first.states[0],
-        guess=None,
-        demonstration=first,
-        demonstrate=demonstrate,
-    )
+    begin = Recorded(first, Made(lambda _, start, steps: walking_from(start, steps)))
+    return replace(plain_task(), begin=begin, initial_state=first.states[0])
 
 
 def plain_task() -> Task:
@@ -36,12 +31,12 @@ def plain_task() -> Task:
 def demonstration() -> Trajectory:
     """Returns steady walking by the SIMBICON controller, over horizon and lookahead."""
     walker, start = plain_task(), _steady()[1]
-    walking = demonstrate(start, walker.planned_horizon)
+    walking = walking_from(start, walker.planned_horizon)
     walking.states[:, 0] -= start[0]
     return walking
 
 
-def demonstrate(start: Array, steps: int, *_: Any) -> Trajectory:
+def walking_from(start: Array, steps: int) -> Trajectory:
     """Returns walking by the same controller from a start near the demonstration's."""
     return go_on(plain_task().dynamics, copy(_steady()[0]), start, steps)
 
