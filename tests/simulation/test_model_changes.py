@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from vgps_ros.core.checks import matching
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.model import scalar_names
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec
-from vgps_ros.simulation.names import SENSOR_TYPES, matching, scalar_names
+from vgps_ros.simulation.sensor_types import SENSOR_TYPES
 
 TURTLE = """
 <mujoco>

@@ -7,8 +7,8 @@ import pytest
 
 from tests.simulation.robots import EVERYTHING, random_states
 from vgps_ros.core.records import Trajectory
-from vgps_ros.simulation.compiled_states import damping_varies, step_structure
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import damping_varies, step_structure
 
 
 def model_with(option="", old="", new=""):

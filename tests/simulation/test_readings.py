@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.simulation.robots import EVERYTHING, everything, random_states
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.model import sensor_numbers
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.simulation.simulations import Simulations
 
 MODEL = everything()
 SIMULATIONS = Simulations(MODEL, threads=2)

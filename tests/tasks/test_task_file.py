@@ -13,9 +13,14 @@ import pytest
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.builder import load_task, model_spec
-from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd, flattened
-from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, read_task_file
-from vgps_ros.tasks.yaml_file import read_document
+from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd
+from vgps_ros.tasks.task_file import (
+    SCHEMA_PATH,
+    find_model,
+    read_document,
+    read_task_file,
+    settings_in,
+)
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_task_schema.py"
 DESIGN = """
@@ -72,7 +77,7 @@ def test_a_task_file_is_read_as_data(folder):
     assert task.fallen[1].beyond == 1.0
     assert task.marginals.std_limit.overrides == {"root_x/position": math.inf}
     assert task.begin == Pd(pose="stand", stiffness=300.0, damping={"*": 30.0})
-    assert flattened(task.search) == {"hidden_units": (10,), "fit.iterations": 50}
+    assert settings_in(task, document)[1] == {"hidden_units": (10,), "fit.iterations": 50}
     assert document.lines["cost", 1, "norm"] == 26
 
 

@@ -26,9 +26,9 @@ from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
 from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.model import control_range, driven_velocities, state_names
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.simulation.simulations import Simulations
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
 from vgps_ros.tasks.signals import Signals

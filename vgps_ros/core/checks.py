@@ -9,9 +9,10 @@ that a user can act on.
 
 import math
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from operator import attrgetter
 from typing import Any, TypeVar
 
@@ -25,6 +26,8 @@ Record = TypeVar("Record")
 
 # Tolerance relative to a covariance's largest entry: inverses of badly scaled matrices err so far.
 LARGEST_ROUNDING = 1e-3
+
+_MOST_LISTED = 12  # names in a sentence
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -209,3 +212,43 @@ def nearest(word: str, choices: Iterable[str]) -> str:
     """Returns a question that names the choice most like a word; empty where none is like it."""
     found = get_close_matches(word, list(choices), 1)
     return f" Did you mean '{found[0]}'?" if found else ""
+
+
+def matching(what: str, pattern: str, names: Sequence[str]) -> list[str]:
+    """Returns the names that a pattern matches, in their order.
+
+    Args:
+        what: what has these names, such as `joint`.
+        pattern: a name, which matches itself alone, or a pattern with *, ? or [abc].
+        names: all names. The pattern `*` may match none.
+
+    Raises:
+        InvalidInputError: no name matches; the sentence has the names, and the nearest one.
+    """
+    if pattern in names:
+        return [pattern]
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found and pattern != "*":
+        raise _unknown(f"{quoted(pattern)} matches no {what}", pattern, names)
+    return found
+
+
+def known(what: str, name: str, names: Sequence[str]) -> str:
+    """Returns a name if it is among the names.
+
+    Raises:
+        InvalidInputError: it is not; the sentence has the names, and the nearest one.
+    """
+    if name not in names:
+        raise _unknown(f"there is no {what} {quoted(name)}", name, names)
+    return name
+
+
+def listed(names: Sequence[str]) -> str:
+    """Returns the first of some names, as a sentence lists them."""
+    shown = ", ".join(quoted(name).strip("'") for name in names[:_MOST_LISTED])
+    return f"{shown} and others" if len(names) > _MOST_LISTED else shown or "none"
+
+
+def _unknown(complaint: str, name: str, names: Sequence[str]) -> InvalidInputError:
+    return InvalidInputError(f"{complaint}; there are {listed(names)}.{nearest(name, names)}")

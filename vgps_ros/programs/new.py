@@ -11,7 +11,7 @@ from pathlib import Path
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.tasks.yaml_file import Document, Place, shortened
+from vgps_ros.tasks.task_file import Document, Place, shortened
 
 
 class _Flag(Document):

@@ -34,8 +34,7 @@ from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
-from vgps_ros.tasks.checks import SOURCE
-from vgps_ros.tasks.signals import Command, Signals
+from vgps_ros.tasks.signals import SOURCE, Command, Signals
 
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",

@@ -17,7 +17,7 @@ from types import TracebackType
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.trajectory_optimization import Outcome, attempt
-from vgps_ros.simulation.simulations import use_one_thread
+from vgps_ros.simulation.dynamics import use_one_thread
 from vgps_ros.tasks import Task
 
 _PRELOADED = "vgps_ros.search.solver_processes"

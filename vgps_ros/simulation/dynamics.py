@@ -1,16 +1,22 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A MuJoCo model as discrete dynamics.
+"""A MuJoCo model as discrete dynamics, with a simulation of it for each thread.
 
 A control is held for a number of simulator steps:
 
     x_{t+1} = f(x_t, u_t),    x = (qpos, qvel, act),
 
-with f_x, f_u from finite differences on the tangent space (`core.state_space`).
+with f_x, f_u from finite differences on the tangent space (`core.dynamics`).
 """
 
+import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from functools import partial
 from itertools import chain
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import mujoco
 import numpy as np
@@ -21,17 +27,108 @@ from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
-from vgps_ros.simulation.compiled_states import (
-    NO_PUSH,
-    BodyPush,
-    CompiledSimulation,
+from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
+from vgps_ros.simulation.forces import AppliedForce
+from vgps_ros.simulation.model import (
+    check_supported,
+    control_range,
+    cyclic_positions,
     damping_varies,
+    state_space,
     step_structure,
 )
-from vgps_ros.simulation.forces import AppliedForce
-from vgps_ros.simulation.model import control_range, cyclic_positions
-from vgps_ros.simulation.readings import Readings
-from vgps_ros.simulation.simulations import Simulations
+from vgps_ros.simulation.warnings import warnings_of
+
+if TYPE_CHECKING:
+    from vgps_ros.simulation.readings import Readings
+
+# Parts of the work for each thread: a thread whose core others use too then does fewer of them.
+_PARTS = 4
+
+T = TypeVar("T")
+
+_others_use_the_cores = False
+
+
+def use_one_thread() -> None:
+    """Lets simulations of this process use one thread each, since others use the other cores."""
+    global _others_use_the_cores  # noqa: PLW0603
+    _others_use_the_cores = True
+
+
+class Simulations:
+    """A model with as many simulations of it as there are threads.
+
+    Attributes:
+        model: a copy of the model in which MuJoCo does not reset a state that it finds bad; here
+            such a state counts as diverged.
+        space: space of its states.
+        threads: threads that share the work; their number changes no result.
+
+    Args:
+        model: the robot.
+        substeps: simulator steps for which one control is held.
+        threads: number of threads; None for as many as there are processors.
+        push: a push of the robot, which belongs to its dynamics.
+
+    Raises:
+        InvalidInputError: a state of the model is more than (qpos, qvel, act).
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        substeps: int = 1,
+        threads: int | None = None,
+        push: BodyPush = NO_PUSH,
+    ):
+        check_supported(model)
+        self.model = model = copy(model)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.space = state_space(model)
+        self.substeps = substeps
+        cores = 1 if _others_use_the_cores else len(os.sched_getaffinity(0))
+        self.threads = threads or cores
+        self._data = [mujoco.MjData(model) for _ in range(self.threads)]
+        self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
+        for data in self._data:
+            self._idle.put(_compiled_simulation(model, data, substeps, push))
+        self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
+
+    def warnings(self) -> Counter[str]:
+        """Returns how often MuJoCo has warned in these simulations so far, by kind."""
+        return warnings_of(self._data)
+
+    def in_threads(self, count: int, work: Callable[[CompiledSimulation, slice], T]) -> list[T]:
+        """Divides `count` pieces of work into parts; each thread takes the next part."""
+        if min(self.threads, count) == 1:
+            return [self.in_one(work, slice(0, count))]
+        ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
+        parts = map(slice, ends[:-1], ends[1:])
+        return list(self._pool.map(partial(self.in_one, work), parts))
+
+    def in_one(self, work: Callable[..., T], *arguments: Any) -> T:
+        """Does a piece of work in this thread."""
+        simulation = self._idle.get()
+        try:
+            return work(simulation, *arguments)
+        finally:
+            self._idle.put(simulation)
+
+
+def _compiled_simulation(
+    model: mujoco.MjModel, data: mujoco.MjData, substeps: int, push: BodyPush
+) -> CompiledSimulation:
+    """Returns the arrays of a simulation, and the addresses of its records, for the loops."""
+    arrays = (
+        *(data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata),
+        *control_range(model),
+        *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
+        *(data.qfrc_smooth, data.qfrc_constraint),
+    )
+    rest = substeps, step_structure(model), data.xfrc_applied, push
+    return CompiledSimulation(model._address, data._address, *arrays, *rest)
+
 
 # Perturbation of the finite differences, by whether the neighbours' accelerations are predicted:
 # then no search for them adds its noise, and the curvature of hard contact counts for more.
@@ -79,7 +176,7 @@ class Dynamics:
         self.control_dim = model.nu
         self.control_limits = control_range(model)
         self.time_step = model.opt.timestep * substeps
-        n_dx, n_v, n_u = self.space.tangent_dim, model.nv, model.nu
+        n_dx, n_v, n_u = 2 * model.nv + model.na, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
         self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
@@ -251,8 +348,7 @@ class Dynamics:
         states = np.full((n, horizon + 1, self.state_dim), np.nan)
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
-        readings = observation.readings
-        assert isinstance(readings, Readings)
+        readings = cast("Readings", observation.readings)
         network, plan = compiled_network(policy), readings.plan
         told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
         told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from vgps_ros.core.checks import known
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import actuated_joint_names, joint_names
-from vgps_ros.simulation.names import known
 
 
 class AppliedForce(NamedTuple):

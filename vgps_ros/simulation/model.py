@@ -1,16 +1,21 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Compiles a robot's MJCF, and names what its states, controls and sensors hold."""
+"""Compiles a robot's MJCF, and names what its states, controls and sensors hold.
+
+A sensor's values are named after it: `touch` if there is one, `velocity/x` to `velocity/z` if there
+are three, `attitude/w` to `attitude/z` for a quaternion, and `fromto/0`, `fromto/1`, ... otherwise.
+"""
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import quoted, told
+from vgps_ros.core.checks import nearest, quoted, told
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -128,6 +133,37 @@ def sensor_numbers(model: mujoco.MjModel) -> dict[str, tuple[int, int]]:
     return numbers
 
 
+def scalar_names(
+    sensor: str, parts: tuple[str, ...], index: str | int | Iterable[str | int] | None = None
+) -> list[str]:
+    """Returns the full names of a sensor's scalars, such as `velocity/x`.
+
+    Args:
+        sensor: its name.
+        parts: names of its parts; empty for a scalar.
+        index: the part or parts to return, by name or by number from 0; all if it is None.
+
+    Raises:
+        InvalidInputError: the sensor has no such part.
+    """
+    if index is None:
+        return [f"{sensor}/{part}" for part in parts] or [sensor]
+    if not parts:
+        raise InvalidInputError(f"the sensor {quoted(sensor)} is one number; leave its index out.")
+    found = []
+    for wanted in [index] if isinstance(index, str | int) else index:
+        part = str(wanted)
+        if isinstance(wanted, int) and 0 <= wanted < len(parts):
+            part = parts[wanted]
+        if part not in parts:
+            raise InvalidInputError(
+                f"the sensor {quoted(sensor)} has the parts {', '.join(parts)}, but not "
+                f"{quoted(wanted)}.{nearest(part, parts)}"
+            )
+        found.append(f"{sensor}/{part}")
+    return found
+
+
 def joint_names(model: mujoco.MjModel) -> list[str]:
     """Returns the joints that turn or slide along one axis, in the order of the state."""
     single = (_JOINT.mjJNT_HINGE, _JOINT.mjJNT_SLIDE)
@@ -197,6 +233,69 @@ def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
             for end, before in zip(ends.T, (low, high), strict=True)
         )
     return low, high
+
+
+class StepStructure(NamedTuple):
+    """Properties of a model's step.
+
+    MuJoCo computes a step in stages: positions, velocities, actuation, the acceleration at which
+    all forces balance, and its integration; the derivatives of a step may leave out some of them.
+
+    Attributes:
+        may_skip: whether a step may skip stages: the Runge-Kutta method leaves none valid.
+        may_predict: whether there are constraints, and the step is their balance of forces,
+            integrated by a linear system whose matrix depends on positions alone.
+        is_implicit: whether that integration is implicit in velocity.
+        is_one_sided: whether constraints act only while they push, as contacts and limits do; then
+            a constraint without force has none nearby either.
+    """
+
+    may_skip: bool
+    may_predict: bool
+    is_implicit: bool
+    is_one_sided: bool
+
+
+def step_structure(model: mujoco.MjModel) -> StepStructure:
+    """Returns the structure of a model's step."""
+    option, stages = model.opt, mujoco.mjtEnableBit
+    is_fast = option.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    other_stages = stages.mjENBL_SLEEP | stages.mjENBL_DIAGEXACT | stages.mjENBL_IPC
+    may_predict = (
+        (is_fast or option.integrator == mujoco.mjtIntegrator.mjINT_EULER)
+        and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        and not option.enableflags & other_stages
+        and not (option.noslip_iterations or model.nplugin or model.nflex)
+        and not damping_varies(model)
+    )
+    return StepStructure(
+        may_skip=bool(option.integrator != mujoco.mjtIntegrator.mjINT_RK4),
+        may_predict=bool(may_predict),
+        is_implicit=bool(is_fast),
+        is_one_sided=not (
+            model.neq
+            or model.flg_adhesion
+            or model.dof_frictionloss.any()
+            or model.tendon_frictionloss.any()
+        ),
+    )
+
+
+def damping_varies(model: mujoco.MjModel) -> bool:
+    """Returns whether ∂(force)/∂(velocity) changes with velocity or control, as in a fluid.
+
+    Drag even has a kink there: its damping is proportional to |v|.
+    """
+    polynomials = model.dof_dampingpoly, model.tendon_dampingpoly, model.actuator_dampingpoly
+    is_fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+    is_affine = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_AFFINE
+    is_plain = is_fixed | (is_affine & (model.actuator_gainprm[:, 2] == 0.0))
+    return bool(
+        model.opt.density
+        or model.opt.viscosity
+        or any(np.any(values) for values in polynomials)
+        or not is_plain.all()
+    )
 
 
 _TRANSMISSION, _WRAP = mujoco.mjtTrn, mujoco.mjtWrap

@@ -18,9 +18,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import one_of, quoted
+from vgps_ros.core.checks import known, matching, one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.simulation.names import DIRECTIONS, OBJECTS, SENSOR_TYPES, known, matching
+from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
 Place = tuple[str | int, ...]
 

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's C functions for compiled loops, and the addresses of what they work on.
+"""MuJoCo's C functions for compiled loops.
 
 MuJoCo's Python functions cannot be called from a compiled loop, so the loop calls those of the C
 library. Two ways of numba were tried for that: machine code that calls a ctypes function cannot be
@@ -7,8 +7,9 @@ cached, and a WrapperAddressProtocol takes 10 µs at each call of a loop. So an 
 function, and LLVM is given its address, both by documented interfaces. LLVM does not load the
 library itself, since its symbols would then come before those of libraries that are loaded later.
 
-One private name is left, `_address` of MjModel and MjData: the C functions take no Python objects,
-and MuJoCo offers no other way to their pointers (github.com/google-deepmind/mujoco/issues/2564).
+One private name is left, `_address` of MjModel and MjData (see `dynamics`): the C functions take no
+Python objects, and MuJoCo offers no other way to their pointers
+(github.com/google-deepmind/mujoco/issues/2564).
 """
 
 import ctypes
@@ -27,11 +28,6 @@ _LIBRARY = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))
 # The Python bindings read the clock around each stage of a step, an eighth of its time here; no one
 # asks for these times.
 mujoco.set_mjcb_time(None)
-
-
-def address(record: mujoco.MjModel | mujoco.MjData) -> int:
-    """Returns where MuJoCo keeps a record; valid only while the Python object lives."""
-    return int(record._address)
 
 
 def _call_of(name: str) -> Callable[..., Any]:

@@ -17,8 +17,13 @@ from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import compiled_readings as compiled
-from vgps_ros.simulation.model import cyclic_positions, sensor_numbers, state_names
-from vgps_ros.simulation.simulations import Simulations
+from vgps_ros.simulation.dynamics import Simulations
+from vgps_ros.simulation.model import (
+    cyclic_positions,
+    deviation_names,
+    sensor_numbers,
+    state_names,
+)
 
 _EPS = 1e-7  # perturbation of the finite differences
 _FUNCTIONS = {"sin": compiled.SINE, "cos": compiled.COSINE}
@@ -108,9 +113,9 @@ class Readings:
 
 def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingPlan:
     """Finds each name in the model, and what MuJoCo has to compute for all of them."""
-    model, space = simulations.model, simulations.space
-    numbers, states = sensor_numbers(model), state_names(model)
-    tangent_of = dict(zip(*(places.tolist() for places in space.plain), strict=True))
+    model = simulations.model
+    # A coordinate that is a plain number has the same name in a state and in its deviation.
+    numbers, states, deviations = sensor_numbers(model), state_names(model), deviation_names(model)
     rows: list[tuple[int, int, int]] = []  # kind, place and coordinate of a deviation of each
     sensors = set()
     for name in names:
@@ -120,19 +125,19 @@ def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingP
             sensor, place = numbers[name]
             sensors.add(sensor)
             rows.append((compiled.SENSOR, place, 0))
-        elif coordinate in states and (place := states.index(coordinate)) in tangent_of:
+        elif coordinate in states and coordinate in deviations:
             kind = _FUNCTIONS.get(function, compiled.COORDINATE)
-            rows.append((kind, place, tangent_of[place]))
+            rows.append((kind, states.index(coordinate), deviations.index(coordinate)))
         else:
-            known = [*numbers, *(states[i] for i in tangent_of)]
+            known = [*numbers, *(name for name in states if name in deviations)]
             raise InvalidInputError(
                 f"The model has no reading {quoted(name)}; name a sensor's number or a joint's "
                 f"coordinate, such as {', '.join(known[:3])}.{nearest(name, known)}"
             )
     needs, columns = compiled.NOTHING, np.zeros(0, dtype=np.int64)
     if any(_needs_everything(model, sensor) for sensor in sensors):
-        n_dx = space.tangent_dim
-        needs, columns = compiled.EVERYTHING, np.arange(n_dx + model.nu)[::-1].copy()
+        needs = compiled.EVERYTHING
+        columns = np.arange(len(deviations) + model.nu)[::-1].copy()
     elif sensors:
         needs, columns = compiled.KINEMATICS, _columns_felt(model, sorted(sensors))
     kinds, places, tangent = np.array(rows, dtype=np.int64).reshape(-1, 3).T.copy()

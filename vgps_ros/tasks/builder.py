@@ -12,19 +12,21 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.augmentation import Augmentation, Mirror
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import known, matching, quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation
-from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import with_values
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import compile_model, deviation_names, joint_names, sensor_numbers
+from vgps_ros.simulation.model import (
+    compile_model,
+    deviation_names,
+    joint_names,
+    scalar_names,
+    sensor_numbers,
+)
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
-from vgps_ros.simulation.names import known, matching, scalar_names
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.checks import is_multiple
 from vgps_ros.tasks.first_motion import Drawn, keyframe, with_beginning
 from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
@@ -38,12 +40,17 @@ from vgps_ros.tasks.schema import (
     Start,
     StateSpread,
     TaskFile,
-    flattened,
 )
 from vgps_ros.tasks.signals import CLOCK, Command, Signals
 from vgps_ros.tasks.task import Conditions, Task
-from vgps_ros.tasks.task_file import find_model, read_task_file
-from vgps_ros.tasks.yaml_file import Document, Entries, Place
+from vgps_ros.tasks.task_file import (
+    Document,
+    Place,
+    find_model,
+    is_multiple,
+    read_task_file,
+    settings_in,
+)
 
 
 def load_task(path: Path, name: str) -> Task:
@@ -62,34 +69,33 @@ def load_task(path: Path, name: str) -> Task:
     model = compile_model(mjcf)
     with document.at(("model",)):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
-    signals = _signals(file)
-    read = _Reader(dynamics, signals, document)
-    std = file.start.std
-    task = with_beginning(
-        Task(
-            name=name,
-            mjcf=mjcf,
-            dynamics=dynamics,
-            cost=_cost(file, read),
-            horizon=round(file.horizon / file.control_period),
-            lookahead=round(file.lookahead / file.control_period),
-            initial_state=start_state(file.start, model, document),
-            initial_std=read.by_coordinate(std, ("start", "std")),
-            varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
-            std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
-            observation=read.observation(file.observe),
-            begin=Drawn(),  # until the task is whole
-            fallen=read.conditions(file.fallen, "fallen"),
-            limits=read.conditions(file.limits, "limits"),
-            optimizer=with_values(OptimizerSettings(), flattened(file.optimizer)),
-            search=Entries(flattened(file.search), document, "search"),
-            signals=signals,
-            augmentation=read.augmentation(file),
-        ),
-        file.begin,
-        document,
+    signals, std = _signals(file), file.start.std
+    steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
+    context = signals.held(signals.nominal, sum(steps))
+    read = _Reader(dynamics, signals, context, document)
+    optimizer, search = settings_in(file, document)
+    task = Task(
+        name=name,
+        mjcf=mjcf,
+        dynamics=dynamics,
+        cost=_cost(file, read),
+        horizon=steps[0],
+        lookahead=steps[1],
+        initial_state=start_state(file.start, model, document),
+        initial_std=read.by_coordinate(std, ("start", "std")),
+        varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
+        std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
+        observation=read.observation(file.observe),
+        begin=Drawn(),  # until the rest is there
+        fallen=read.conditions(file.fallen, "fallen"),
+        limits=read.conditions(file.limits, "limits"),
+        optimizer=optimizer,
+        search=search,
+        signals=signals,
+        context=context if signals.names else None,
+        augmentation=read.augmentation(file),
     )
-    return task.commanded(signals.nominal)
+    return with_beginning(task, file.begin, document)
 
 
 def _signals(file: TaskFile) -> Signals:
@@ -106,8 +112,9 @@ def _signals(file: TaskFile) -> Signals:
 class _Reader:
     """Finds what entries of the file name in the model."""
 
-    def __init__(self, dynamics: Dynamics, signals: Signals, document: Document):
+    def __init__(self, dynamics: Dynamics, signals: Signals, context: Array, document: Document):
         self.dynamics, self.signals, self.document = dynamics, signals, document
+        self.context = context
         self.model: mujoco.MjModel = dynamics.model
         self.joints = joint_names(self.model)
 
@@ -182,7 +189,7 @@ class _Reader:
                 "a sensor of forces or accelerations depends on the control that the policy has "
                 "yet to choose; read positions and velocities.",
             )
-        return Observation.of(readings, told, self.signals.names)
+        return Observation.of(readings, told, self.signals.names).within(self.context)
 
     def augmentation(self, file: TaskFile) -> Augmentation | None:
         """Returns the noise and the mirror of a file; None where it has neither."""
@@ -323,6 +330,15 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
             "no cost reads it, so that nothing is learned of it; let the target of a term follow "
             f"it, as in `target: {{command: {command.name}}}`, or leave it out.",
         )
+    following = None
+    if np.any([*linear, *lifted]) or any(whens):
+        following = Following(
+            np.array(linear),
+            np.array(lifted),
+            moving=np.array([float(when != "still") for when in whens]),
+            still=np.array([float(when != "moving") for when in whens]),
+            rest=read.signals.rest,
+        )
     return FeatureCost(
         features=read.readings(names, ("cost",)),
         targets=_joined(targets, steps),
@@ -330,15 +346,8 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
         smooth=np.concatenate([np.empty(0), *smooth]),
         control_weights=controls,
         control_targets=poses,
-        following=None
-        if not np.any([*linear, *lifted]) and not any(whens)
-        else Following(
-            np.array(linear),
-            np.array(lifted),
-            moving=np.array([float(when != "still") for when in whens]),
-            still=np.array([float(when != "moving") for when in whens]),
-            rest=read.signals.rest,
-        ),
+        following=following,
+        context=read.context if following else None,
     )
 
 

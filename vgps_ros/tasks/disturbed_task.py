@@ -16,13 +16,13 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from vgps_ros.core.checks import known
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model_changes import name_all
-from vgps_ros.simulation.names import known
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.task import Task

@@ -4,24 +4,24 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
+from vgps_ros.core.checks import known, matching
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.simulation.model import state_names
-from vgps_ros.simulation.names import known, matching
 from vgps_ros.tasks.driver import Driver, driver_of
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
-from vgps_ros.tasks.sampled_motion import sampled_motion
-from vgps_ros.tasks.schema import Begin, Noise, Path, Pd, RecordedMotion, Sampling
+from vgps_ros.tasks.sampled_motion import SampledMotion, Sampler
+from vgps_ros.tasks.schema import Begin, Noise, PathMotion, Pd, RecordedMotion, Sampling
 from vgps_ros.tasks.task import FirstMotion, Nominal, Task
-from vgps_ros.tasks.yaml_file import Document, Place
+from vgps_ros.tasks.task_file import Document, Place
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
 
@@ -40,8 +40,8 @@ def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
     if isinstance(entry, Pd):
         begin = Made(partial(_executed, _pd_law(task, entry, document)))
     elif isinstance(entry, Sampling):
-        begin = sampled_motion(task, entry, document)
-    elif isinstance(entry, Path):
+        begin = _sampled(task, entry, document)
+    elif isinstance(entry, PathMotion):
         begin = AlongPath(path_states(task, entry, document))
     elif isinstance(entry, Noise):
         std, n_u = np.array(entry.std), task.dynamics.control_dim
@@ -56,7 +56,7 @@ def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
     return replace(task, begin=begin)
 
 
-def with_demonstration(task: Task, path: FilePath) -> Task:
+def with_demonstration(task: Task, path: Path) -> Task:
     """Returns the task with the demonstration of a file.
 
     It starts from the first state of a recorded motion. A policy drives it from its own start.
@@ -266,10 +266,71 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str, document: 
     return values
 
 
+def _sampled(task: Task, begin: Sampling, document: Document) -> SampledMotion:
+    """Returns what finds a motion by samples."""
+    step = task.dynamics.time_step
+    for key, time in (("plan", begin.plan), ("period", begin.period)):
+        document.refuse(
+            time < step,
+            ("begin", key),
+            f"it is {time:g} s, but it must be at least the control_period, {step:g} s.",
+        )
+    document.refuse(
+        begin.period > begin.plan,
+        ("begin", "period"),
+        f"it is {begin.period:g} s, but a plan of {begin.plan:g} s has no more to execute.",
+    )
+    document.refuse(
+        begin.elites > begin.samples,
+        ("begin", "elites"),
+        f"it is {begin.elites}, but only {begin.samples} samples are drawn.",
+    )
+    low, high = task.dynamics.control_limits
+    return SampledMotion(
+        Sampler(
+            method=begin.method,
+            steps=round(begin.plan / step),
+            knots=begin.knots,
+            samples=begin.samples,
+            iterations=begin.iterations,
+            elites=begin.elites,
+            std=_std(begin, low, high, document),
+            low=low,
+            high=high,
+        ),
+        round(begin.period / step),
+        begin.ddp_iterations,
+    )
+
+
+def _std(begin: Sampling, low: Array, high: Array, document: Document) -> Array:
+    """Returns the standard deviation of each control's samples, shape (n_u,)."""
+    if begin.std is None:
+        document.refuse(
+            bool(np.isinf(high - low).any()),
+            ("begin",),
+            "a control of the model has no range; give `std`, the standard deviation of the "
+            "samples [N·m], or a ctrlrange (changes: actuators: limit).",
+        )
+        return np.asarray(begin.noise * (high - low) / 2)
+    std = np.array(begin.std)
+    document.refuse(
+        std.size not in (1, low.size),
+        ("begin", "std"),
+        f"it has {std.size} values, but the model has {low.size} actuators.",
+    )
+    document.refuse(
+        ("begin", "noise") in document.lines,
+        ("begin", "noise"),
+        "it is a share of the controls' range, for which std stands; leave one of them out.",
+    )
+    return np.broadcast_to(std, low.shape).astype(float)
+
+
 _PLACES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)  # joints with lengths
 
 
-def path_states(task: Task, begin: Path, document: Document) -> Array:
+def path_states(task: Task, begin: PathMotion, document: Document) -> Array:
     """Returns the states of a path over the planned horizon, shape (T+1, n_x).
 
     Positions are those of the path, velocities are their differences over time, and activations
@@ -291,7 +352,7 @@ def path_states(task: Task, begin: Path, document: Document) -> Array:
     return states
 
 
-def _between_keyframes(task: Task, begin: Path, document: Document) -> Array:
+def _between_keyframes(task: Task, begin: PathMotion, document: Document) -> Array:
     """Returns states on lines from the start through the keyframes, at even times."""
     model, space = task.dynamics.model, task.dynamics.space
     knots = [_at_rest(task)]
@@ -306,7 +367,7 @@ def _between_keyframes(task: Task, begin: Path, document: Document) -> Array:
     return space.add(origins, (when - before)[:, None] * space.subtract(ends, origins))
 
 
-def _recorded(task: Task, path: FilePath, scale: float) -> Array:
+def _recorded(task: Task, path: Path, scale: float) -> Array:
     """Returns states with the positions of a file, and the start's where it has none."""
     model = task.dynamics.model
     positions = state_names(model)[: model.nq]

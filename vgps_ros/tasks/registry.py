@@ -18,7 +18,7 @@ from typing import Any
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
-from vgps_ros.core.settings import Setting, with_values
+from vgps_ros.core.settings import Setting
 
 _FOLDER = Path(__file__).parent
 BUILT_IN = tuple(sorted(path.parent.name for path in _FOLDER.glob("*/task.yaml")))
@@ -123,15 +123,9 @@ def task_settings(reference: str) -> TaskSettings:
 
         task = make_task(reference)
         return TaskSettings(task.optimizer, task.search)
-    from vgps_ros.tasks.schema import flattened
-    from vgps_ros.tasks.task_file import read_task_file
-    from vgps_ros.tasks.yaml_file import Entries
+    from vgps_ros.tasks.task_file import read_task_file, settings_in
 
-    file, document = read_task_file(path)
-    return TaskSettings(
-        with_values(OptimizerSettings(), flattened(file.optimizer)),
-        Entries(flattened(file.search), document, "search"),
-    )
+    return TaskSettings(*settings_in(*read_task_file(path)))
 
 
 TASK = Setting(

@@ -27,9 +27,7 @@ from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
-from vgps_ros.tasks.schema import Sampling
 from vgps_ros.tasks.task import Nominal, Task
-from vgps_ros.tasks.yaml_file import Document
 
 METHODS = ("predictive", "cross_entropy")
 # The samples' standard deviations reach from σ down to this share of it, since a rough search finds
@@ -244,69 +242,3 @@ class SampledMotion:
             is_cancelled=is_cancelled,
         )
         return Nominal(motion)
-
-
-def sampled_motion(task: Task, begin: Sampling, document: Document) -> SampledMotion:
-    """Returns what finds the first motion.
-
-    Raises:
-        InvalidInputError: a time is shorter than a control, elites are more than samples, or a
-            control has no range and no standard deviation.
-    """
-    step = task.dynamics.time_step
-    for key, time in (("plan", begin.plan), ("period", begin.period)):
-        document.refuse(
-            time < step,
-            ("begin", key),
-            f"it is {time:g} s, but it must be at least the control_period, {step:g} s.",
-        )
-    document.refuse(
-        begin.period > begin.plan,
-        ("begin", "period"),
-        f"it is {begin.period:g} s, but a plan of {begin.plan:g} s has no more to execute.",
-    )
-    document.refuse(
-        begin.elites > begin.samples,
-        ("begin", "elites"),
-        f"it is {begin.elites}, but only {begin.samples} samples are drawn.",
-    )
-    low, high = task.dynamics.control_limits
-    return SampledMotion(
-        Sampler(
-            method=begin.method,
-            steps=round(begin.plan / step),
-            knots=begin.knots,
-            samples=begin.samples,
-            iterations=begin.iterations,
-            elites=begin.elites,
-            std=_std(begin, low, high, document),
-            low=low,
-            high=high,
-        ),
-        round(begin.period / step),
-        begin.ddp_iterations,
-    )
-
-
-def _std(begin: Sampling, low: Array, high: Array, document: Document) -> Array:
-    """Returns the standard deviation of each control's samples, shape (n_u,)."""
-    if begin.std is None:
-        document.refuse(
-            bool(np.isinf(high - low).any()),
-            ("begin",),
-            "a control of the model has no range; give `std`, the standard deviation of the "
-            "samples [N·m], or a ctrlrange (changes: actuators: limit).",
-        )
-        return np.asarray(begin.noise * (high - low) / 2)
-    std = np.array(begin.std)
-    document.refuse(
-        std.size not in (1, low.size),
-        ("begin", "std"),
-        f"it has {std.size} values, but the model has {low.size} actuators.",
-    )
-    document.refuse(
-        ("begin", "noise") in document.lines,
-        ("begin", "noise"),
-        "it is a share of the controls' range, for which std stands; leave one of them out.",
-    )
-    return np.broadcast_to(std, low.shape).astype(float)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
-from vgps_ros.simulation.names import SENSOR_TYPES
+from vgps_ros.simulation.sensor_types import SENSOR_TYPES
 
 
 class Record(
@@ -537,7 +537,7 @@ class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="de
     ]
 
 
-class Path(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
+class PathMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
     """Positions over time; they need not be feasible.
 
     Without keyframes and file the robot stays in the air, or wherever it starts.
@@ -560,7 +560,7 @@ class Path(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
     ] = 1.0
 
 
-Begin = Zero | Noise | Pd | Sampling | RecordedMotion | Path
+Begin = Zero | Noise | Pd | Sampling | RecordedMotion | PathMotion
 
 
 class TaskFile(Record, frozen=True, kw_only=True):
@@ -652,14 +652,3 @@ class TaskFile(Record, frozen=True, kw_only=True):
     search: Annotated[Settings, about("settings of the policy search", {"hidden_units": [10]})] = (
         field(default_factory=dict)
     )
-
-
-def flattened(settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns nested settings by their dotted names."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        if isinstance(value, dict):
-            flat |= {f"{name}.{key}": entry for key, entry in value.items()}
-        else:
-            flat[name] = value
-    return flat

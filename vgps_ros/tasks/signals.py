@@ -10,6 +10,7 @@ A command at rest is zero, or the value of its range that is nearest to zero. Th
 pushed where nothing is commanded needs to know which foot to set next.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
 
 CLOCK = ("clock/sin", "clock/cos")
+SOURCE = re.compile(r"cmd_vel/(linear|angular)/[xyz]")  # of a command
 _SHARE_OF_RANGE, _OF_CLOCK = 0.25, 0.5  # standard deviations of a command and of the clock
 
 

@@ -17,20 +17,414 @@ For example, a pendulum that is swung up:
 
 The first line makes editors that know yaml-language-server check the file and show descriptions; it
 names the path of `task.schema.json`, which lies beside this module. `schema` has all keys.
+
+ruamel.yaml parses the text and knows the line of each entry, so that errors can name it; msgspec
+judges the values, and the JSON schema of the records says what would be right. The file may be
+untrusted: no objects are made, and anchors and aliases are refused. Numbers are those of YAML 1.2,
+in which `1e-4` is a number and `yes` is a text. A key without a value counts as left out.
 """
 
 import importlib.util
+import json
 import os
 import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from math import isfinite
 from pathlib import Path
+from typing import Any, TypeVar
 
-from vgps_ros.core.checks import quoted
-from vgps_ros.tasks.checks import check_task_file
-from vgps_ros.tasks.schema import TaskFile
-from vgps_ros.tasks.yaml_file import Document, as_record, read_document
+import msgspec
+from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.parser import ParserError
+from ruamel.yaml.scanner import ScannerError
+
+from vgps_ros.core.checks import listed, nearest, quoted
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.settings import with_values
+from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
+from vgps_ros.tasks.schema import (
+    CostTerm,
+    Followed,
+    ObservedEntry,
+    PathMotion,
+    Record,
+    RecordedMotion,
+    Sensor,
+    TaskFile,
+)
+from vgps_ros.tasks.signals import SOURCE
+
+Place = tuple[str | int, ...]  # keys and positions that lead to an entry
+R = TypeVar("R", bound=msgspec.Struct)
 
 SCHEMA_PATH = Path(__file__).resolve().with_name("task.schema.json")
+LARGEST_FILE = 1_000_000  # [bytes]
+MOST_STEPS = 100_000
 _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
+_LONGEST_ERROR = 480
+_ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
+_OF_SENSORS = ("index", "target", "reference", "norm", "width", "terminal", "when")
+_WORDS = {  # msgspec's words, and plain ones
+    " | null": "",
+    "null | ": "",
+    " | ": " or ",
+    "`": "",
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "object": "a mapping",
+    "array": "a list",
+    " >= ": " of at least ",
+    " > ": " above ",
+    " <= ": " of at most ",
+    " < ": " below ",
+    "length of at": "length at",
+}
+
+
+@dataclass(frozen=True)
+class Document:
+    """The data of a file.
+
+    Attributes:
+        path: the file.
+        data: its top level.
+        lines: the line of each entry, such as ("cost", 0, "sensor"); () is the whole file.
+    """
+
+    path: Path
+    data: dict[str, Any]
+    lines: dict[Place, int]
+
+    def error(self, place: Place, sentence: str) -> InvalidInputError:
+        """Returns an error that begins with file, line and key of an entry.
+
+        Args:
+            place: the entry; for one that the file leaves out, the line is that of its parent.
+            sentence: what is wrong and what would be right, with its full stop.
+        """
+        known = next(place[:n] for n in range(len(place), -1, -1) if place[:n] in self.lines)
+        where = f", {place_in_words(place)}" if place else ""
+        return self.error_at(self.lines[known], sentence, where)
+
+    def refuse(self, wrong: bool, place: Place, sentence: str) -> None:
+        """Raises such an error if something is wrong."""
+        if wrong:
+            raise self.error(place, sentence)
+
+    def error_at(self, line: int, sentence: str, where: str = "") -> InvalidInputError:
+        """Returns an error that begins with the file and a line of it."""
+        text = f"{self.name} line {line}{where}: {sentence}"
+        return InvalidInputError(shortened(text))
+
+    @contextmanager
+    def at(self, place: Place) -> Iterator[None]:
+        """Lets the errors of a block begin with file, line and key of an entry."""
+        try:
+            yield
+        except InvalidInputError as error:
+            raise self.error(place, str(error)) from error
+
+    def setting(self, place: Place, name: str) -> Place:
+        """Returns the place of a setting by its dotted name, which may stand there nested."""
+        return (*place, name) if (*place, name) in self.lines else (*place, *name.split("."))
+
+    def file(self, place: Place, name: str) -> Path:
+        """Returns the path of a file that an entry names, which must lie in the document's folder.
+
+        Raises:
+            InvalidInputError: the file lies elsewhere, or there is none.
+        """
+        folder = self.path.parent.resolve()
+        path = self.existing(place, folder, name).resolve()
+        if not path.is_relative_to(folder):
+            raise self.error(
+                place, f"the file {quoted(name)} lies outside this file's folder; move it there."
+            )
+        return path
+
+    def existing(self, place: Place, folder: Path, name: str) -> Path:
+        """Returns the path of a file that an entry names, from a folder.
+
+        Raises:
+            InvalidInputError: there is no such file.
+        """
+        try:
+            path = folder / name
+            if path.is_file():
+                return path
+            others = [entry.name for entry in islice(os.scandir(folder), 1000)]
+        except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
+            raise self.error(place, f"the file {quoted(name)} cannot be found.") from error
+        raise self.error(
+            place, f"there is no file {quoted(name)} in {shown(folder)}.{nearest(name, others)}"
+        )
+
+    @property
+    def name(self) -> str:
+        """The file as errors call it, with its folder, such as `hopper/task.yaml`."""
+        return shown(self.path)
+
+
+class Entries(dict[str, Any]):
+    """Values of settings by dotted name, whose errors name the line that they have in a file.
+
+    Args:
+        values: the values, which may be nested.
+        document: the file.
+        place: the entry that they stand under.
+    """
+
+    def __init__(self, values: Mapping[str, Any], document: Document, *place: str):
+        super().__init__()
+        for name, value in values.items():
+            if isinstance(value, dict):
+                self.update({f"{name}.{key}": entry for key, entry in value.items()})
+            else:
+                self[name] = value
+        self._document, self._place = document, place
+
+    def at(self, name: str) -> AbstractContextManager[None]:
+        """Returns where errors name the line of a value, or that of all where it has no name."""
+        place = self._document.setting(self._place, name) if name else self._place
+        return self._document.at(place)
+
+
+def shown(path: Path) -> str:
+    """Returns a file's name with its folder, as a sentence can hold it."""
+    name = "/".join(path.parts[-2:])
+    return name if name.isprintable() and len(name) < 80 else quoted(name)
+
+
+def shortened(sentence: str) -> str:
+    """Returns a sentence on one line; the middle of one that is too long is left out."""
+    text = "".join(letter if letter.isprintable() else " " for letter in sentence)
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST_ERROR else f"{text[:350]} ... {text[-100:]}"
+
+
+def place_in_words(place: Place) -> str:
+    """Returns a place as an error names it: `cost[0].sensor`."""
+    text = ""
+    for key in place:
+        if isinstance(key, int):
+            text += f"[{key}]"
+        else:
+            text += f".{key}" if len(key) <= 60 else f".{quoted(key)}"
+    return text.removeprefix(".")
+
+
+def read_document(path: Path) -> Document:
+    """Reads a YAML file whose top level is a mapping.
+
+    Raises:
+        InvalidInputError: the file cannot be read, or is no plain YAML.
+    """
+    document = Document(path, {}, {(): 1})
+    text = _text(document)
+    try:
+        node = YAML(typ="safe", pure=True).compose(text)
+        if node is None:
+            raise document.error((), "the file is empty; it must begin with a key.")
+        if not isinstance(node, MappingNode):
+            sentence = "the file must hold keys with values, such as `horizon: 4.0`."
+            raise document.error((), sentence)
+        _note_lines(document, node, ())
+        document.data.update(_given(YAML(typ="safe", pure=True).load(text)))
+    except InvalidInputError:
+        raise
+    except MarkedYAMLError as error:
+        mark, hint = error.problem_mark or error.context_mark, ""
+        if isinstance(error, ScannerError | ParserError):
+            hint = "; check the indentation, the brackets, and the colon and space behind each key"
+        sentence = f"this is no plain YAML, {error.problem or error.context}{hint}."
+        raise document.error_at(mark.line + 1 if mark else 1, sentence) from error
+    except RecursionError as error:
+        raise document.error((), "the values are nested too deeply.") from error
+    except (YAMLError, ValueError, OverflowError, TypeError) as error:
+        raise document.error((), f"this is no plain YAML: {error}.") from error
+    return document
+
+
+def _text(document: Document) -> str:
+    """Returns the file's text."""
+    path = document.path
+    try:
+        if not path.is_file():
+            raise InvalidInputError(f"There is no file {quoted(str(path))}; name a YAML file.")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(f"The file {shown(path)} cannot be read: {error}.") from error
+    if len(data) > LARGEST_FILE:
+        raise document.error((), f"the file is larger than {LARGEST_FILE} bytes; make it shorter.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise document.error_at(
+            line, "the text is not in UTF-8; save the file as UTF-8."
+        ) from error
+
+
+def _note_lines(document: Document, node: Node, place: Place) -> None:
+    """Notes the line of each entry, and refuses anchors and texts that do not print."""
+    document.lines[place] = node.start_mark.line + 1 if place else 1
+    if node.anchor:
+        raise document.error(place, "anchors (&) are not read; write the value out.")
+    if isinstance(node, ScalarNode) and not node.value.isprintable():
+        raise document.error(
+            place, f"the text {quoted(node.value)} must stand on one line, in letters that print."
+        )
+    if isinstance(node, SequenceNode):
+        for i, entry in enumerate(node.value):
+            _note_lines(document, entry, (*place, i))
+    elif isinstance(node, MappingNode):
+        for key, entry in node.value:
+            if not isinstance(key, ScalarNode) or key.anchor or not key.value.isprintable():
+                raise document.error_at(
+                    key.start_mark.line + 1, "a key must be a plain text, such as `horizon: 4.0`."
+                )
+            here, line = (*place, key.value), key.start_mark.line + 1
+            if here in document.lines:
+                sentence = f"the key stands twice, here and in line {line}; leave one of them out."
+                raise document.error(here, sentence)
+            _note_lines(document, entry, here)
+            document.lines[here] = line
+
+
+def _given(value: Any) -> Any:
+    """Returns a value without the keys that have no value."""
+    if isinstance(value, dict):
+        return {str(key): _given(entry) for key, entry in value.items() if entry is not None}
+    return [_given(entry) for entry in value] if isinstance(value, list) else value
+
+
+def as_record(document: Document, kind: type[R]) -> R:
+    """Returns a document's data as a record.
+
+    Raises:
+        InvalidInputError: an entry does not fit; the sentence says which, and what would fit.
+    """
+    try:
+        return msgspec.convert(document.data, kind)
+    except msgspec.ValidationError as error:
+        raise document.error(*_explained(document.data, kind, str(error))) from error
+
+
+def _explained(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
+    """Returns the place of the entry that msgspec complains about, and a sentence on it."""
+    complaint, _, path = error.partition(" - at `$")
+    place, value = _entry(data, kind, path.rstrip("`"), error)
+    schemas, hint = _schemas(kind, data, place)
+    known = list(dict.fromkeys(key for each in schemas for key in each.get("properties", {})))
+    if found := re.fullmatch("Object contains unknown field `(.*)`", complaint, re.S):
+        return (*place, found[1]), (
+            f"{quoted(found[1])} is no key here; the keys are {', '.join(known)}."
+            f"{nearest(found[1], known)}"
+        )
+    if found := re.fullmatch("Object missing required field `(.*)`", complaint, re.S):
+        _, hint = _schemas(kind, data, (*place, found[1]))
+        return place, f"the key {quoted(found[1])} is missing{hint}."
+    choices = list(dict.fromkeys(str(each) for one in schemas for each in one.get("enum", ())))
+    wanted = f"one of {', '.join(choices)}"
+    if not complaint.startswith("Invalid"):
+        wanted = complaint.removeprefix("Expected ").partition(", got ")[0].strip("`")
+        for word, plain in _WORDS.items():
+            wanted = wanted.replace(word, plain)
+        wanted = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):g}", wanted)
+    return place, (
+        f"it is {_named(value)}, but it must be {wanted}{hint}.{nearest(str(value), choices)}"
+    )
+
+
+def _entry(data: Any, kind: type[R], path: str, error: str) -> tuple[Place, Any]:
+    """Returns the place and the value of an entry of which msgspec has the path, as `.cost[0]`."""
+    place: Place = ()
+    value = data
+    for name, number in re.findall(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]", path):
+        if number == "...":  # some key of a mapping: the first that has the error by itself
+            keys = [one for one in value if _complaint(data, kind, place, one) == error]
+            key = (keys or list(value))[0]
+        else:
+            key = name or int(number)
+        place, value = (*place, key), value[key]
+    return place, value
+
+
+def _complaint(data: Any, kind: type[R], place: Place, key: str) -> str:
+    """Returns what msgspec says of the data if the mapping at a place has only this key."""
+    data = inner = deepcopy(data)
+    for each in place:
+        inner = inner[each]
+    for other in set(inner) - {key}:
+        del inner[other]
+    try:
+        msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        return str(error)
+    return ""
+
+
+def _schemas(kind: type[R], data: Any, place: Place) -> tuple[list[dict[str, Any]], str]:
+    """Returns the JSON schemas that an entry may fit, and the hint of the field around it."""
+    root: dict[str, Any] = _schema_of(kind)
+    schemas, hint = _alternatives(root, root, data), ""
+    for key in place:
+        data = data.get(key) if isinstance(data, dict) else data[key]
+        inner = [found for each in schemas if (found := _part(each, key)) is not None]
+        hint = next((_hint(key, each) for each in inner if "description" in each), hint)
+        schemas = [one for each in inner for one in _alternatives(root, each, data)]
+    return schemas, hint
+
+
+@lru_cache
+def _schema_of(kind: type[R]) -> dict[str, Any]:
+    return msgspec.json.schema(kind)
+
+
+def _alternatives(root: Any, schema: Any, value: Any) -> list[dict[str, Any]]:
+    """Returns the schemas of a union, or those that a record's tag picks."""
+    if "discriminator" in schema and isinstance(value, dict):
+        choice = schema["discriminator"]
+        tag = value.get(choice["propertyName"])
+        if isinstance(tag, str) and tag in choice["mapping"]:
+            schema = {"$ref": choice["mapping"][tag]}
+    if "$ref" in schema:
+        return _alternatives(root, root["$defs"][schema["$ref"].rpartition("/")[2]], value)
+    if "anyOf" in schema:
+        return [one for each in schema["anyOf"] for one in _alternatives(root, each, value)]
+    return [schema]
+
+
+def _part(schema: dict[str, Any], key: str | int) -> Any:
+    """Returns the schema of an entry of a mapping or list; None if there is none."""
+    if isinstance(key, int):
+        return [*schema.get("prefixItems", ()), *[schema.get("items") or None] * (key + 1)][key]
+    return schema.get("properties", {}).get(key, schema.get("additionalProperties") or None)
+
+
+def _hint(key: str | int, schema: dict[str, Any]) -> str:
+    """Returns a field's description and example as the end of a sentence."""
+    example = json.dumps(schema["examples"][0], ensure_ascii=False) if "examples" in schema else ""
+    return f": {schema['description']}" + (f"; for example `{key}: {example}`" if example else "")
+
+
+def _named(value: Any) -> str:
+    """Returns a value as a sentence names it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return "a mapping" if isinstance(value, dict) else quoted(value)
 
 
 def read_task_file(path: Path) -> tuple[TaskFile, Document]:
@@ -47,9 +441,19 @@ def read_task_file(path: Path) -> tuple[TaskFile, Document]:
     """
     document = read_document(path / "task.yaml" if os.path.isdir(path) else path)
     task = as_record(document, TaskFile)
-    check_task_file(task, document)
+    _check(task, document)
     find_model(task, document)
     return task, document
+
+
+def settings_in(task: TaskFile, document: Document) -> tuple[OptimizerSettings, Entries]:
+    """Returns the settings of the optimizer, and those of a search, whose method is not known here.
+
+    Raises:
+        InvalidInputError: one of the optimizer's is unknown or out of range.
+    """
+    optimizer = Entries(task.optimizer, document, "optimizer")
+    return with_values(OptimizerSettings(), optimizer), Entries(task.search, document, "search")
 
 
 def find_model(task: TaskFile, document: Document) -> Path:
@@ -90,3 +494,189 @@ def _package_folders(name: str) -> list[Path]:
     prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
     shared = [Path(prefix) / "share" / name for prefix in prefixes]
     return [folder for folder in (*map(Path, python), *shared) if folder.is_dir()]
+
+
+def _check(task: TaskFile, document: Document) -> None:
+    """Checks a task.
+
+    Raises:
+        InvalidInputError: an entry contradicts another, or names a file outside the folder.
+    """
+    _check_times(task, document)
+    for name, sensor in task.sensors.items():
+        _check_sensor(name, sensor, document)
+    for name, command in task.commands.items():
+        low, high = command.range
+        document.refuse(
+            not low < high,
+            ("commands", name, "range"),
+            f"it is {low:g} to {high:g}, but the second must be larger than the first.",
+        )
+        document.refuse(
+            "/" in name or (command.source is not None and not SOURCE.fullmatch(command.source)),
+            ("commands", name),
+            "its name must hold no slash, and `from` must be cmd_vel/linear/x, or another field of "
+            "a Twist: linear or angular, x, y or z.",
+        )
+        same = next((o for o, c in task.commands.items() if c.source == command.source), name)
+        document.refuse(
+            command.source is not None and same != name,
+            ("commands", name, "from"),
+            f"{same} comes from {command.source} already; each command needs a field of its own.",
+        )
+    for i, term in enumerate(task.cost):
+        _check_term(term, document, ("cost", i))
+    for i, entry in enumerate(task.observe):
+        if isinstance(entry, ObservedEntry):
+            _check_observation(entry, document, ("observe", i))
+    for key, limits in (("fallen", task.fallen), ("limits", task.limits)):
+        for i, limit in enumerate(limits):
+            _check_one_of(limit, ("below", "above", "beyond"), document, (key, i))
+    if isinstance(task.begin, RecordedMotion | PathMotion) and task.begin.file is not None:
+        document.file(("begin", "file"), task.begin.file)
+        document.refuse(
+            ("begin", "through") in document.lines,
+            ("begin", "through"),
+            "a path goes through keyframes or is in a file; leave one of them out.",
+        )
+    settings_in(task, document)
+
+
+def is_multiple(time: float, unit: float) -> bool:
+    """Returns whether a time is a whole multiple of a unit, apart from rounding."""
+    ratio = time / unit
+    return isfinite(ratio) and abs(ratio - round(ratio)) <= _ROUNDING * min(1.0, ratio)
+
+
+def _check_times(task: TaskFile, document: Document) -> None:
+    period, step = task.control_period, task.changes.option.timestep
+    for key, time in (("horizon", task.horizon), ("lookahead", task.lookahead)):
+        document.refuse(
+            not is_multiple(time, period),
+            (key,),
+            f"it is {time:g} s, but it must be a multiple of the control_period, {period:g} s.",
+        )
+    document.refuse(
+        step is not None and not is_multiple(period, step),
+        ("control_period",),
+        f"it is {period:g} s, but it must be a multiple of the simulator's time step, {step} s.",
+    )
+    fastest = 0.5 / period
+    document.refuse(
+        task.clock is not None and task.clock.frequency > fastest,
+        ("clock", "frequency"),
+        f"it is {task.clock.frequency if task.clock else 0.0:g} Hz, but with a control_period of "
+        f"{period:g} s it must be at most {fastest:g} Hz, two controls a turn.",
+    )
+    steps = round((task.horizon + task.lookahead) / period)
+    document.refuse(
+        steps > MOST_STEPS,
+        ("horizon",),
+        f"horizon and lookahead have {steps:g} steps, but at most {MOST_STEPS} are taken.",
+    )
+
+
+def _check_term(term: CostTerm, document: Document, place: Place) -> None:
+    """Checks a term of the cost: its kind and its file."""
+    _check_one_of(term, ("sensor", "control"), document, place)
+    if term.sensor is None:
+        for key in _OF_SENSORS:
+            document.refuse(
+                (*place, key) in document.lines,
+                (*place, key),
+                "this belongs to a term with a sensor; a term of controls has a weight only.",
+            )
+        names = (term.control,) if isinstance(term.control, str) else term.control or ()
+        for i, name in enumerate(names):
+            document.refuse(
+                name in names[:i],
+                (*place, "control", i),
+                "this entry stands twice; leave one of them out.",
+            )
+    document.refuse(
+        (*place, "width") in document.lines and term.norm != "smooth_abs",
+        (*place, "width"),
+        "only smooth_abs has a width; add `norm: smooth_abs`.",
+    )
+    document.refuse(
+        term.pose is not None and term.control is None,
+        (*place, "pose"),
+        "only a term of controls has a pose; leave it out.",
+    )
+    several = isinstance(term.target, tuple)
+    for i, target in enumerate(term.target if isinstance(term.target, tuple) else (term.target,)):
+        if isinstance(target, Followed):
+            here = (*place, "target", *((i,) if several else ()))
+            _check_one_of(target, ("command", "swing"), document, here)
+            document.refuse(
+                target.swing is None and (*here, "phase") in document.lines,
+                (*here, "phase"),
+                "only a swing has a phase; leave it out.",
+            )
+    if term.reference is not None:
+        both = (*place, "target")
+        document.refuse(both in document.lines, both, "a term has a target or a reference.")
+        document.file((*place, "reference"), term.reference)
+
+
+def _check_observation(entry: ObservedEntry, document: Document, place: Place) -> None:
+    owners = ("joint", "sensor", "joint_positions", "joint_velocities")
+    _check_one_of(entry, owners, document, place)
+    for key, owner in (("as", "joint"), ("index", "sensor")):
+        document.refuse(
+            (*place, key) in document.lines and getattr(entry, owner) is None,
+            (*place, key),
+            f"this belongs beside {owner}; leave it out here.",
+        )
+
+
+def _check_sensor(name: str, sensor: Sensor, document: Document) -> None:
+    """Checks that an added sensor has a type of MuJoCo's, and the objects that it needs."""
+    place, what = ("sensors", name), f"a {sensor.type}"
+    document.refuse(
+        sensor.type not in SENSOR_TYPES,
+        (*place, "type"),
+        f"{quoted(sensor.type)} is no type of sensor; there are {listed(list(SENSOR_TYPES))}."
+        f"{nearest(sensor.type, SENSOR_TYPES)}",
+    )
+    document.refuse("/" in name, place, "a sensor's name must not hold a slash; rename it.")
+    kind = SENSOR_TYPES[sensor.type]
+    between = kind.mujoco_name.startswith("geom")
+    _check_object(sensor, kind.objects, what, document, place)
+    if sensor.relative_to is not None:
+        here = (*place, "relative_to")
+        none = f"{what} measures relative to nothing; leave it out."
+        document.refuse(not kind.relative_to, here, none)
+        _check_object(sensor.relative_to, kind.relative_to, what, document, here)
+    document.refuse(
+        between and (sensor.relative_to is None or sensor.cutoff is None),
+        place,
+        f"{what} needs relative_to and cutoff, the farthest distance seen [m], for example "
+        "`relative_to: {geom: wall}, cutoff: 1.0`.",
+    )
+
+
+def _check_object(
+    record: Record, kinds: Sequence[str], what: str, document: Document, place: Place
+) -> None:
+    """Checks that a record names one object, of a kind that fits."""
+    allowed = f"one of {', '.join(kinds)}" if kinds else "nothing, since it is of the whole model"
+    for kind in OBJECTS:
+        document.refuse(
+            getattr(record, kind, None) is not None and kind not in kinds,
+            (*place, kind),
+            f"{what} may name {allowed}, but not {kind}.",
+        )
+    if kinds:
+        _check_one_of(record, kinds, document, place)
+
+
+def _check_one_of(record: Record, names: Sequence[str], document: Document, place: Place) -> None:
+    """Checks that a record has a value for exactly one of some fields."""
+    given = [name for name in names if getattr(record, name) is not None]
+    document.refuse(
+        len(given) != 1,
+        place,
+        f"exactly one of {', '.join(names)} must be given, but here is "
+        f"{' and '.join(given) or 'none'}.",
+    )

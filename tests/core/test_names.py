@@ -3,8 +3,8 @@
 
 import pytest
 
+from vgps_ros.core.checks import known, listed, matching
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.simulation.names import known, listed, matching
 
 JOINTS = ("left_hip", "left_knee", "right_hip", "left_*")
 
