@@ -73,19 +73,20 @@ def load_task(path: Path, name: str) -> Task:
     steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context, document)
+    cost, observation = _cost(file, read), read.observation(file.observe)
     optimizer, search = settings_in(file, document)
     task = Task(
         name=name,
         mjcf=mjcf,
         dynamics=dynamics,
-        cost=_cost(file, read),
+        cost=cost,
         horizon=steps[0],
         lookahead=steps[1],
         initial_state=start_state(file.start, model, document),
         initial_std=read.by_coordinate(std, ("start", "std")),
         varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
         std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
-        observation=read.observation(file.observe),
+        observation=observation,
         begin=Drawn(),  # until the rest is there
         fallen=read.conditions(file.fallen, "fallen"),
         limits=read.conditions(file.limits, "limits"),
@@ -93,7 +94,7 @@ def load_task(path: Path, name: str) -> Task:
         search=search,
         signals=signals,
         context=context if signals.names else None,
-        augmentation=read.augmentation(file),
+        augmentation=read.augmentation(file, observation),
     )
     return with_beginning(task, file.begin, document)
 
@@ -191,11 +192,10 @@ class _Reader:
             )
         return Observation.of(readings, told, self.signals.names).within(self.context)
 
-    def augmentation(self, file: TaskFile) -> Augmentation | None:
+    def augmentation(self, file: TaskFile, observation: Observation) -> Augmentation | None:
         """Returns the noise and the mirror of a file; None where it has neither."""
         if not file.sensor_noise and file.mirror is None:
             return None
-        observation = self.observation(file.observe)
         names, read = list(observation.names), list(observation.readings.names)
         noise = np.zeros(len(names))
         for pattern, std in file.sensor_noise.items():

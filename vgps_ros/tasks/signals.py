@@ -187,11 +187,8 @@ class Signals:
                 f"{len(values)} values are given, but the task has {len(self.commands)} commands: "
                 f"{names}."
             )
-        for command, value in zip(self.commands, values, strict=True):
-            low, high = command.lowest, command.highest
-            if not low <= value <= high:
-                raise InvalidInputError(
-                    f"The command {command.name} is {value:g}, but it must be from {low:g} to "
-                    f"{high:g}{' ' + command.unit if command.unit else ''}."
-                )
+        given = zip((command.name for command in self.commands), values, strict=True)
+        _, said = self.clamped(dict(given))
+        if said:
+            raise InvalidInputError(f"The command {said[0]}.")
         return np.array(values, dtype=float)

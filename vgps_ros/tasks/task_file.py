@@ -122,8 +122,7 @@ class Document:
 
     def error_at(self, line: int, sentence: str, where: str = "") -> InvalidInputError:
         """Returns an error that begins with the file and a line of it."""
-        text = f"{self.name} line {line}{where}: {sentence}"
-        return InvalidInputError(shortened(text))
+        return InvalidInputError(shortened(f"{shown(self.path)} line {line}{where}: {sentence}"))
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
@@ -132,10 +131,6 @@ class Document:
             yield
         except InvalidInputError as error:
             raise self.error(place, str(error)) from error
-
-    def setting(self, place: Place, name: str) -> Place:
-        """Returns the place of a setting by its dotted name, which may stand there nested."""
-        return (*place, name) if (*place, name) in self.lines else (*place, *name.split("."))
 
     def file(self, place: Place, name: str) -> Path:
         """Returns the path of a file that an entry names, which must lie in the document's folder.
@@ -168,11 +163,6 @@ class Document:
             place, f"there is no file {quoted(name)} in {shown(folder)}.{nearest(name, others)}"
         )
 
-    @property
-    def name(self) -> str:
-        """The file as errors call it, with its folder, such as `hopper/task.yaml`."""
-        return shown(self.path)
-
 
 class Entries(dict[str, Any]):
     """Values of settings by dotted name, whose errors name the line that they have in a file.
@@ -194,12 +184,14 @@ class Entries(dict[str, Any]):
 
     def at(self, name: str) -> AbstractContextManager[None]:
         """Returns where errors name the line of a value, or that of all where it has no name."""
-        place = self._document.setting(self._place, name) if name else self._place
+        place: Place = (*self._place, name)
+        if place not in self._document.lines:  # it stands there nested, or there is no name
+            place = (*self._place, *filter(None, name.split(".")))
         return self._document.at(place)
 
 
 def shown(path: Path) -> str:
-    """Returns a file's name with its folder, as a sentence can hold it."""
+    """Returns a file's name with its folder, such as hopper/task.yaml, for a sentence."""
     name = "/".join(path.parts[-2:])
     return name if name.isprintable() and len(name) < 80 else quoted(name)
 
