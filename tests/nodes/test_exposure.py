@@ -63,6 +63,8 @@ SOMETIMES = {
         )
         for topic in ("activations", "multi_dof_joint_states", "odom")
     ),
+    ("simulation", Use("publish", "/imu")),
+    ("policy_executor", Use("subscribe", "/imu")),
 }
 
 

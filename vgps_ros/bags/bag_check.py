@@ -21,12 +21,13 @@ computed from it.
 
 from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
+from operator import attrgetter, itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -63,7 +64,7 @@ from vgps_ros.messages.names import (
     IS_ACTIVE,
     SAFE_ACTION,
 )
-from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
 from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, policy_digest
 from vgps_ros.safety.training_marginals import TrainingMarginals
@@ -141,10 +142,11 @@ def check_bag(
         found.wrong += bag.damages
         model = compile_model(bag.mjcf())
         executor = RecordedExecutor(bag, model)
-        states = _states(bag, model, found)
+        states = _states(bag, executor, found)
         commands = _commands(bag, model, found)
         contexts = _contexts(bag, executor, found)
-        _check_torques(bag, executor, states, commands, contexts, found)
+        answered = sorted([*states, *_measured(bag, executor)], key=attrgetter("received"))
+        _check_torques(bag, executor, answered, commands, contexts, found)
         period = _check_gaps(states, found)
         _check_contexts(executor, contexts, found)
         _check_commands(bag, executor, contexts, found)
@@ -162,9 +164,12 @@ def check_bag(
     return found
 
 
-def _states(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_State]:
-    """Reads the states in the order in which they were received."""
-    messages_of, states, unusable = StateMessages(model), [], 0
+def _states(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[_State]:
+    """Reads the states of which all messages have one stamp, in the order of their receipt."""
+    messages_of = StateMessages(executor.model, **executor.frames)
+    states, unusable = list[_State](), 0
+    if executor.is_measured and not messages_of.topics.keys() <= bag.filled_topics.keys():
+        return states  # of a robot without odometry
     for received, messages in recorded_states(bag, messages_of):
         try:
             stamp = nanoseconds(messages[JOINTS].header.stamp)
@@ -174,6 +179,36 @@ def _states(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_Sta
     if unusable:
         found.missing.append(f"{unusable} states cannot be used")
     return states
+
+
+def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[_State]:
+    """Yields the states that the executor may have joined of messages with stamps of their own.
+
+    Which `imu` or `odom` was the newest, no message says. Those within the executor's tolerance of
+    the stamp of `joint_states` are few, and only the right one gives the torques bit for bit.
+    """
+    model = executor.model
+    for is_blind, base in ((True, IMU), (False, ODOMETRY)):
+        messages_of = StateMessages(model, is_blind=is_blind, **executor.frames)
+        if messages_of.sources.keys() != {base, JOINTS} or base not in bag.filled_topics:
+            continue
+        if base == ODOMETRY and not executor.is_measured:
+            continue  # these states are known
+        topics = {bag.needed_topic(name): name for name in (base, JOINTS)}
+        recorded: dict[str, list[tuple[int, int, Any]]] = {name: [] for name in topics.values()}
+        for message in bag.messages(list(topics)):
+            decoded = bag.decode(message)
+            stamp = nanoseconds(decoded.header.stamp)
+            recorded[topics[message.topic]].append((stamp, message.stamp, decoded))
+        of_base = sorted(recorded[base], key=itemgetter(0))
+        stamps = [stamp for stamp, *_ in of_base]
+        for stamp, received, joints in recorded[JOINTS]:
+            first = bisect_left(stamps, stamp - executor.tolerance)
+            last = bisect_right(stamps, stamp + executor.tolerance)
+            for _, _, message in of_base[first:last]:
+                with suppress(InvalidInputError):
+                    x = messages_of.join({base: message, JOINTS: joints})
+                    yield _State(received, stamp, x)
 
 
 def _commands(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_Command]:
@@ -280,7 +315,7 @@ def _check_commands(
     timeouts = [] if is_simulated else parameters.values(executor.node, "command_timeout")
     given = [_Given(rest, timeouts) for rest in signals.rest.tolist()]
     topics = [bag.filled_topics[name] for name in (CMD_VEL, COMMAND) if name in bag.filled_topics]
-    base_frame = StateMessages(executor.model).base_frame
+    base_frame = StateMessages(executor.model, **executor.frames).base_frame
     for received, message in bag.decoded(*topics, refused=[]) if topics else ():
         with suppress(InvalidInputError):  # which the executor refused, too
             told = (

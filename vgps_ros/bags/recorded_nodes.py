@@ -159,6 +159,9 @@ class RecordedExecutor:
         limiter: limits of the torques, which depend on the torques that were noted before.
         task: its task; None if it is not known, as in bags of old versions.
         signals: the commands and the clock of its task.
+        frames: its names of the base's and of the IMU's frame.
+        is_measured: whether its sensors had stamps of their own.
+        tolerance: by which they differed at most [ns].
 
     Raises:
         InvalidInputError: a recorded parameter has a value that no executor accepts.
@@ -180,6 +183,13 @@ class RecordedExecutor:
             else None
         )
         self.signals = self.task.signals if self.task else Signals()
+        self.frames: dict[str, Any] = {
+            name: str(parameters.get(name, "")) for name in ("base_frame", "imu_frame")
+        }
+        self.is_measured = parameters.get("state_qos") == "sensor_data"
+        period = self.task.dynamics.time_step if self.task else 0.0
+        own = float(parameters.get("sensor_tolerance", 0.0))
+        self.tolerance = round(1e9 * (own if self.is_measured else period / 2))
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
@@ -191,7 +201,7 @@ class RecordedExecutor:
         self.limiter = TorqueLimiter(
             self.settings.torque_range(control_range(model)),
             self.settings.torque_rate_limit,
-            self.task.dynamics.time_step if self.task else 0.0,
+            period,
         )
 
     def _seeds(self, node: str) -> list[int | None]:

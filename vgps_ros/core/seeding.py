@@ -34,6 +34,7 @@ class Stream(IntEnum):
     COMMANDS = 15
     RENEWAL = 16
     JUDGEMENT = 17
+    IMU = 18
 
 
 def generator(seed: int, stream: Stream, *place: int) -> np.random.Generator:

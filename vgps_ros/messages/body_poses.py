@@ -14,14 +14,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.frames import frame_names, product, rotated
 
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: a driver may compute in single precision
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+BACK = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class BodyJoint:
     def write(self, x: Array, position: Any, orientation: Any, twist: Any) -> None:
         """Writes what x says to the parts of a message; the twist is in the body's axes."""
         at, rotation, linear, angular = self.parts(x)
-        _put(orientation, "wxyz", rotation)
-        _put(twist.angular, "xyz", angular)
+        put(orientation, "wxyz", rotation)
+        put(twist.angular, "xyz", angular)
         if self.is_free:
-            _put(position, "xyz", at)
-            _put(twist.linear, "xyz", rotated(linear, rotation * _BACK))
+            put(position, "xyz", at)
+            put(twist.linear, "xyz", rotated(linear, rotation * BACK))
 
     def read(self, x: Array, topic: str, position: Any, orientation: Any, twist: Any) -> None:
         """Writes what the parts of a message say to x.
@@ -126,7 +126,7 @@ class PlanarBase:
         free, moved = BodyJoint(self.name, True, 0, 7), np.empty(13)
         free.read(moved, topic, position, orientation, twist)
         at, rotation, linear, angular = free.parts(moved)
-        to_world = self.rotation * _BACK
+        to_world = self.rotation * BACK
         turned = product(to_world, rotation)
         angle = math.remainder(2.0 * math.atan2(self.axis @ turned[1:], turned[0]), 2.0 * math.pi)
         rate = self.axis @ angular
@@ -163,7 +163,45 @@ def planar_base(model: mujoco.MjModel) -> PlanarBase | None:
     return None
 
 
-def _put(target: Any, names: str, values: Array) -> None:
+def turn_on_base(
+    model: mujoco.MjModel, base_frame: str, base: BodyJoint | PlanarBase | None, frame: str
+) -> Array:
+    """Returns how a site or body that is fixed to the base is turned in it, as a quaternion (4,).
+
+    Args:
+        model: the robot.
+        base_frame: name of the base's frame in messages.
+        base: the base.
+        frame: name of the site or body; empty: the base itself.
+
+    Raises:
+        InvalidInputError: there is no such site or body, or it moves in the base.
+    """
+    if frame in ("", base_frame):
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    frames = frame_names(model)
+    root = frames.index(base.name) if base else 0
+    bodies = dict(zip(frames, range(model.nbody), strict=True))
+    sites = {model.site(i).name: i for i in range(model.nsite)}
+    fixed = [name for name, i in bodies.items() if model.body_weldid[i] == root]
+    fixed += [name for name, i in sites.items() if model.body_weldid[model.site_bodyid[i]] == root]
+    if frame not in fixed:
+        raise InvalidInputError(
+            f"The frame of imu is {quoted(frame)}, but it must be that of the robot's base, "
+            f"'{base_frame}', or of what is fixed to it, {', '.join(filter(None, fixed))}; set "
+            "imu_frame to the one at which the IMU sits."
+        )
+    data, turn = mujoco.MjData(model), np.empty(4)
+    mujoco.mj_kinematics(model, data)
+    if frame in bodies:
+        turn[:] = data.xquat[bodies[frame]]
+    else:
+        mujoco.mju_mat2Quat(turn, data.site_xmat[sites[frame]])
+    return product(data.xquat[root] * BACK, turn)
+
+
+def put(target: Any, names: str, values: Array) -> None:
+    """Writes values to the fields of a message that the letters of a word name, such as xyz."""
     for name, value in zip(names, values.tolist(), strict=True):
         setattr(target, name, value)
 

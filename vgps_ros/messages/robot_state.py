@@ -9,28 +9,41 @@
 | `joint_states` | sensor_msgs/JointState | hinges and slides |
 
 A robot has only those topics for which it has something to say, and always `joint_states`. Where a
-planar robot's `joint_states` lack the slides and the hinge of its base, `odom` tells them. Joining
-what was split gives x bit for bit, but for the linear velocity of free bodies: MuJoCo has it in the
-world's axes and ROS in the body's, and a rotation there and back rounds. Whoever joins the same
-messages has the same x bit for bit, and the simulation itself goes on from what its messages say.
+planar robot's `joint_states` lack the slides and the hinge of its base, `odom` tells them. For a
+blind policy `imu` (sensor_msgs/Imu) may tell in place of `odom` how the free base is turned and
+turns; the world's origin and zero stand for its place and its velocity then.
+
+Joining what was split gives x bit for bit, but for the linear velocity of free bodies: MuJoCo has
+it in the world's axes and ROS in the body's, and a rotation there and back rounds. Whoever joins
+the same messages has the same x bit for bit, and the simulation itself goes on from what its
+messages say.
 """
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import lru_cache, partial
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Transform, Twist
+from geometry_msgs.msg import Transform, Twist, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState, MultiDOFJointState
+from sensor_msgs.msg import Imu, JointState, MultiDOFJointState
 
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_poses import BodyJoint, PlanarBase, body_joints, planar_base
+from vgps_ros.messages.body_poses import (
+    BACK,
+    BodyJoint,
+    PlanarBase,
+    body_joints,
+    planar_base,
+    turn_on_base,
+)
 from vgps_ros.messages.conversions import (
     name_order,
     nanoseconds,
@@ -38,10 +51,12 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
+from vgps_ros.simulation.frames import product, rotated
 from vgps_ros.simulation.model import joint_names, state_names
 
 TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
+IMU = "imu"
 _PATIENCE = 1000  # incomplete states that are kept
 
 
@@ -50,15 +65,29 @@ class StateMessages:
 
     Attributes:
         topics: type of the message on each topic, in the order in which they are published.
-        sources: the same, and `odom` where it may tell what `joint_states` lack.
+        needed: those from which states are joined: the same, with `imu` in place of `odom` where
+            it is blind.
+        sources: those, and `odom` where it may tell what `joint_states` lack.
         joint_names: names of the hinges and slides, in the order of the state.
         base: the free base, or None.
+        base_frame: name of the base's frame; of a robot that stands on a fixed base, its first
+            body's.
 
     Args:
         model: the robot.
+        is_blind: whether `imu` tells of the free base, and not `odom`.
+        base_frame: name of the base's frame in messages; empty: the model's.
+        imu_frame: the model's site or body at which the IMU sits; empty: what its messages name.
     """
 
-    def __init__(self, model: mujoco.MjModel):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        is_blind: bool = False,
+        base_frame: str = "",
+        imu_frame: str = "",
+    ):
         names = state_names(model)
         self.joint_names = joint_names(model)
         self._joints = _places(names, self.joint_names)
@@ -72,7 +101,9 @@ class StateMessages:
         self._limb_names = [name for name in self.joint_names if name not in on_base]
         self._limbs = _places(names, self._limb_names)
         self._bodies = [body for body in bodies if body is not self.base]
-        self._first_body = model.body(min(1, model.nbody - 1)).name
+        base = self.base or self._planar
+        first_body = model.body(min(1, model.nbody - 1)).name
+        self.base_frame = base_frame or (base.name if base else first_body)
         needed = {
             ODOMETRY: (Odometry, bool(bases)),
             BODIES: (MultiDOFJointState, bool(self._bodies)),
@@ -80,13 +111,13 @@ class StateMessages:
             JOINTS: (JointState, True),
         }
         self.topics = {topic: kind for topic, (kind, is_there) in needed.items() if is_there}
-        self.sources = ({ODOMETRY: Odometry} if self._planar else {}) | self.topics
-
-    @property
-    def base_frame(self) -> str:
-        """Name of the base's frame; of a robot that stands on a fixed base, its first body's."""
-        base = self.base or self._planar
-        return base.name if base else self._first_body
+        self.is_blind = is_blind and self.base is not None
+        replaced = {ODOMETRY: (IMU, Imu)} if self.is_blind else {}
+        self.needed = dict(replaced.get(topic, (topic, k)) for topic, k in self.topics.items())
+        self.sources = ({ODOMETRY: Odometry} if self._planar else {}) | self.needed
+        self._imu_frame = imu_frame
+        self._turn_of = lru_cache(maxsize=8)(partial(turn_on_base, model, self.base_frame, base))
+        self._turn_of(imu_frame)  # which must be there
 
     def lacks_base(self, joints: Any) -> bool:
         """Returns whether joint states have all joints but those that `odom` may tell."""
@@ -94,11 +125,16 @@ class StateMessages:
             return False
         return set(self._limb_names) <= set(joints.name)
 
+    def lacking(self, messages: Mapping[str, Any]) -> list[str]:
+        """Returns the topics whose messages lack to join messages, by topic, to a state."""
+        lacking = [topic for topic in self.needed if topic not in messages]
+        if not (ODOMETRY in messages or JOINTS in lacking) and self.lacks_base(messages[JOINTS]):
+            lacking.append(ODOMETRY)
+        return lacking
+
     def is_complete(self, messages: Mapping[str, Any]) -> bool:
         """Returns whether messages of one stamp, by topic, can be joined to a state."""
-        return self.topics.keys() <= messages.keys() and (
-            ODOMETRY in messages or not self.lacks_base(messages[JOINTS])
-        )
+        return not self.lacking(messages)
 
     def subscribe(
         self,
@@ -157,12 +193,14 @@ class StateMessages:
             x[self._limbs] = state_from_msg(joints, self._limb_names)
         else:
             x[self._joints] = state_from_msg(joints, self.joint_names)
-        if base:
+        if base and self.is_blind:
+            self._read_imu(x, messages[IMU])
+        elif base:
             odometry = messages[ODOMETRY]
-            if odometry.child_frame_id != base.name:
+            if odometry.child_frame_id != self.base_frame:
                 raise InvalidInputError(
                     f"odom.child_frame_id is {quoted(odometry.child_frame_id)}, but it must be "
-                    f"the robot's base, '{base.name}'."
+                    f"the robot's base, '{self.base_frame}'; base_frame tells its name."
                 )
             pose, twist = odometry.pose.pose, odometry.twist.twist
             base.read(x, ODOMETRY, pose.position, pose.orientation, twist)
@@ -184,6 +222,22 @@ class StateMessages:
             values = finite_array("activations.position", activations.position, (len(names),))
             x[self._first_activation :] = values[name_order(names, tuple(self._actuators))]
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
+
+    def _read_imu(self, x: Array, imu: Any) -> None:
+        """Writes how the base is turned and turns to x, and that it is at the world's origin."""
+        assert self.base is not None
+        for what in ("orientation", "angular_velocity"):
+            if getattr(imu, f"{what}_covariance")[0] == -1.0:  # so says sensor_msgs/Imu
+                raise InvalidInputError(
+                    f"imu.{what}_covariance says that the IMU has no {what}, but the policy "
+                    "reads it: let a filter, such as imu_filter_madgwick, publish it."
+                )
+        turn = self._turn_of(self._imu_frame or imu.header.frame_id)
+        twist = SimpleNamespace(linear=Vector3(), angular=imu.angular_velocity)
+        self.base.read(x, IMU, Vector3(), imu.orientation, twist)
+        _, rotation, _, angular = self.base.parts(x)
+        rotation[:] = product(rotation, turn * BACK)
+        angular[:] = rotated(angular, turn)
 
 
 class StateCollector:
@@ -211,6 +265,104 @@ class StateCollector:
             if earlier == stamp:
                 break
         return messages
+
+
+class NewestMeasurements:
+    """Joins the newest message of each topic to states, where each sensor has stamps of its own.
+
+    A message on `joint_states` makes one state, with what is within the tolerance of its stamp; it
+    waits for what is not there yet.
+
+    Args:
+        lacking: tells the topics that lack to a state.
+        tolerance: largest difference between the stamp of `joint_states` and another one [s].
+        period: time of a control step, in which one state is made of a robot that measures more
+            often; 0: each state of a simulation counts, and each message is used once, since a
+            state may come again with other values [s].
+    """
+
+    def __init__(
+        self,
+        lacking: Callable[[Mapping[str, Any]], list[str]],
+        tolerance: float,
+        period: float = 0.0,
+    ):
+        self._lacking = lacking
+        self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
+        self._newest: dict[str, Any] = {}
+        self._due = 0  # stamp from which on the next state is wanted [ns]
+        self._is_new = False  # whether the newest joint states have made no state yet
+
+    def add(self, topic: str, message: Any) -> dict[str, Any] | None:
+        """Returns the messages of a state by topic, if this message completes it."""
+        self._newest[topic] = message
+        self._is_new |= topic == JOINTS
+        if not self._is_new:
+            return None
+        stamp = nanoseconds(self._newest[JOINTS].header.stamp)
+        # Measured too early for the next control, or overtaken by a later message.
+        if self._period and 0.1 * self._period < self._due - stamp <= 2 * self._period:
+            return None
+        near = self._near(stamp)
+        if self._lacking(near):
+            return None
+        self._is_new = False
+        if self._period:
+            is_regular = abs(stamp - self._due) < self._period
+            self._due = (self._due if is_regular else stamp) + self._period
+        else:
+            self._newest = {}
+        return near
+
+    def missing(self) -> str:
+        """Returns what the newest joint states lack to a state, in words; empty where nothing."""
+        if JOINTS not in self._newest:
+            return JOINTS
+        stamp = nanoseconds(self._newest[JOINTS].header.stamp)
+        said = []
+        for topic in self._lacking(self._near(stamp)):
+            if topic in self._newest:
+                late = (stamp - nanoseconds(self._newest[topic].header.stamp)) * 1e-9
+                side = "before" if late > 0 else "after"
+                said.append(
+                    f"{topic} within {self._tolerance * 1e-9:g} s of the stamp of {JOINTS} (the "
+                    f"newest one is {abs(late):.3g} s {side} it)"
+                )
+            else:
+                said.append(topic)
+        return " and ".join(said)
+
+    def _near(self, stamp: int) -> dict[str, Any]:
+        return {
+            topic: message
+            for topic, message in self._newest.items()
+            if abs(nanoseconds(message.header.stamp) - stamp) <= self._tolerance
+        }
+
+
+def readings_of_place(base: BodyJoint, start: Array, *read: StateReadings) -> list[str]:
+    """Returns the names of the readings that change with a free base's place or linear velocity.
+
+    Args:
+        base: the base.
+        start: a state, shape (n_x,), near which they are tried.
+        read: the readings.
+    """
+    rng, found = np.random.default_rng(0), []
+    for readings in read:
+        deviations = rng.standard_normal((8, readings.space.tangent_dim))
+        here = readings.space.add(np.tile(start, (8, 1)), deviations)
+        there = here.copy()
+        for x in there:
+            place, _, velocity, _ = base.parts(x)
+            place += rng.uniform(-1.0, 1.0, 3)
+            velocity += rng.uniform(-1.0, 1.0, 3)
+        for name, before, after in zip(
+            readings.names, readings(here).T, readings(there).T, strict=True
+        ):
+            if not np.allclose(before, after, rtol=1e-9, atol=1e-9):
+                found.append(name)
+    return found
 
 
 def _places(names: list[str], joints: list[str]) -> NDArray[np.intp]:

@@ -7,6 +7,7 @@ Where its law must not drive, the safe action does; `safety.supervisor` decides.
 import time
 from abc import abstractmethod
 from array import array
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,12 @@ from vgps_ros.messages.names import (
     POLICY_OF_ITERATION,
     SAFE_ACTION,
 )
-from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.messages.robot_state import (
+    JOINTS,
+    NewestMeasurements,
+    StateMessages,
+    readings_of_place,
+)
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
@@ -82,9 +88,38 @@ COMMAND_TYPE = Setting(
 STATE_QOS = Setting(
     "state_qos",
     "reliable",
-    "reliable: no state is lost, as lock-step needs; sensor_data: best effort, which takes every "
-    "driver of a real robot, whose states must have a stamp other than zero",
+    "reliable: no state of a simulation is lost, as lock-step needs, and all of a state has one "
+    "stamp; sensor_data: best effort, which takes every driver of a real robot, whose sensors have "
+    "stamps of their own, other than zero; of states that come more often, one is answered in each "
+    "control period",
     choices=("reliable", "sensor_data"),
+)
+SENSOR_TOLERANCE = Setting(
+    "sensor_tolerance",
+    0.05,
+    "with state_qos sensor_data: largest difference between the stamp of joint_states and the "
+    "newest imu, odom or else of the same state; a period of the slowest sensor, and its latency "
+    "[s]",
+    minimum=0.0,
+    maximum=10.0,
+)
+BASE_FROM = Setting(
+    "base_from",
+    "auto",
+    "what tells of a free base: imu (sensor_msgs/Imu), how it is turned and turns, for a policy "
+    "that reads no more of it; odom (nav_msgs/Odometry), all; auto: imu where it is enough",
+    choices=("auto", "imu", "odom"),
+)
+BASE_FRAME = Setting(
+    "base_frame",
+    "",
+    "name of the base's frame in odom, imu and cmd_vel, such as base_link; empty: the model's name "
+    "of it",
+)
+IMU_FRAME = Setting(
+    "imu_frame",
+    "",
+    "the model's site or body at which the IMU sits; empty: the one that the messages on imu name",
 )
 _POLICY = "policy from policy_learner"
 _DISTRIBUTION = "trajectory_distribution from trajectory_optimizer"
@@ -111,6 +146,9 @@ class Controller(LifecycleNode):
         self._needs_policy = needs_policy
         self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
+        frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
+        for setting in (SENSOR_TOLERANCE, BASE_FROM):
+            declare(self, setting)
         self.prepare_law()
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
             declare(self, setting)
@@ -118,8 +156,9 @@ class Controller(LifecycleNode):
         low, high = self.task.dynamics.control_limits
         limits = tuple(np.maximum(-low, high).clip(0.0, CONTROL_BOUND).tolist())
         self._settings = settings = declare_settings(self, SafetySettings(torque_limits=limits))
-        self._states = StateMessages(self.task.dynamics.model)
-        self.instructions = Instructions(self, self.task.signals, self._states.base_frame)
+        model = self.task.dynamics.model
+        base_frame = StateMessages(model, base_frame=frames["base_frame"]).base_frame
+        self.instructions = Instructions(self, self.task.signals, base_frame)
         topic = "commands" if self._plain else "joint_command"
         self.health = Health(self, owns=(topic,), when_alone=when_alone)
         self.instructions.report_to(self.health)
@@ -128,7 +167,7 @@ class Controller(LifecycleNode):
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self.task.dynamics.time_step
         self._times = AnswerTimes(self.health, time_step)
-        velocities = driven_velocities(self.task.dynamics.model)
+        velocities = driven_velocities(model)
         torques, broken = settings.torque_range((low, high)), self.task.limits.broken
         self._supervisor = Supervisor(settings, torques, velocities, time_step, broken)
         # A policy that comes before activation is kept for it.
@@ -140,10 +179,18 @@ class Controller(LifecycleNode):
             needs_policy=needs_policy,
             needs_distribution=settings.needs_distribution,
         )
-        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.topics)
-        self._awaited = f"{' and '.join(self._states.topics)}{also} from simulation"
+        self._states = StateMessages(model, is_blind=self._is_blind(), **frames)
+        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
+        self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
+        self._collector = (
+            NewestMeasurements(self._states.lacking, value(self, SENSOR_TOLERANCE), time_step)
+            if self._is_real
+            else NewestMeasurements(self._states.lacking, time_step / 2)
+        )
+        self._since = 0.0  # when it was activated [s]
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
-        self._states.subscribe(self.create_subscription, self._take_state, qos)
+        for name, sensor in self._states.sources.items():
+            self.create_subscription(sensor, name, partial(self._take_measurement, name), qos)
         kind = Float64MultiArray if self._plain else JointState
         self._commands = self.create_lifecycle_publisher(kind, topic, lively(STREAM))
         self._watchdog = steady_timer(self, time_step, self._watch)
@@ -181,6 +228,7 @@ class Controller(LifecycleNode):
         self._set_active(True)
         self.training.wait()
         self.health.wait_for(self._awaited)
+        self._since = time.monotonic()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -197,7 +245,7 @@ class Controller(LifecycleNode):
         self._watchdog.cancel()
         self.training.stop_waiting()
         self.health.stop_waiting(self._awaited)
-        self.health.clear("state", "distance")
+        self.health.clear("state", "distance", "sensors")
         if last:
             self.health.publish()  # a recording must know that these torques are no policy's
             self._send(last)
@@ -207,9 +255,40 @@ class Controller(LifecycleNode):
         self.health.set_value(IS_ACTIVE, is_active)
         self.health.set_value(SAFE_ACTION, False)
 
-    def _take_state(self, messages: dict[str, Any]) -> None:
+    def _is_blind(self) -> bool:
+        """Returns whether the IMU alone tells of a free base.
+
+        Raises:
+            InvalidInputError: base_from says so, but something reads the base's place or velocity.
+        """
+        wanted, base = value(self, BASE_FROM), StateMessages(self.task.dynamics.model).base
+        if wanted == "odom" or base is None:
+            return False
+        place = ["plans"]  # which follow the whole state
+        if self._needs_policy:
+            read = self.training.observation.readings, self.task.limits.readings
+            place = readings_of_place(base, self.task.initial_state, *read)
+        if place and wanted == "imu":
+            raise InvalidInputError(
+                f"base_from is imu, but {', '.join(place)} need the place or the velocity of the "
+                "base, which no IMU measures: set base_from to odom."
+            )
+        return not place
+
+    def _take_measurement(self, topic: str, message: Any) -> None:
         if not self._active:
             return
+        if messages := self._collector.add(topic, message):
+            self.health.clear("sensors")
+            self._take_state(messages)
+        elif (
+            self._watchdog.is_canceled()
+            and time.monotonic() - self._since > _PERIOD
+            and (missing := self._collector.missing())
+        ):
+            self.health.report("sensors", error=f"No state is complete: {missing} did not come.")
+
+    def _take_state(self, messages: dict[str, Any]) -> None:
         self.health.arrived(self._awaited)
         if self._needs_policy and self.training.policy is None:
             return
@@ -248,7 +327,8 @@ class Controller(LifecycleNode):
 
     def _watch(self) -> None:
         """Sends the safe action where it is due without a state, once a control period."""
-        if self._active and (command := self._supervisor.watch(time.monotonic())):
+        missing = self._collector.missing() or JOINTS
+        if self._active and (command := self._supervisor.watch(time.monotonic(), missing)):
             self._send(command)
             self._report()
 

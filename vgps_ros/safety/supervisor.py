@@ -121,14 +121,18 @@ class Supervisor:
         self._fail(reason)
         return self._safe_command(now)
 
-    def watch(self, now: float) -> Answer | None:
+    def watch(self, now: float, missing: str = "joint_states") -> Answer | None:
         """Returns the safe action's command while there is a fault, and None otherwise.
 
         It must be called once in each control period, since a fault may be that no state comes.
+
+        Args:
+            now: the time [s].
+            missing: the topics that a state lacks, should none have come.
         """
         if self._state is not None and not self.fault and not self._is_fresh(now):
             self._fail(
-                f"no usable joint_states came for {self._settings.state_timeout:g} s; check that "
+                f"no usable {missing} came for {self._settings.state_timeout:g} s; check that "
                 "the simulation, or the robot's driver, is running."
             )
         return self._safe_command(now) if self.fault else None

@@ -30,6 +30,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.names import MJCF, URDF
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.nodes.simulation.frames import FrameBroadcaster
+from vgps_ros.nodes.simulation.imu import SimulatedImu
 from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
@@ -106,7 +107,9 @@ class SimulationNode(Node):
         age_limit = declare(self, TORQUE_AGE_LIMIT)
         declare(self, PUSH_DURATION, may_change=True)
         self.control = RunControl(paused=declare(self, START_PAUSED))
-        self._frames = FrameBroadcaster(self, self._task.dynamics.model)
+        model = self._task.dynamics.model
+        self._frames = FrameBroadcaster(self, model)
+        self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
         self._torque_age = TorqueAge(self._health, age_limit)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
@@ -131,7 +134,6 @@ class SimulationNode(Node):
         self.get_logger().info(
             f"Simulating the {self._task.name} at {1 / time_step:g} Hz, {timing}."
         )
-        model = self._task.dynamics.model
         for topic, text in ((MJCF, self._task.mjcf), (URDF, urdf(model))):
             self.create_publisher(String, topic, LATEST).publish(String(data=text))
         self.begin()
@@ -144,6 +146,7 @@ class SimulationNode(Node):
 
     def _publish(self) -> None:
         self._clocks.publish(ClockMsg(clock=stamp_of(self.robot.stamp)))
+        self._imu.send(self.robot.state, self.robot.stamp)
         for topic, message in self.robot.messages.items():
             self._states[topic].publish(message)
         self._frames.send(self.robot.state, self.robot.stamp)  # while the controller computes

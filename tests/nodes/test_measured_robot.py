@@ -1,0 +1,339 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A robot whose sensors each have stamps of their own: what the executor makes of them."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Imu, JointState
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Signals
+
+import vgps_ros.tasks
+from tests.nodes.conftest import executed
+from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, policy_to_msg, stamp_of
+from vgps_ros.messages.robot_state import JOINTS, NewestMeasurements, StateMessages
+from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.simulation.frames import product
+from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks import make_task
+
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+MS = 1_000_000  # [ns]
+PERIOD = 20 * MS
+REAL = {"state_qos": "sensor_data"}
+# A quadruped that reads its speed, which no IMU measures.
+SEEING = """
+model: quadruped.xml
+control_period: 0.02
+horizon: 0.4
+start: {keyframe: stand}
+sensors:
+  velocity: {type: velocimeter, site: imu}
+cost:
+  - {sensor: velocity, index: x, target: 0.2}
+  - {control: all, weight: 0.01}
+observe: [joint_positions, {sensor: velocity}]
+"""
+
+
+@pytest.fixture(scope="module")
+def blind():
+    return make_task("quadruped")
+
+
+@pytest.fixture(scope="module")
+def seeing(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seeing")
+    shutil.copy(Path(vgps_ros.tasks.__file__).parent / "quadruped" / "quadruped.xml", folder)
+    (folder / "task.yaml").write_text(SEEING)
+    return make_task(str(folder / "task.yaml"))
+
+
+def a_policy(task) -> GaussianPolicy:
+    shape = Architecture(task.observation.names, (5,), task.dynamics.control_dim)
+    parameters = 0.3 * np.random.default_rng(2).standard_normal(shape.num_parameters)
+    return GaussianPolicy(shape, parameters, np.ones(12))
+
+
+class Robot:
+    """What stands in for hardware: it publishes what a test says, and keeps what comes."""
+
+    def __init__(self, graph, task, *, base=Imu, **parameters):
+        self.graph, self.task, self.policy = graph, task, a_policy(task)
+        name = "imu" if base is Imu else "odom"
+        self.executor = graph.start("policy_executor", task=task.name, **parameters)
+        self.commands = graph.messages(JointState, "joint_command")
+        self.contexts = graph.messages(Signals, "context")
+        qos = qos_profile_sensor_data if parameters.get("state_qos") else STREAM
+        self.joints = graph.publisher(JointState, "joint_states", qos)
+        self.base = graph.publisher(base, name, qos)
+        policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+        policies.publish(policy_to_msg(self.policy, task.name, 1, Time()))
+        graph.diagnosis("policy_executor", OK, f"Waiting for {name} and joint_states")
+        self.sent: dict[str, dict[int, object]] = {JOINTS: {}, name: {}}
+
+    def send(self, topic, message):
+        self.sent[topic][nanoseconds(message.header.stamp)] = message
+        (self.joints if topic == JOINTS else self.base).publish(message)
+
+    def state(self, at):
+        """A state near that in which it stands, which the time [ns] draws."""
+        rng, space = np.random.default_rng(at), self.task.dynamics.space
+        deviation = 0.1 * rng.standard_normal(space.tangent_dim)
+        return space.add(self.task.initial_state, deviation)
+
+    def send_joints(self, at):
+        messages = StateMessages(self.task.dynamics.model).split(self.state(at), stamp_of(at))
+        self.send(JOINTS, messages[JOINTS])
+
+    def send_odometry(self, at):
+        messages = StateMessages(self.task.dynamics.model).split(self.state(at), stamp_of(at))
+        self.send("odom", messages["odom"])
+
+    def send_imu(self, at, frame="imu", turn=(1.0, 0.0, 0.0, 0.0)):
+        x = self.state(at)
+        message = Imu()
+        message.header.stamp, message.header.frame_id = stamp_of(at), frame
+        to = message.orientation
+        to.w, to.x, to.y, to.z = product(x[3:7], np.array(turn)).tolist()
+        rate = message.angular_velocity
+        rate.x, rate.y, rate.z = x[-15:-12].tolist()
+        self.send("imu", message)
+
+    def stamps(self):
+        return [nanoseconds(command.header.stamp) for command in self.commands]
+
+    def is_explained(self, command, tolerance, imu_frame=""):
+        """Whether torques are the policy's for joints and a base within a tolerance [ns]."""
+        [(topic, of_base)] = [(t, m) for t, m in self.sent.items() if t != JOINTS]
+        messages_of = StateMessages(
+            self.task.dynamics.model, is_blind=topic == "imu", imu_frame=imu_frame
+        )
+        stamp = nanoseconds(command.header.stamp)
+        told = [c.values for c in self.contexts if nanoseconds(c.header.stamp) == stamp]
+        observation = self.task.observation.within(np.array(told[-1] if told else []))
+        given = command_from_msg(command, self.task.actuated_joint_names)
+        low, high = self.task.dynamics.control_limits
+        for at, message in of_base.items():
+            if abs(at - stamp) <= tolerance:
+                x = messages_of.join({topic: message, JOINTS: self.sent[JOINTS][stamp]})
+                wanted = np.clip(executed(self.policy, observation(x)), low, high)
+                if np.array_equal(given, wanted):
+                    return True
+        return False
+
+
+def test_a_blind_policy_is_driven_at_its_own_rate_by_joints_and_an_imu_without_odometry(
+    graph, blind
+):
+    """Joints at 200 Hz, an IMU at 400 Hz with its own stamps; some are late, lost, overtaken."""
+    robot, rng = Robot(graph, blind, state_timeout=5.0, **REAL), np.random.default_rng(0)
+    late = []  # messages that are sent later than measured, and so are overtaken
+    first = 7 * MS
+    for tick in range(480):  # of 2.5 ms each
+        at = first + round(tick * 2.5 * MS)
+        due = [call for call in late if call[0] <= tick]
+        late = [call for call in late if call[0] > tick]
+        for _, send, stamp in due:
+            send(stamp)
+        if rng.random() < 0.8:  # else it is lost
+            late.append((tick + rng.integers(0, 3), robot.send_imu, at - 700_000))
+        if tick % 2 == 0 and rng.random() < 0.9:
+            late.append((tick + rng.integers(0, 2), robot.send_joints, at))
+        graph.spin_for(0.005)
+    graph.spin_for(0.5)
+    commands, stamps = list(robot.commands), robot.stamps()
+    steps = np.diff(stamps) / MS
+    assert len(stamps) == pytest.approx(60, abs=3)  # 1.2 s at 50 Hz
+    assert np.all(steps >= 10.0)
+    assert np.median(steps) == 20.0
+    for command in commands:
+        assert robot.is_explained(command, 50 * MS), nanoseconds(command.header.stamp) / MS
+    assert "odom" not in dict(graph.node.get_topic_names_and_types())
+
+
+def test_an_imu_that_falls_silent_is_named_and_the_policy_drives_again_once_it_comes(graph, blind):
+    robot = Robot(graph, blind, state_timeout=0.3, safe_action="zero", **REAL)
+    time = 1000 * MS
+
+    def run(seconds, *, with_imu):
+        nonlocal time
+        for _ in range(round(seconds / 0.01)):
+            time += 10 * MS
+            if with_imu:
+                robot.send_imu(time)
+            robot.send_joints(time)
+            graph.spin_for(0.01)
+
+    run(0.3, with_imu=True)
+    assert any(any(command.effort) for command in robot.commands)
+    run(1.0, with_imu=False)
+    said = graph.diagnosis("policy_executor", ERROR, "no usable imu within 0.05 s").message
+    assert "Safe action active (zero)" in said
+    assert "before it)" in said
+    assert not any(robot.commands[-1].effort)
+    run(0.3, with_imu=True)
+    assert any(robot.commands[-1].effort)
+    assert "No state is complete" not in robot.executor.output  # it says one thing once
+
+
+def test_the_topic_that_never_came_is_named(graph, seeing):
+    robot = Robot(graph, seeing, base=Odometry, **REAL)
+
+    def is_said():
+        robot.send_joints(graph.node.get_clock().now().nanoseconds)
+        graph.spin_for(0.1)
+        return "No state is complete: odom did not come." in robot.executor.output
+
+    graph.spin_until(is_said, what="the name of what is missing")
+
+
+def test_an_odometry_at_half_the_rate_does_not_halve_the_commands(graph, seeing):
+    robot = Robot(graph, seeing, base=Odometry, **REAL)
+    for step in range(40):
+        at = 1000 * MS + step * PERIOD
+        if step % 2 == 0:
+            robot.send_odometry(at - 1000)  # and it is measured a microsecond earlier
+        robot.send_joints(at)
+        graph.spin_for(0.01)
+    graph.spin_for(0.3)
+    assert len(robot.commands) == pytest.approx(40, abs=1)
+    assert set(np.diff(robot.stamps())) == {PERIOD}
+    assert all(robot.is_explained(command, 50 * MS) for command in robot.commands)
+
+
+def test_stamps_a_microsecond_apart_are_one_state_also_of_a_simulation(graph, seeing):
+    robot = Robot(graph, seeing, base=Odometry)
+    for step in range(10):
+        robot.send_joints(1000 * MS + step * PERIOD)
+        robot.send_odometry(1000 * MS + step * PERIOD - 1000)
+        graph.spin_until(lambda n=step: len(robot.commands) > n, what="an answer")
+    assert all(robot.is_explained(command, 1000) for command in robot.commands)
+
+
+def test_what_needs_odometry_refuses_to_do_without(graph, seeing):
+    executor = graph.start("policy_executor", task=seeing.name, base_from="imu")
+    assert executor.wait() == 1
+    assert "base_from is imu, but velocity/x, velocity/y, velocity/z need" in executor.output
+
+
+def test_frames_have_the_names_that_parameters_give_them(graph, blind):
+    """The base is base_link, and the IMU's messages name a frame that the model lacks."""
+    names = {"base_frame": "base_link", "imu_frame": "imu"}
+    robot = Robot(graph, blind, **names, **REAL)
+    robot.send_imu(1000 * MS, frame="vendor_imu")
+    robot.send_joints(1000 * MS)
+    graph.spin_until(lambda: robot.commands, what="an answer")
+    assert robot.is_explained(robot.commands[0], MS, "imu")
+
+
+def test_a_frame_that_is_unknown_is_refused_with_the_names_of_those_that_are_not(graph, blind):
+    robot = Robot(graph, blind, **REAL)
+    robot.send_imu(1000 * MS, frame="vendor_imu")
+    robot.send_joints(1000 * MS)
+    graph.diagnosis("policy_executor", ERROR, "The frame of imu is 'vendor_imu', but it must be")
+
+
+def test_a_turned_imu_tells_the_same_as_one_along_the_axes_of_the_base(blind, rng):
+    model = blind.dynamics.model.__copy__()
+    site = model.site("imu").id
+    turn = rng.standard_normal(4)
+    model.site_quat[site] = turn / np.linalg.norm(turn)
+    states = StateMessages(model, is_blind=True)
+    space = blind.dynamics.space
+    x = space.add(blind.initial_state, 0.5 * rng.standard_normal(space.tangent_dim))
+    messages = StateMessages(model).split(x, Time())
+    imu = Imu()
+    imu.header.frame_id = "imu"
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = x[: model.nq], x[model.nq : model.nq + model.nv]
+    mujoco.mj_forward(model, data)
+    quat, rates = np.empty(4), np.empty(6)
+    mujoco.mju_mat2Quat(quat, data.site_xmat[site])
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, rates, 1)
+    to, rate = imu.orientation, imu.angular_velocity
+    to.w, to.x, to.y, to.z = quat.tolist()
+    rate.x, rate.y, rate.z = rates[:3].tolist()
+    joined = states.join({"imu": imu, JOINTS: messages[JOINTS]})
+    base = states.base
+    for found, wanted in zip(base.parts(joined)[1::2], base.parts(x)[1::2], strict=True):
+        sign = np.sign(found @ wanted) if len(found) == 4 else 1.0
+        np.testing.assert_allclose(sign * found, wanted, atol=1e-9)
+
+
+# What the simulation publishes
+
+
+@pytest.mark.parametrize("noise", [(0.0, 0.0, 0.0), (0.02, 0.1, 0.2)])
+def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torques(
+    graph, blind, tmp_path, noise
+):
+    save_policy(a_policy(blind), "quadruped", tmp_path / "policy.json")
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.start("policy_executor", task="quadruped", policy_file=tmp_path / "policy.json")
+    graph.start("simulation", task="quadruped", start_paused=True, imu_noise=list(noise), seed=3)
+    imus, odometry = graph.messages(Imu, "imu"), graph.messages(Odometry, "odom")
+    graph.spin_until(lambda: imus and odometry)
+    for topic in ("imu", "odom", "joint_states", "joint_command", "context", "policy"):
+        graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
+    graph.spin_for(1.0)
+    program = graph.start("execute_policy", "--task", "quadruped", "--steps", "40")
+    graph.spin_until(lambda: not program.running)
+    assert program.wait() == 0, program.output
+    graph.spin_for(1.2)
+    assert recorder.end() == 0, recorder.output
+    found = check_bag(tmp_path / "bag")
+    assert found.wrong == []
+    assert found.counts["mean"] >= 40
+    assert set(found.counts) == {"mean"}
+    assert any("40 of 40 steps" in words or "steps from state" in words for words in found.proved)
+
+    by_stamp = {nanoseconds(m.header.stamp): m for m in odometry}
+    errors = []
+    for imu in imus[-40:]:
+        odom = by_stamp[nanoseconds(imu.header.stamp)]
+        is_exact = imu.orientation == odom.pose.pose.orientation
+        assert is_exact == (not any(noise))
+        errors.append(imu.angular_velocity.x - odom.twist.twist.angular.x)
+        np.testing.assert_allclose(
+            np.diag(np.reshape(imu.orientation_covariance, (3, 3))), noise[0] ** 2
+        )
+        np.testing.assert_allclose(imu.angular_velocity_covariance[0], noise[1] ** 2)
+    assert np.std(errors) == pytest.approx(noise[1], rel=0.5)
+
+
+# One robot's measurements, without a graph
+
+
+def stamped(at):
+    message = JointState()
+    message.header.stamp = stamp_of(at)
+    return message
+
+
+def test_a_state_that_comes_again_with_other_values_is_never_mixed_with_what_it_was():
+    newest = NewestMeasurements(lambda m: sorted({"imu", JOINTS} - m.keys()), 0.01)
+    assert newest.add("imu", stamped(5)) is None
+    assert newest.add(JOINTS, stamped(5))
+    assert newest.add(JOINTS, stamped(5)) is None  # until the IMU was heard again, too
+    assert newest.add("imu", stamped(5))
+
+
+def test_a_clock_that_was_set_back_is_followed():
+    newest = NewestMeasurements(lambda m: sorted({JOINTS} - m.keys()), 0.05, 0.02)
+    assert newest.add(JOINTS, stamped(10**9))
+    assert newest.add(JOINTS, stamped(10**9 + 5 * MS)) is None
+    assert newest.add(JOINTS, stamped(10**9 - 5 * MS)) is None  # overtaken
+    assert newest.add(JOINTS, stamped(10**9 + 20 * MS))
+    assert newest.add(JOINTS, stamped(MS))
