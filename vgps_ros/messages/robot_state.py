@@ -301,7 +301,7 @@ class NewestMeasurements:
             return None
         stamp = nanoseconds(self._newest[JOINTS].header.stamp)
         # Measured too early for the next control, or overtaken by a later message.
-        if self._period and 0.1 * self._period < self._due - stamp <= 2 * self._period:
+        if stamp and 0.1 * self._period < self._due - stamp <= 2 * self._period:
             return None
         near = self._near(stamp)
         if self._lacking(near):
