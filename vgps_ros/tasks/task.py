@@ -86,14 +86,11 @@ class Nominal:
 
 
 class FirstMotion(Protocol):
-    """Makes the motion from which the first solve of a task starts; `tasks.first_motion` has all.
-
-    Attributes:
-        goes_on: whether it can last for longer than the task plans, as that of a law can.
-    """
+    """Makes the motion from which a task's first solve starts; see `tasks.first_motion`."""
 
     @property
-    def goes_on(self) -> bool: ...  # noqa: D102
+    def goes_on(self) -> bool:
+        """Whether it can last for longer than the task plans, as that of a law can."""
 
     def __call__(
         self,
