@@ -42,9 +42,7 @@ def network_loop() -> Iterator[Comparison]:
             graph.start("policy_executor", *own, policy_file=file)
 
             def take(message: JointState, into: dict[int, Array] = torques[name]) -> None:
-                into[nanoseconds(message.header.stamp)] = command_from_msg(
-                    message, task.actuated_joint_names
-                )
+                into[nanoseconds(message.header.stamp)] = command_from_msg(message, task.controls)
 
             graph.node.create_subscription(JointState, f"/{name}/joint_command", take, STREAM)
         for name in LOOPS:

@@ -59,7 +59,7 @@ class PushedRobot:
 
     def _take(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
-        torques = command_from_msg(message, self._task.actuated_joint_names)
+        torques = command_from_msg(message, self._task.controls)
         now = time.monotonic()
         self._command = stamp, torques, now
         if stamp in self._sent:

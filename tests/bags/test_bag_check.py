@@ -28,7 +28,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, SAFE_ACTION
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
+from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.model import state_names
 from vgps_ros.storage.run_folder import save_policy
@@ -185,10 +185,11 @@ def test_torques_are_compared_within_the_recorded_limits(tmp_path, capsys):
 
 @pytest.mark.parametrize("bad", [None, 300])
 def test_a_rate_limit_is_followed_from_torque_to_torque(tmp_path, capsys, bad):
-    limiter = TorqueLimiter((np.full(2, -1e9), np.full(2, 1e9)), 200.0, 0.02)
+    controls = make_task("swimmer").controls
+    limiter = ControlLimiter(SafetySettings(torque_rate_limit=200.0), controls, 0.02)
 
     def change(i, stamp, torques):
-        torques = limiter.limited(torques, stamp)
+        torques = limiter.limited(torques, stamp, np.zeros(10))
         limiter.note(torques, stamp)
         return torques + (i == bad) * np.array([0.0, 1e-9])
 
@@ -232,7 +233,7 @@ def test_torques_of_the_safe_action_count_where_a_key_says_that_it_drove(tmp_pat
     def change(i, stamp, torques):
         if not 200 <= i < 205:
             return torques
-        return safe_torques(settings, states()[stamp], [8, 9], [marginals])
+        return safe_control(settings, states()[stamp], swimmer.controls, np.zeros(2), [marginals])
 
     for value, sentence in (
         ("True", "5 torques are those of the safe action, or zero, while the policy did not drive"),

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 
+from tests.motors import robot
 from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
+    command_from_msg,
+    command_to_msg,
     distribution_from_msg,
     distribution_to_msg,
     policy_from_msg,
     policy_to_msg,
 )
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.storage.run_folder import load_policy, save_policy
 
 
@@ -80,3 +84,30 @@ def test_a_policy_that_does_not_fit_is_refused(random_policy):
     message.noise_std = [1.0]
     with pytest.raises(InvalidInputError, match=r"noise_std has 1 values"):
         policy_from_msg(message)
+
+
+def test_a_command_holds_each_kind_in_its_field_and_takes_a_feed_forward():
+    controls = controls_of(
+        robot(
+            '<motor joint="{}" gear="50"/>',
+            '<position joint="{}" kp="60" kv="4" gear="2"/>',
+            '<velocity joint="{}" kv="5"/>',
+        )
+    )
+    control = np.array([0.1, 0.8, 3.0])
+    message = command_to_msg(control, controls, Time())
+    np.testing.assert_array_equal(message.effort, [5.0, np.nan, np.nan])
+    np.testing.assert_array_equal(message.position, [np.nan, 0.4, np.nan])
+    np.testing.assert_array_equal(message.velocity, [np.nan, np.nan, 3.0])
+    np.testing.assert_allclose(command_from_msg(message, controls), control, rtol=1e-15)
+    # k_p = 60 · 2² and k_d = 4 · 2² at the joint, and one unit of control is 60 · 2 N·m.
+    message.effort[1], message.velocity[1] = 12.0, 0.5
+    expected = control.copy()
+    expected[1] += (12.0 + 4 * 4 * 0.5) / 120.0
+    np.testing.assert_allclose(command_from_msg(message, controls), expected, rtol=1e-15)
+    message.position[1] = np.nan
+    with pytest.raises(InvalidInputError, match=r"joint_command.position is nan at index 1"):
+        command_from_msg(message, controls)
+    message.position = []
+    with pytest.raises(InvalidInputError, match=r"joint_command.position has 0 values"):
+        command_from_msg(message, controls)

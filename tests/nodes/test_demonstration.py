@@ -34,7 +34,7 @@ def test_its_torques_are_the_controllers_and_a_reset_starts_the_gait_anew(graph)
         stamp = stamp_of(t * PERIOD)
         states.publish(state_to_msg(np.array(walking.states[t]), walker.joint_names, stamp))
         found = graph.spin_until(lambda: list(commands), what="torques")
-        return command_from_msg(found[-1], walker.actuated_joint_names)
+        return command_from_msg(found[-1], walker.controls)
 
     for _ in range(2):
         assert_array_equal([answer(t) for t in range(20)], walking.controls)
@@ -61,7 +61,7 @@ def test_malformed_states_draw_only_finite_torques_within_limits_and_end_nothing
     answered = stamp_of(2 * PERIOD)
     states.publish(state_to_msg(walker.initial_state, walker.joint_names, answered))
     graph.spin_until(lambda: commands and commands[-1].header.stamp == answered, what="torques")
-    torques = np.array([command_from_msg(m, walker.actuated_joint_names) for m in commands])
+    torques = np.array([command_from_msg(m, walker.controls) for m in commands])
     assert np.abs(torques).max() <= TORQUE_LIMIT
     assert node.running
     assert "Traceback" not in node.output, node.output

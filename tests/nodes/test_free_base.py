@@ -143,7 +143,7 @@ def test_a_state_is_answered_once_whatever_the_order_of_its_messages(graph, robo
         policy, robot.observation(states.join(states.split(robot.initial_state, Time())))
     )
     for message in commands:
-        given = command_from_msg(message, robot.actuated_joint_names)
+        given = command_from_msg(message, robot.controls)
         np.testing.assert_array_equal(given, wanted)
 
     messages = states.split(robot.initial_state, stamp_of(10))

@@ -121,7 +121,7 @@ class Robot:
         stamp = nanoseconds(command.header.stamp)
         told = [c.values for c in self.contexts if nanoseconds(c.header.stamp) == stamp]
         observation = self.task.observation.within(np.array(told[-1] if told else []))
-        given = command_from_msg(command, self.task.actuated_joint_names)
+        given = command_from_msg(command, self.task.controls)
         low, high = self.task.dynamics.control_limits
         for at, message in of_base.items():
             if abs(at - stamp) <= tolerance:

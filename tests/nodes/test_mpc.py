@@ -110,7 +110,7 @@ def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_a
         states.publish(state_to_msg(state, task.joint_names, stamp))
         found = lambda: [c for c in commands if c.header.stamp == stamp]  # noqa: E731
         graph.spin_until(found, what=f"the answer to state {step}")
-        return command_from_msg(found()[0], task.actuated_joint_names)
+        return command_from_msg(found()[0], task.controls)
 
     assert answer(0, task.initial_state).any()
     wild = np.full(10, 9.9e3)

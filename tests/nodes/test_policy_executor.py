@@ -62,7 +62,7 @@ class Controller:
         self.send(state, stamp)
         answered = self.graph.spin_until(lambda: list(self.commands), what="an answer")
         assert nanoseconds(answered[-1].header.stamp) == stamp
-        return command_from_msg(answered[-1], self.task.actuated_joint_names)
+        return command_from_msg(answered[-1], self.task.controls)
 
     def is_silent(self, state):
         self.send(state)
@@ -311,7 +311,7 @@ def test_the_base_of_a_real_robot_comes_from_its_odometry(graph, swimmer, random
         return list(controller.commands)
 
     [command, *_] = graph.spin_until(lambda: answered(PERIOD), what="torques from odometry")
-    torques = command_from_msg(command, swimmer.actuated_joint_names)
+    torques = command_from_msg(command, swimmer.controls)
     taken = states.join(robot)
     np.testing.assert_allclose(taken, x, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(torques, executed(policy, swimmer.observation(taken)))
@@ -340,7 +340,7 @@ def test_a_robot_whose_driver_publishes_best_effort_is_driven_but_not_without_st
     )
     driver.effort = []
     graph.spin_until(lambda: stamped(PERIOD), what="torques from a best-effort state")
-    torques = command_from_msg(controller.commands[-1], swimmer.actuated_joint_names)
+    torques = command_from_msg(controller.commands[-1], swimmer.controls)
     np.testing.assert_array_equal(torques, executed(policy, 2.0 * READ))
     stamped(0)
     sentence = "the state's stamp is 0, but it must be the time of the measurement"

@@ -82,8 +82,10 @@ class Robot:
     @property
     def commands(self):
         """Torques and stamp [ns] of each command so far."""
-        names = self.task.actuated_joint_names
-        return [(command_from_msg(c, names), nanoseconds(c.header.stamp)) for c in self._commands]
+        controls = self.task.controls
+        return [
+            (command_from_msg(c, controls), nanoseconds(c.header.stamp)) for c in self._commands
+        ]
 
     def send(self, message):
         """Sends a message and returns the torques that come next and their stamp in steps."""

@@ -18,7 +18,7 @@ from simulation_interfaces.srv import (
 )
 
 from tests.nodes.conftest import PATIENCE
-from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
+from vgps_ros.messages.conversions import nanoseconds, pack, state_from_msg
 from vgps_ros.ros_runtime.qos import STREAM
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
@@ -56,9 +56,9 @@ class Robot:
 
     def command(self, torques, stamp_from, names=None):
         names = self.task.actuated_joint_names if names is None else names
-        self.commands.publish(
-            command_to_msg(np.array(torques, dtype=float), names, stamp_from.header.stamp)
-        )
+        torques = np.array(torques, dtype=float)
+        message = JointState(header=stamp_from.header, name=names, effort=pack(torques))
+        self.commands.publish(message)
 
     def set_state(self, state):
         request = SetSimulationState.Request(state=SimulationState(state=state))

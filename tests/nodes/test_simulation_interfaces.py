@@ -167,8 +167,8 @@ def test_a_goal_tells_of_each_step_and_ends_after_the_last(graph, swimmer):
     )
 
     def answer(message):
-        names = swimmer.actuated_joint_names
-        commands.publish(command_to_msg(np.ones(2), names, message.header.stamp))
+        controls = swimmer.controls
+        commands.publish(command_to_msg(np.ones(2), controls, message.header.stamp))
 
     graph.node.create_subscription(JointState, "joint_states", answer, STREAM)
     # Before the result is asked for, after which rclpy hands on no feedback.
@@ -237,8 +237,8 @@ def test_what_diverged_plays_again_only_after_a_reset(graph, swimmer):
     goal = client.goal(5)
     graph.spin_until(lambda: states)
     torques = np.array([1e9, 0.0])
-    names, stamp = swimmer.actuated_joint_names, states[0].header.stamp
-    commands.publish(command_to_msg(torques, names, stamp))
+    stamp = states[0].header.stamp
+    commands.publish(command_to_msg(torques, swimmer.controls, stamp))
     status, code, sentence = client.outcome(goal)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, FAILED)
     assert "The state diverged at 0 s" in sentence

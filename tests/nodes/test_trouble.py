@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
+from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
@@ -67,14 +68,13 @@ def test_a_solve_without_descent_warns(graph, request_message):  # noqa: F811
 def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):
     start = [1e3] * 5 + [9e3] * 5
     node = graph.start("simulation", start_paused=True, initial_state=start)
-    commands = graph.publisher(type(command_to_msg(np.zeros(2), ["a"] * 2, stamp_of(0))),
-                               "joint_command")  # fmt: skip
+    commands = graph.publisher(JointState, "joint_command")
     step = graph.call_async(
         StepSimulation, "simulation/step_simulation", StepSimulation.Request(steps=1)
     )
     graph.spin_until_output(node, "Waiting for joint_command")  # it steps
     torques = np.array([1e8, -1e8])
-    commands.publish(command_to_msg(torques, swimmer.actuated_joint_names, stamp_of(0)))
+    commands.publish(command_to_msg(torques, swimmer.controls, stamp_of(0)))
     graph.spin_until(step.done)
     status = graph.diagnosis("simulation", DiagnosticStatus.ERROR, "diverged")
     values = {value.key: value.value for value in status.values}

@@ -8,11 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model
+from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
@@ -163,3 +166,38 @@ def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, for
     onnx.save(elu_model(layers, {**metadata, "observation_names": names}), tmp_path / "strong.onnx")
     flags = ["--task", "swimmer", "--demonstration", tmp_path / "strong.onnx"]
     fails("diverges after 0", "train", *flags, *QUICK, "--output", tmp_path / "run")
+
+
+@pytest.mark.parametrize("mjcf", [SERVOS, GEARED])
+def test_an_export_says_what_actions_are_at_the_joints(mjcf, tmp_path, rng):
+    """A second computation by the metadata alone gives the torques of the robot's own model."""
+    task = make_task(write_arm(tmp_path, mjcf))
+    shape = Architecture(task.observation.names, (4,), len(task.controls.names))
+    policy = GaussianPolicy(
+        shape, 0.3 * rng.standard_normal(shape.num_parameters), np.ones(len(task.controls.names))
+    )
+    save_policy(policy, task.name, tmp_path / "policy.json")
+    path = tmp_path / "policy.onnx"
+    vgps(["export", str(tmp_path / "policy.json"), "--output", str(path), "--precision", "float64"])
+    says = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
+    numbers = {
+        key: np.array(says[key].split(","), dtype=float)
+        for key in ("action_scale", "default_joint_pos", "joint_stiffness", "joint_damping")
+    }
+    names, session = says["joint_names"].split(","), onnxruntime.InferenceSession(path)
+    model = mujoco.MjModel.from_xml_string(task.mjcf)
+    data, dofs = mujoco.MjData(model), [model.joint(name).dofadr[0] for name in names]
+    for state in task.initial_state + 0.3 * rng.standard_normal((20, len(task.initial_state))):
+        obs = task.observation(state)
+        (actions,) = session.run(["actions"], {"obs": obs[None]})
+        said = numbers["action_scale"] * actions[0]
+        data.qpos[:], data.qvel[:] = np.split(state, 2)
+        torques = said
+        if says["action_kind"].startswith("position"):
+            held = numbers["default_joint_pos"] + said - data.qpos[dofs]
+            torques = numbers["joint_stiffness"] * held - numbers["joint_damping"] * data.qvel[dofs]
+        data.ctrl[:] = np.clip(policy.mean(obs), *task.controls.limits)
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(torques, data.qfrc_actuator[dofs], rtol=1e-9, atol=1e-9)
+    assert says["action_unit"].split(",") == [{SERVOS: "rad", GEARED: "N·m"}[mjcf]] * len(names)
+    assert open_policy(path).gaussian is not None  # as our own, whatever its actions start from

@@ -4,13 +4,13 @@
 import numpy as np
 import pytest
 
+from tests.motors import motors
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Supervisor
 from vgps_ros.safety.training_marginals import TrainingMarginals
 
 PERIOD = 20_000_000  # [ns]
 LIMITS = (10.0, 10.0)
-VELOCITIES = [2, 3]  # of the actuated joints, in the state
 STATE = np.array([0.1, 0.2, 1.0, -2.0])
 TORQUES = np.array([3.0, -4.0])
 
@@ -19,10 +19,8 @@ class Robot:
     """A supervisor and a clock."""
 
     def __init__(self, broken_limit=lambda _: "", **settings):
-        limits, period = (-np.array(LIMITS), np.array(LIMITS)), PERIOD * 1e-9
-        self.supervisor = Supervisor(
-            SafetySettings(**settings), limits, VELOCITIES, period, broken_limit
-        )
+        controls, period = motors(*LIMITS), PERIOD * 1e-9
+        self.supervisor = Supervisor(SafetySettings(**settings), controls, period, broken_limit)
         self.supervisor.begin()
         self.now = 0.0
 
@@ -32,12 +30,12 @@ class Robot:
         command = self.supervisor.answer(
             state, step * PERIOD, lambda: age, self.now, lambda: torques
         )
-        return command and (command.torques.tolist(), command.stamp // PERIOD)
+        return command and (command.control.tolist(), command.stamp // PERIOD)
 
     def wait(self, duration):
         self.now += duration
         command = self.supervisor.watch(self.now)
-        return command and (command.torques.tolist(), command.stamp // PERIOD)
+        return command and (command.control.tolist(), command.stamp // PERIOD)
 
     @property
     def fault(self):
@@ -158,7 +156,7 @@ def test_the_last_command_is_zero():
     robot = Robot()
     assert robot.supervisor.stop() is None
     robot.send(4)
-    assert robot.supervisor.stop().torques.tolist() == ZERO
+    assert robot.supervisor.stop().control.tolist() == ZERO
 
 
 def test_far_from_the_training_it_warns_and_then_takes_over(random_distribution, coordinates):

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.motors import motors, robot
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.supervisor import TorqueLimiter
+from vgps_ros.safety.supervisor import ControlLimiter
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import control_range
 
 PERIOD = 20_000_000  # [ns]
@@ -18,7 +20,18 @@ TORQUES = st.lists(st.floats(-100, 100), min_size=2, max_size=2).map(np.array)
 
 
 def limiter(rate=0.0):
-    return TorqueLimiter((-LIMITS, LIMITS), rate, PERIOD * 1e-9)
+    settings = SafetySettings(torque_rate_limit=rate)
+    return Limiter(ControlLimiter(settings, motors(*LIMITS), PERIOD * 1e-9))
+
+
+class Limiter:
+    """A limiter of motors, whose limits do not depend on the state."""
+
+    def __init__(self, limiter):
+        self._limiter, self.note, self.note_safe = limiter, limiter.note, limiter.note_safe
+
+    def limited(self, torques, stamp):
+        return self._limiter.limited(torques, stamp, np.zeros(4))
 
 
 def test_torques_within_the_limits_keep_every_bit_and_others_are_clipped():
@@ -99,13 +112,19 @@ def test_the_models_own_limits_are_found_in_newton_metres():
 
 
 def test_torques_keep_to_the_robots_limits_and_to_the_users():
+    def controls(*ranges):
+        own = [f'<motor joint="{{}}" ctrlrange="{low} {high}"/>' for low, high in ranges]
+        return controls_of(robot(*own))
+
     settings = SafetySettings(torque_limits=(2.0, 5.0))
-    low, high = settings.torque_range((np.array([-1.0, -9.0]), np.array([3.0, 9.0])))
+    of_robot = controls((-1, 3), (-9, 9))
+    low, high = of_robot.bounds(np.zeros(4), settings.torques_of(of_robot))
     np.testing.assert_array_equal(low, [-1.0, -5.0])
     np.testing.assert_array_equal(high, [2.0, 5.0])
-    with pytest.raises(InvalidInputError, match=r"torque_limits\[1\] is 5 N·m, .*own.*6 and 7"):
-        settings.torque_range((np.array([-1.0, 6.0]), np.array([1.0, 7.0])))
+    with pytest.raises(InvalidInputError, match=r"torque_limits\[1\] is 5, .*own.* 6 at least"):
+        settings.torques_of(controls((-1, 1), (6, 7)))
     with pytest.raises(InvalidInputError, match="torque_limits"):
-        SafetySettings(torque_limits=(2.0, 5.0, 1.0)).torque_range((-LIMITS, LIMITS))
-    low, high = SafetySettings(torque_limits=(6.0,) * 2).torque_range((LIMITS, LIMITS))
+        SafetySettings(torque_limits=(2.0, 5.0, 1.0)).torques_of(of_robot)
+    alone = controls((2, 2.5), (5, 5.5))
+    low, high = alone.bounds(np.zeros(4), settings.torques_of(alone))
     np.testing.assert_array_equal(low, high)  # a robot may allow a single torque

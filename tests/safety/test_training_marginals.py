@@ -9,13 +9,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.motors import motors
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.supervisor import safe_torques
+from vgps_ros.safety.supervisor import safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 from vgps_ros.simulation.readings import Readings
 
+MOTORS, ZERO = motors(1e9, 1e9), np.zeros(2)
 OBSERVED = (1, 2, 3)  # of four: root x does not count
 
 
@@ -77,7 +79,7 @@ def test_feedback_is_the_ddp_law_and_the_roots_place_makes_no_torque(marginals, 
     safety = SafetySettings(safe_action="feedback")
     for root in (0.0, 1e3):
         moved = state + np.array([root, 0.0, 0.0, 0.0])
-        found = safe_torques(safety, moved, [2, 3], [marginals])
+        found = safe_control(safety, moved, MOTORS, ZERO, [marginals])
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -106,18 +108,15 @@ def test_sensors_count_as_they_change_with_the_state(random_distribution, swimme
 
 def test_damping_brakes_the_joints_that_the_controls_drive():
     safety = SafetySettings(safe_action="damping", damping=3.0)
-    state = np.array([9.0, 9.0, 9.0, 1.0, -2.0, 4.0])
-    np.testing.assert_array_equal(safe_torques(safety, state, [4, 5], []), [6.0, -12.0])
-    # The second control drives no joint of one axis, as a tendon's does.
-    np.testing.assert_array_equal(safe_torques(safety, state, [4, -1], []), [6.0, 0.0])
+    state = np.array([9.0, 9.0, -2.0, 4.0])
+    np.testing.assert_array_equal(safe_control(safety, state, MOTORS, ZERO, []), [6.0, -12.0])
 
 
 @pytest.mark.parametrize("action", ["zero", "damping", "feedback"])
 def test_without_what_it_needs_the_safe_action_is_zero(action):
     safety = SafetySettings(safe_action=action)
-    np.testing.assert_array_equal(safe_torques(safety, None, [2, 3], []), [0.0, 0.0])
-    zero = safe_torques(safety, np.zeros(4), [2, 3], [])
-    np.testing.assert_array_equal(zero, [0.0, 0.0])
+    for state in (None, np.zeros(4)):
+        np.testing.assert_array_equal(safe_control(safety, state, MOTORS, ZERO, []), ZERO)
 
 
 FINITE = arrays(float, 4, elements=st.floats(allow_nan=False, allow_infinity=False))
@@ -127,7 +126,7 @@ FINITE = arrays(float, 4, elements=st.floats(allow_nan=False, allow_infinity=Fal
 @given(state=FINITE, action=st.sampled_from(["zero", "damping", "feedback"]))
 def test_no_finite_state_makes_a_torque_that_is_not_finite(marginals, state, action):
     safety = SafetySettings(safe_action=action, damping=1e6)
-    found = safe_torques(safety, state, [2, 3], [marginals])
+    found = safe_control(safety, state, MOTORS, ZERO, [marginals])
     assert np.isfinite(found).all()
 
 

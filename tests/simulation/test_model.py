@@ -2,16 +2,17 @@
 """Names of what states, deviations and controls hold."""
 
 import mujoco
+import numpy as np
 import pytest
 
 from tests.simulation.robots import everything
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import (
     actuated_joint_names,
     check_supported,
     compile_model,
     deviation_names,
-    driven_velocities,
     hinge_names,
     joint_names,
     sensor_numbers,
@@ -59,8 +60,11 @@ def test_each_number_of_a_sensor_has_a_name():
 def test_a_control_has_the_velocity_of_its_joint_where_it_drives_one_of_one_axis():
     """One of the controls pulls a tendon, so all bear their actuators' names."""
     assert actuated_joint_names(MODEL) == ["hip", "slow_knee", "pull", "wag"]
-    names = state_names(MODEL)
-    assert driven_velocities(MODEL) == [names.index("hip/velocity"), -1, -1, -1]
+    controls, names = controls_of(MODEL), state_names(MODEL)
+    driven = np.zeros((4, len(names)))
+    for i, joint, share in ((0, "hip", 1.0), (1, "knee", 1.0), (2, "hip", 1.0), (2, "knee", -0.5)):
+        driven[i, names.index(f"{joint}/velocity")] = share
+    np.testing.assert_array_equal(controls.velocities, driven)
 
 
 def test_what_remembers_more_than_its_state_or_drives_nothing_is_refused():

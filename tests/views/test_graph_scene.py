@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The scene: geometry and contacts of any robot, and messages in whatever order they come."""
 
+import dataclasses
 import datetime
 import io
 
@@ -138,7 +139,8 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
     swimmer = make_task("swimmer")
     state = state_to_msg(np.zeros(10), swimmer.joint_names, Time())
     recorded.scene.show("/joint_states", state)
-    recorded.scene.show("/joint_command", command_to_msg(np.ones(2), ["wrong", "names"], Time()))
+    wrong = dataclasses.replace(swimmer.controls, names=("wrong", "names"))
+    recorded.scene.show("/joint_command", command_to_msg(np.ones(2), wrong, Time()))
     assert recorded.reports == []
     recorded.scene.show("/mjcf_description", String(data=swimmer.mjcf))
     assert [topic for topic, text in recorded.reports if text] == ["joint_command"]

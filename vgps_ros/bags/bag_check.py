@@ -69,7 +69,7 @@ from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, policy_digest
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import actuated_joint_names, compile_model, state_names
+from vgps_ros.simulation.model import compile_model, state_names
 
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
 # What no recomputation proves, in the last sentence of a check.
@@ -121,7 +121,7 @@ class _Context(NamedTuple):
 class _Command(NamedTuple):
     received: int  # [ns]
     stamp: int  # [ns]
-    torques: Array
+    control: Array
 
 
 def check_bag(
@@ -143,7 +143,7 @@ def check_bag(
         model = compile_model(bag.mjcf())
         executor = RecordedExecutor(bag, model)
         states = _states(bag, executor, found)
-        commands = _commands(bag, model, found)
+        commands = _commands(bag, executor, found)
         contexts = _contexts(bag, executor, found)
         answered = sorted([*states, *_measured(bag, executor)], key=attrgetter("received"))
         _check_torques(bag, executor, answered, commands, contexts, found)
@@ -211,13 +211,13 @@ def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[_State]:
                     yield _State(received, stamp, x)
 
 
-def _commands(bag: BagReader, model: mujoco.MjModel, found: BagCheck) -> list[_Command]:
-    """Reads the torques in the order in which they were received."""
-    commands, refused, actuated = [], list[str](), actuated_joint_names(model)
+def _commands(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[_Command]:
+    """Reads the commands in the order in which they were received."""
+    commands, refused = [], list[str]()
     for received, message in bag.decoded(bag.needed_topic("joint_command"), refused=refused):
         stamp = nanoseconds(message.header.stamp)
         try:
-            commands.append(_Command(received, stamp, command_from_msg(message, actuated)))
+            commands.append(_Command(received, stamp, command_from_msg(message, executor.controls)))
         except InvalidInputError as error:
             refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
     if refused:
@@ -422,7 +422,7 @@ class _TorqueCheck:
 
     def __init__(self, bag: BagReader, executor: RecordedExecutor):
         self._executor = executor
-        self._names = actuated_joint_names(executor.model)
+        self._names = list(executor.controls.names)
         self._log = _executor_log(bag)
         self._policies = _policies(bag, executor, self._names)
         self._marginals = _marginals(bag, executor)
@@ -436,16 +436,23 @@ class _TorqueCheck:
             states: the states that they may answer, each with its context, the likeliest first.
         """
         limiter = self._executor.limiter
-        kind, sentence = self._compared(command, states) if states else ("stateless", "")
+        control = command.control
+        kind, sentence = "stateless", ""
+        if states:
+            kind, sentence, control = self._compared(command, states)
         self._is_first = False
         if kind == "safe":
-            limiter.note_safe(command.torques)
+            limiter.note_safe(control)
         else:
-            limiter.note(command.torques, command.stamp)
+            self._executor.drove()
+            limiter.note(control, command.stamp)
         return kind, sentence
 
-    def _compared(self, command: _Command, states: list[tuple[Array, Array]]) -> tuple[str, str]:
-        executor, torques = self._executor, command.torques
+    def _compared(
+        self, command: _Command, states: list[tuple[Array, Array]]
+    ) -> tuple[str, str, Array]:
+        """Returns the same, and the control as the executor had it before it sent it."""
+        executor, control = self._executor, command.control
         # Even the first policy may be recorded late, since it was published long before.
         policies = self._policies.around(command.received) or self._policies.values[:1]
         tries = [
@@ -457,33 +464,38 @@ class _TorqueCheck:
         for state, iteration, policy, seed in reversed(tries):  # noqa: B007
             inputs = executor.inputs(policy.policy, *state)
             wanted = policy.control(inputs, command.stamp, seed)
-            expected = executor.limiter.limited(wanted, command.stamp)
-            if kind := self._agreement(torques, expected, policy, seed):
-                return kind, ""
+            expected = executor.limiter.limited(wanted, command.stamp, state[0])
+            if kind := self._agreement(control, expected, policy, seed):
+                return kind, "", expected if kind in ("mean", "noisy") else control
         marginals = self._marginals.around(command.received) or [()]
-        may_be_safe = any(executor.is_safe(torques, x, marginals, z) for x, z in states)
+        may_be_safe = any(executor.is_safe(control, x, marginals, z) for x, z in states)
         if may_be_safe and (is_said := self._did_not_drive(command.received)) is not False:
-            return ("safe" if is_said else "unsaid"), ""
+            return ("safe" if is_said else "unsaid"), "", control
         if self._is_first and executor.settings.torque_rate_limit:
-            return "first", ""
-        joint = int(np.argmax(torques != expected))
+            return "first", "", control
+        sent, due = executor.controls.at_joints(control), executor.controls.at_joints(expected)
+        joint = int(np.argmax(control != expected))
         said = " The diagnostics do not say that the safe action drove." if may_be_safe else ""
-        return "different", (
-            f"at {command.stamp * 1e-9:.3f} s the torque of {self._names[joint]} is "
-            f"{float(torques[joint])!r}, but the policy of iteration {iteration} gives "
-            f"{float(expected[joint])!r}.{said}"
-        ).rstrip(".")
+        return (
+            "different",
+            (
+                f"at {command.stamp * 1e-9:.3f} s the {executor.controls.kinds[joint]} of "
+                f"{self._names[joint]} is {float(sent[joint])!r}, but the policy of iteration "
+                f"{iteration} gives {float(due[joint])!r}.{said}"
+            ).rstrip("."),
+            control,
+        )
 
     def _agreement(
-        self, torques: Array, expected: Array, policy: ExecutedPolicy, seed: int | None
+        self, control: Array, expected: Array, policy: ExecutedPolicy, seed: int | None
     ) -> str:
-        """Returns how recorded torques agree with the policy's; "" if they do not."""
-        if np.array_equal(torques, expected):
+        """Returns how a recorded control agrees with the policy's; "" if it does not."""
+        if self._executor.agrees(control, expected):
             return "mean" if seed is None else "noisy"
         is_onnx = isinstance(policy.policy, OnnxPolicy)
         allowed = TOLERANCE if is_onnx else 0.0 if self._log else _OLD_TOLERANCE
         allowed *= max(1.0, float(np.abs(expected).max()))
-        if not (np.abs(torques - expected) <= allowed).all():
+        if not (np.abs(control - expected) <= allowed).all():
             return ""
         return "close" if is_onnx else "rounded"
 
@@ -586,7 +598,7 @@ def _check_states(
         begin, end = previous[0].received - SLACK, state.received + SLACK
         answers = [c for c in torques[previous[-1].stamp] if begin <= c.received <= end]
         differences = [
-            (dynamics.step(one.x, answer.torques) - state.x) / np.maximum(1.0, np.abs(state.x))
+            (dynamics.step(one.x, answer.control) - state.x) / np.maximum(1.0, np.abs(state.x))
             for one in reversed(previous)
             for answer in answers
         ]

@@ -21,7 +21,8 @@ from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.simulation.model import actuated_joint_names, compile_model, state_names
+from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.model import compile_model, state_names
 from vgps_ros.storage.files import part_of
 
 _RATE_TOLERANCE = 0.01  # between the time steps of bags, as a share of them
@@ -57,7 +58,7 @@ class DataSet:
     @property
     def control_names(self) -> list[str]:
         """Names of the controls, such as knee/effort."""
-        return [f"{joint}/effort" for joint in actuated_joint_names(self.model)]
+        return controls_of(self.model).columns
 
     @property
     def lengths(self) -> list[int]:
@@ -65,10 +66,10 @@ class DataSet:
         return [motion.horizon for motion in self.motions]
 
     def stacked(self) -> tuple[Array, Array]:
-        """Returns the states (N, n_x) and controls (N, n_u) of all steps, motion after motion."""
+        """Returns states (N, n_x) and controls at the joints (N, n_u) of all steps, in order."""
         return (
             np.concatenate([motion.states[:-1] for motion in self.motions]),
-            np.concatenate([motion.controls for motion in self.motions]),
+            controls_of(self.model).at_joints(np.concatenate([m.controls for m in self.motions])),
         )
 
 

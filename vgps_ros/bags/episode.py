@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.bags.recorded_nodes import SLACK
+from vgps_ros.bags.recorded_nodes import SLACK, RecordedParameters
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds
+from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
 from vgps_ros.simulation.forces import controls_are_forces
 from vgps_ros.simulation.model import actuated_joint_names
@@ -120,19 +120,19 @@ def _efforts(motion: _Motion, _end: int, model: mujoco.MjModel) -> Array:
     """Returns the recorded efforts of the driven joints, shape (N, n_u)."""
     names, unknown = actuated_joint_names(model), np.full(model.nu, np.nan)
     joints = motion.joints.values()
-    return np.array([command_from_msg(m, names) if len(m.effort) else unknown for m in joints])
+    return np.array([efforts_from_msg(m, names) if len(m.effort) else unknown for m in joints])
 
 
 def _answers(bag: BagReader, model: mujoco.MjModel) -> Callable[..., Array]:
     """Returns a function that finds the joint_command that answers the state before each."""
-    names, unknown = actuated_joint_names(model), np.full(model.nu, np.nan)
+    controls, unknown = RecordedParameters(bag).controls(model), np.full(model.nu, np.nan)
     topic = bag.filled_topics.get("joint_command")
     recorded = list(bag.decoded(topic)) if topic else []
 
     def find(motion: _Motion, end: int, _model: mujoco.MjModel) -> Array:
         # Stamps come again after a reset; the topics reach a recorder independently.
         answers = {
-            nanoseconds(message.header.stamp): command_from_msg(message, names)
+            nanoseconds(message.header.stamp): command_from_msg(message, controls)
             for received, message in recorded
             if motion.begin - SLACK <= received < end
         }

@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.parameter import parameter_value_to_python
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.core.checks import finite_array
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy
@@ -24,10 +24,11 @@ from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import policy_from_msg
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.settings import SafetySettings
-from vgps_ros.safety.supervisor import TorqueLimiter, safe_torques
+from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.dynamics import Simulations
-from vgps_ros.simulation.model import control_range, driven_velocities, state_names
+from vgps_ros.simulation.model import state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
@@ -134,6 +135,12 @@ class RecordedParameters:
         found = ((node, own) for node, own in self.nodes.items() if set(names) <= set(own))
         return next(found, ("", {}))
 
+    def controls(self, model: mujoco.MjModel) -> Controls:
+        """Returns the controls of a robot as the bag's messages hold them."""
+        controls = controls_of(model)
+        is_old = self.nodes and not self.having("command_interfaces")[0]
+        return controls.untold() if is_old else controls
+
     def values(self, node: str, name: str) -> list[Any]:
         """Returns the values that a parameter had at some time."""
         own = self.nodes.get(node, {})
@@ -156,7 +163,8 @@ class RecordedExecutor:
         model: the robot.
         seeds: those of the noise that torques may have; None is no noise.
         settings: safety settings of the executor.
-        limiter: limits of the torques, which depend on the torques that were noted before.
+        controls: what the robot's controls are.
+        limiter: limits of the controls, which depend on those that were noted before.
         task: its task; None if it is not known, as in bags of old versions.
         signals: the commands and the clock of its task.
         frames: its names of the base's and of the IMU's frame.
@@ -174,7 +182,8 @@ class RecordedExecutor:
         _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
-        self._velocities, self._state_names = driven_velocities(model), state_names(model)
+        self._state_names = state_names(model)
+        self._resting: Array | None = None  # what the safe action holds, while it drives
         self._simulations = Simulations(model, threads=1)
         self._observations: dict[tuple[str, ...], Observation] = {}
         self.task = (
@@ -190,6 +199,7 @@ class RecordedExecutor:
         period = self.task.dynamics.time_step if self.task else 0.0
         own = float(parameters.get("sensor_tolerance", 0.0))
         self.tolerance = round(1e9 * (own if self.is_measured else period / 2))
+        self.controls = self.parameters.controls(model)
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
@@ -197,12 +207,7 @@ class RecordedExecutor:
             limits = values["torque_limits"]
             values["torque_limits"] = tuple(limits if isinstance(limits, list) else [limits])
         self.settings = with_values(defaults, values)
-        finite_array("torque_limits", self.settings.torque_limits, (model.nu,))
-        self.limiter = TorqueLimiter(
-            self.settings.torque_range(control_range(model)),
-            self.settings.torque_rate_limit,
-            period,
-        )
+        self.limiter = ControlLimiter(self.settings, self.controls, period)
 
     def _seeds(self, node: str) -> list[int | None]:
         """Returns the seeds of the noise that torques may have; None is no noise."""
@@ -263,24 +268,42 @@ class RecordedExecutor:
 
     def is_safe(
         self,
-        torques: Array,
+        control: Array,
         state: Array,
         marginals: Iterable[Iterable[TrainingMarginals]],
         context: Array = NO_CONTEXT,
     ) -> bool:
-        """Returns True if torques are zero, or those of the safe action in a state.
+        """Returns True if a control is that at rest, or that of the safe action in a state.
 
         Args:
-            torques: recorded torques, shape (n_u,) [N·m].
+            control: recorded control, shape (n_u,).
             state: recorded state, shape (n_x,).
             marginals: the sets of training marginals that the executor may have had at the time.
             context: commands and clock in that state, shape (n_z,).
         """
         if self.task is None:
             return False
-        if not torques.any():
-            return True
-        safe = (
-            safe_torques(self.settings, state, self._velocities, had, context) for had in marginals
-        )
-        return any(np.array_equal(torques, self.limiter.clipped(each)) for each in safe)
+        rests = [self.controls.resting(state)]
+        if self._resting is not None:
+            rests.append(self._resting)
+        for resting in rests:
+            safe = [
+                resting,
+                *(
+                    safe_control(self.settings, state, self.controls, resting, had, context)
+                    for had in marginals
+                ),
+            ]
+            if any(self.agrees(control, self.limiter.clipped(each, state)) for each in safe):
+                self._resting = resting
+                return True
+        return not control.any()  # as executors up to 1.0.0 stopped all robots
+
+    def drove(self) -> None:
+        """Notes that the policy drove, so that the next safe action holds another state."""
+        self._resting = None
+
+    def agrees(self, control: Array, expected: Array) -> bool:
+        """Returns True if a recorded control is bit for bit one that was sent as a message."""
+        sent = self.controls.from_joints(self.controls.at_joints(expected))
+        return np.array_equal(control, sent)

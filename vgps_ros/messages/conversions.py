@@ -33,6 +33,7 @@ from vgps_ros.core.checks import (
     from_arrays,
     quoted,
 )
+from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
@@ -249,21 +250,58 @@ def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     return np.concatenate(parts)
 
 
-def command_to_msg(control: Array, joint_names: Sequence[str], stamp: Time) -> JointState:
-    """Returns torques [N·m] as a joint command."""
-    message = JointState(name=list(joint_names), effort=pack(control))
+def command_to_msg(control: Array, controls: Controls, stamp: Time) -> JointState:
+    """Returns u, shape (n_u,), as a joint command, in the fields and units of its kinds.
+
+    NaN stands in a field that is not that of a control.
+    """
+    values = controls.at_joints(control)
+    fields = {k: pack(np.where(mask, values, np.nan)) for k, mask in controls.fields.items()}
+    message = JointState(name=list(controls.names), **fields)
     message.header.stamp = stamp
     return message
 
 
-def command_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
-    """Returns the torques [N·m], shape (n_u,).
+def command_from_msg(message: JointState, controls: Controls) -> Array:
+    """Returns u, shape (n_u,).
+
+    The target of a servo may come with a feed-forward effort, and that of a position with a target
+    of the velocity.
 
     Raises:
-        InvalidInputError: a joint is missing, or a torque is missing or not finite.
+        InvalidInputError: a joint is missing, or a value that it needs is missing or not finite.
+    """
+    order = name_order(tuple(message.name), controls.names)
+
+    def field(name: str, needed: NDArray[np.bool_] | None = None) -> Array:
+        """Returns a field's values where they are needed, or where it has any; otherwise zero."""
+        values = np.array(getattr(message, name), dtype=float)
+        if needed is None:
+            values = values if len(values) else np.full(len(message.name), np.nan)
+            needed = np.ones(len(order), dtype=bool)
+            values[np.isnan(values)] = 0.0
+        if len(values) == len(message.name):
+            own = np.where(needed, values[order], 0.0)
+            values[:] = 0.0
+            values[order] = own
+        return finite_array(f"joint_command.{name}", values, (len(message.name),))[order]
+
+    values = np.sum([field(*each) for each in controls.fields.items()], axis=0)
+    control = controls.from_joints(values)
+    if "position" not in controls.fields:
+        return control
+    ahead = (field("effort") + controls.damping * field("velocity")) / controls.strength
+    return control + np.where(controls.are(ControlKind.POSITION), ahead, 0.0)
+
+
+def efforts_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
+    """Returns the efforts of joints, shape (n,) [N·m, N].
+
+    Raises:
+        InvalidInputError: a joint is missing, or an effort is missing or not finite.
     """
     order = name_order(tuple(message.name), tuple(joint_names))
-    return finite_array("joint_command.effort", message.effort, (len(message.name),))[order]
+    return finite_array("joint_states.effort", message.effort, (len(message.name),))[order]
 
 
 def signals_to_msg(values: Array, names: Sequence[str], stamp: Time) -> SignalsMsg:

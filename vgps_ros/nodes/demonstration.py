@@ -55,9 +55,8 @@ class DemonstrationNode(Node):
             return
         self._health.clear("state")
         torques = self._controller.torques(state, self._loads(state))
-        names = self._task.actuated_joint_names
         self._stamp = stamp
-        self._answer = command_to_msg(torques, names, message.header.stamp)
+        self._answer = command_to_msg(torques, self._task.controls, message.header.stamp)
         self._commands.publish(self._answer)
 
 

@@ -7,7 +7,7 @@ package `onnx` (requirements/onnx.txt) is imported only when a file is read or w
 The graph of a policy of ours maps `obs`, shape (batch, n_o), to
 
     mean     μ_θ(o), shape (batch, n_u)
-    actions  the mean within the robot's limits, shape (batch, n_u)
+    actions  the mean within the robot's limits, from the origin, shape (batch, n_u)
     std      σ, shape (n_u,)
 
 all in the units of the robot. `obs` and the outputs are float32 or float64. Between them all is
@@ -189,13 +189,15 @@ class ExportedPolicy:
 
     Attributes:
         policy: π_θ.
-        limits: the lowest and the highest control, shapes (n_u,), [N·m]; ∓inf for none.
+        limits: the lowest and the highest control u, shapes (n_u,); ∓inf for none.
         precision: float32 or float64, of the graph's input and outputs.
+        origin: what is subtracted from the controls, n_u numbers; empty: nothing.
     """
 
     policy: GaussianPolicy
     limits: tuple[Array, Array]
     precision: str
+    origin: tuple[float, ...] = ()
 
 
 def to_onnx(exported: ExportedPolicy, metadata: dict[str, str]) -> bytes:
@@ -291,7 +293,10 @@ def _graph(exported: ExportedPolicy) -> Any:
     low, high = (
         build.constant(*limit) for limit in zip(("lowest", "highest"), exported.limits, strict=True)
     )
-    build.give(build.node("Min", build.node("Max", a, low), high), "actions")
+    within = build.node("Min", build.node("Max", a, low), high)
+    if any(exported.origin):
+        within = build.node("Sub", within, build.constant("origin", exported.origin))
+    build.give(within, "actions")
     build.give(a, "mean")
     build.give(build.constant("noise_std", policy.noise_std), "std")
     outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
@@ -320,4 +325,5 @@ def _read(model: Any, name: str) -> ExportedPolicy:
         GaussianPolicy(shape, parameters, arrays["noise_std"]),
         (arrays["lowest"], arrays["highest"]),
         next(name for name, number in elements.items() if number == element),
+        tuple(arrays["origin"].tolist()) if "origin" in arrays else (),
     )

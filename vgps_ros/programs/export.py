@@ -1,9 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a policy as an ONNX file, which other programs and robots execute.
 
-One graph maps what the policy reads to torques within the robot's limits. Its metadata say what the
-numbers mean, and of which robot and commit they are. It needs the package `onnx`: pip install -r
-requirements/onnx.txt.
+One graph maps what the policy reads to controls within the robot's limits. Its metadata say what
+the numbers mean, and of which robot and commit they are. It needs the package `onnx`: pip install
+-r requirements/onnx.txt.
 """
 
 import argparse
@@ -54,7 +54,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     task = make_task(arguments.task) if arguments.task else recorded_task(name)
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
-    exported = ExportedPolicy(policy, task.dynamics.control_limits, arguments.precision)
+    start = tuple(task.controls.resting(task.initial_state).tolist())
+    exported = ExportedPolicy(policy, task.controls.limits, arguments.precision, start)
     content = to_onnx(exported, metadata(task, policy, arguments.run))
     with replacing(arguments.output) as file:
         file.write(content)
@@ -69,28 +70,32 @@ def run(arguments: argparse.Namespace) -> None:
 
 def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, str]:
     """Returns what the file says of itself: first by the keys of mjlab, then by our own."""
-    from vgps_ros.simulation.forces import controls_are_forces
+    import numpy as np
+
+    from vgps_ros.core.controls import ControlKind
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
 
-    joints, states = task.actuated_joint_names, state_names(task.dynamics.model)
+    controls, states = task.controls, state_names(task.dynamics.model)
+    joints = list(controls.names)
     positions = [f"{joint}/position" for joint in joints]
     start = [float(task.initial_state[states.index(p)]) if p in states else 0.0 for p in positions]
-    none = [0.0] * len(joints)
+    # What the actions of a servo start from; the positions of other joints are for standing up.
+    held = controls.at_joints(controls.resting(task.initial_state))
+    start = np.where(controls.are(ControlKind.POSITION), held, start).tolist()
     return {
         "run_path": str(path),
         "joint_names": _listed(joints),
-        "joint_stiffness": _listed(none),  # the actions are torques, not targets of positions
-        "joint_damping": _listed(none),
+        "joint_stiffness": _listed(controls.stiffness.tolist()),
+        "joint_damping": _listed(controls.damping.tolist()),
         "default_joint_pos": _listed(start),
         "command_names": "",
         "observation_names": _listed(policy.observed),
-        "action_scale": _listed([1.0] * len(joints)),
-        "action_kind": "joint torque or force [N·m, N]"
-        if controls_are_forces(task.dynamics.model)
-        else "control of the MJCF's actuator",
+        "action_scale": _listed(controls.scale.tolist()),
+        "action_kind": _listed([str(kind) for kind in controls.kinds]),
+        "action_unit": _listed(list(controls.units)),
         "task": task.name,
-        "noise_std": _listed(policy.noise_std.tolist()),
+        "noise_std": _listed(np.abs(controls.scale * policy.noise_std).tolist()),
         "control_period": repr(task.dynamics.time_step),
         "mjcf_sha256": hashlib.sha256(task.mjcf.encode()).hexdigest(),
         "vgps_ros_commit": commit(),

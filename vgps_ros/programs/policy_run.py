@@ -153,7 +153,7 @@ class PolicyRun(Node):
         self._states[stamp] = self._messages.join(messages)
 
     def _take_command(self, message: JointState) -> None:
-        control = command_from_msg(message, self._task.actuated_joint_names)
+        control = command_from_msg(message, self._task.controls)
         self._controls[nanoseconds(message.header.stamp)] = control
 
     def _take_context(self, message: SignalsMsg) -> None:

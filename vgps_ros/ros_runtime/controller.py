@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A lifecycle node that answers each state with torques, which all controllers share.
+"""A lifecycle node that answers each state with a command, which all controllers share.
 
 Where its law must not drive, the safe action does; `safety.supervisor` decides.
 """
@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -21,8 +20,8 @@ from std_msgs.msg import Float64MultiArray, UInt8MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
-from vgps_ros.core.checks import one_of
-from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.checks import one_of, quoted
+from vgps_ros.core.controls import INTERFACES, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import NO_CONTEXT
@@ -59,7 +58,6 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.simulation.model import driven_velocities
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.driver import Driver, driver_of
@@ -81,9 +79,17 @@ COMMAND_TYPE = Setting(
     "command_type",
     "joint_state",
     "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
-    "float64_multi_array: std_msgs/Float64MultiArray on commands, as the effort controllers of "
-    "ros2_control take it",
+    "float64_multi_array: std_msgs/Float64MultiArray, as the forward controllers of ros2_control "
+    "take it",
     choices=("joint_state", "float64_multi_array"),
+)
+COMMAND_INTERFACES = Setting(
+    "command_interfaces",
+    "",
+    "names of position, velocity, effort, stiffness and damping, separated by commas, that a "
+    "float64_multi_array holds; one: of all joints on commands, as position and effort controllers "
+    "take it; several: of each joint on JOINT/commands, as multi-interface controllers take them; "
+    "empty: the one of the controls' kind",
 )
 STATE_QOS = Setting(
     "state_qos",
@@ -127,7 +133,7 @@ _PERIOD = 1.0  # over which figures are taken [s]
 
 
 class Controller(LifecycleNode):
-    """Answers each state with torques, while it is active.
+    """Answers each state with a command, while it is active.
 
     Args:
         name: name of the node.
@@ -145,6 +151,8 @@ class Controller(LifecycleNode):
         self.task = make_task(declare(self, TASK))
         self._needs_policy = needs_policy
         self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
+        names = declare(self, COMMAND_INTERFACES)
+        self._interfaces = command_interfaces(names, self.task.controls)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
         frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         for setting in (SENSOR_TOLERANCE, BASE_FROM):
@@ -153,23 +161,23 @@ class Controller(LifecycleNode):
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
             declare(self, setting)
         when_alone = self._start if declare(self, AUTOSTART) else lambda: None
-        low, high = self.task.dynamics.control_limits
-        limits = tuple(np.maximum(-low, high).clip(0.0, CONTROL_BOUND).tolist())
+        limits = tuple(self.task.controls.largest.tolist())
         self._settings = settings = declare_settings(self, SafetySettings(torque_limits=limits))
         model = self.task.dynamics.model
         base_frame = StateMessages(model, base_frame=frames["base_frame"]).base_frame
         self.instructions = Instructions(self, self.task.signals, base_frame)
-        topic = "commands" if self._plain else "joint_command"
-        self.health = Health(self, owns=(topic,), when_alone=when_alone)
+        topics = ["commands" if self._plain else "joint_command"]
+        if self._plain and len(self._interfaces) > 1:
+            topics = [f"{name}/commands" for name in self.task.controls.names]
+        self.health = Health(self, owns=tuple(topics), when_alone=when_alone)
         self.instructions.report_to(self.health)
         self._set_active(False)
         self._sent = 0
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self.task.dynamics.time_step
         self._times = AnswerTimes(self.health, time_step)
-        velocities = driven_velocities(model)
-        torques, broken = settings.torque_range((low, high)), self.task.limits.broken
-        self._supervisor = Supervisor(settings, torques, velocities, time_step, broken)
+        broken = self.task.limits.broken
+        self._supervisor = Supervisor(settings, self.task.controls, time_step, broken)
         # A policy that comes before activation is kept for it.
         self.training = TrainingResults(
             self,
@@ -192,7 +200,9 @@ class Controller(LifecycleNode):
         for name, sensor in self._states.sources.items():
             self.create_subscription(sensor, name, partial(self._take_measurement, name), qos)
         kind = Float64MultiArray if self._plain else JointState
-        self._commands = self.create_lifecycle_publisher(kind, topic, lively(STREAM))
+        self._commands = [
+            self.create_lifecycle_publisher(kind, topic, lively(STREAM)) for topic in topics
+        ]
         self._watchdog = steady_timer(self, time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
@@ -207,7 +217,7 @@ class Controller(LifecycleNode):
 
     @abstractmethod
     def law(self, state: Array, stamp: int, context: Array) -> Array:
-        """Returns the torques in a usable state, shape (n_u,), [N·m].
+        """Returns the control in a usable state, shape (n_u,).
 
         Args:
             state: x, shape (n_x,).
@@ -223,7 +233,7 @@ class Controller(LifecycleNode):
         self.trigger_activate()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Starts the torques."""
+        """Starts the commands."""
         self._supervisor.begin()
         self._set_active(True)
         self.training.wait()
@@ -232,14 +242,14 @@ class Controller(LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the torques, also at the lifecycle's end and where a transition failed."""
+        """Stops the commands, also at the lifecycle's end and where a transition failed."""
         self.stop()
         return super().on_deactivate(state)
 
     on_shutdown = on_error = on_deactivate
 
     def stop(self) -> None:
-        """Stops the torques: the last ones are zero, since motors may hold what they were sent."""
+        """Stops the commands: the last one leaves the robot at rest, since motors may hold it."""
         last = self._supervisor.stop() if self._active else None
         self._set_active(False)
         self._watchdog.cancel()
@@ -247,7 +257,7 @@ class Controller(LifecycleNode):
         self.health.stop_waiting(self._awaited)
         self.health.clear("state", "distance", "sensors")
         if last:
-            self.health.publish()  # a recording must know that these torques are no policy's
+            self.health.publish()  # a recording must know that this command is no policy's
             self._send(last)
 
     def _set_active(self, is_active: bool) -> None:
@@ -337,12 +347,14 @@ class Controller(LifecycleNode):
             return
         self._sent += 1
         self.health.set_value(COMMANDS_SENT, self._sent)
-        torques, names = command.torques, self.task.actuated_joint_names
-        self._commands.publish(
-            Float64MultiArray(data=pack(torques))
-            if self._plain
-            else command_to_msg(torques, names, stamp_of(command.stamp))
-        )
+        controls = self.task.controls
+        messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
+        if self._plain:
+            rows = controls.by_interface(command.control, self._interfaces)
+            several = rows.T if len(self._commands) > 1 else rows
+            messages = [Float64MultiArray(data=pack(values)) for values in several]
+        for publisher, message in zip(self._commands, messages, strict=True):
+            publisher.publish(message)
 
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
@@ -357,6 +369,23 @@ class Controller(LifecycleNode):
         self.health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
+
+
+def command_interfaces(names: str, controls: Controls) -> list[str]:
+    """Returns the names in a list that is separated by commas; of an empty one, the kinds'.
+
+    Raises:
+        InvalidInputError: a name is unknown, or what the controls are is not among them.
+    """
+    found = [name.strip() for name in names.split(",") if name.strip()] or list(controls.fields)
+    for name in found:
+        one_of("command_interfaces", name, INTERFACES)
+    if missing := [name for name in controls.fields if name not in found]:
+        raise InvalidInputError(
+            f"command_interfaces is {quoted(names)}, but the controls are {controls.label()}; name "
+            f"{missing[0]}, too."
+        )
+    return found
 
 
 class TrainingResults:

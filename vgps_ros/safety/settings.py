@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.checks import finite_array
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -18,15 +19,18 @@ class SafetySettings:
 
     torque_limits: tuple[float, ...] = setting(
         (CONTROL_BOUND,),
-        "largest torque of each actuated joint in both directions, in the order of the MJCF's "
-        "actuators, within the MJCF's own limits, which hold in any case; 1e9 for no other [N·m]",
+        "largest torque of each control on its joint, behind the gear, in both directions, in the "
+        "order of the MJCF's actuators; the target of a servo is kept where the servo asks for no "
+        "more; the model's own limits hold in any case; one may stand for all; 1e9 for no other "
+        "[N·m, N]",
         minimum=0.0,
         maximum=CONTROL_BOUND,
     )
     torque_rate_limit: float = setting(
         0.0,
-        "largest change of each of the policy's torques over time, by the stamps of the states; "
-        "the first torques start from zero; the safe action is not limited; 0: no limit [N·m/s]",
+        "largest change over time of the torque on its joint that each of the policy's controls "
+        "asks for, by the stamps of the states; a servo's target moves by this over its stiffness; "
+        "the first control starts from rest; the safe action is not limited; 0: no limit [N·m/s]",
         minimum=0.0,
         maximum=1e12,
     )
@@ -47,12 +51,16 @@ class SafetySettings:
     safe_action: str = setting(
         "zero",
         "action that replaces the policy after a fault: zero torque; damping, which brakes the "
-        "actuated joints; feedback, the DDP solution's law around its nearest state, which needs a "
+        "joints of motors; in both, servos hold the measured positions, or brake if their targets "
+        "are velocities; feedback, the DDP solution's law around its nearest state, which needs a "
         "trajectory_distribution",
         choices=("zero", "damping", "feedback"),
     )
     damping: float = setting(
-        5.0, "torque per joint velocity of the action damping [N·m·s/rad]", minimum=0.0, maximum=1e6
+        5.0,
+        "torque on a joint per velocity of the joint, of the action damping [N·m·s/rad]",
+        minimum=0.0,
+        maximum=1e6,
     )
     recovery: str = setting(
         "automatic",
@@ -75,20 +83,40 @@ class SafetySettings:
         maximum=1e9,
     )
 
-    def torque_range(self, control_limits: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Returns the lowest and the highest torques, shapes (n_u,), within the robot's own limits.
+    def torques_of(self, controls: Controls) -> Array:
+        """Returns the largest torque of each control on its joint, shape (n_u,) [N·m, N].
 
         Raises:
-            InvalidInputError: no torque is within both.
+            InvalidInputError: there is another number of them, or the model's own limits exclude
+                them.
         """
-        largest = finite_array("torque_limits", self.torque_limits, control_limits[0].shape)
-        low, high = np.maximum(control_limits[0], -largest), np.minimum(control_limits[1], largest)
-        for i in np.flatnonzero(low > high):
+        given, n = self.torque_limits, len(controls.names)
+        largest = finite_array("torque_limits", given * n if len(given) == 1 else given, (n,))
+        least = controls.least
+        for i in np.flatnonzero(least > largest):
             raise InvalidInputError(
-                f"torque_limits[{i}] is {largest[i]:g} N·m, but the robot's own limits of this "
-                f"torque are {control_limits[0][i]:g} and {control_limits[1][i]:g} N·m: allow more."
+                f"torque_limits[{i}] is {largest[i]:g}, but the model's own limits of "
+                f"{controls.names[i]} demand a torque of {least[i]:g} at least: allow more."
             )
-        return low, high
+        return largest
+
+    def check_suits(self, controls: Controls) -> None:
+        """Checks that there is a safe action.
+
+        Raises:
+            InvalidInputError: these controls have none of this name.
+        """
+        for name in controls.restless:
+            raise InvalidInputError(
+                f"The control of {name} has no safe action, since nothing tells which of its "
+                "values leaves the robot at rest; use a motor or a servo of a joint there."
+            )
+        if self.safe_action == "damping" and not controls.are_braked.all():
+            name = controls.names[int(np.argmin(controls.are_braked))]
+            raise InvalidInputError(
+                f"safe_action is damping, but no state tells the velocity that the control of "
+                f"{name} could brake; choose zero or feedback."
+            )
 
     @property
     def needs_distribution(self) -> bool:

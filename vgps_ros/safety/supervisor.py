@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.safety.settings import SafetySettings
@@ -25,14 +26,14 @@ from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 @dataclass(frozen=True)
 class Answer:
-    """Torques that must be sent to the robot.
+    """A control that must be sent to the robot.
 
     Attributes:
-        torques: torques of the actuated joints, shape (n_u,) [N·m].
-        stamp: stamp of the state that they answer [ns].
+        control: u, shape (n_u,).
+        stamp: stamp of the state that it answers [ns].
     """
 
-    torques: Array
+    control: Array
     stamp: int
 
 
@@ -41,8 +42,7 @@ class Supervisor:
 
     Args:
         settings: conditions for usable states, and the safe action.
-        limits: lowest and highest torques, shapes (n_u,) [N·m].
-        velocities: index in the state of the velocity that each control drives; -1 for none.
+        controls: what the robot's controls are.
         period: control period [s].
         broken_limit: says which limit of the task a state breaks; empty where none is broken.
 
@@ -51,21 +51,24 @@ class Supervisor:
         fault: the reason why the safe action drives, or None while the policy drives.
         warning: a sentence on what somebody should look at, or None.
         distance: distance of the newest state from the marginals, or None if it is not measured.
+
+    Raises:
+        InvalidInputError: the settings do not suit the controls.
     """
 
     def __init__(
         self,
         settings: SafetySettings,
-        limits: tuple[Array, Array],
-        velocities: list[int],
+        controls: Controls,
         period: float,
         broken_limit: Callable[[Array], str] = lambda _: "",
     ):
         self.marginals: dict[int, TrainingMarginals] = {}
         self.distance: float | None = None
-        self._settings, self._velocities = settings, velocities
+        self._settings, self._controls = settings, controls
         self._broken_limit = broken_limit
-        self._limiter = TorqueLimiter(limits, settings.torque_rate_limit, period)
+        settings.check_suits(controls)
+        self._limiter = ControlLimiter(settings, controls, period)
         self._stamp = -1  # of the newest usable state
         self._context = NO_CONTEXT  # in that state
         self.begin()
@@ -75,6 +78,7 @@ class Supervisor:
         self.fault: str | None = None
         self.warning: str | None = None
         self._state: Array | None = None  # the newest usable state, and the time at which it came
+        self._resting: Array | None = None  # the control that the safe action holds
         self._received = float("-inf")
         self._newest = -1  # the stamp with which the next state's is compared
 
@@ -99,7 +103,7 @@ class Supervisor:
             age: returns the time of the node's clock minus the stamp [s]. It is called only if the
                 settings limit the age.
             now: time at which the state came.
-            law: returns the policy's torques for the state, shape (n_u,) [N·m].
+            law: returns the policy's control for the state, shape (n_u,).
             context: returns the commands and the clock in the state, shape (n_z,). It is called
                 before the law, and only for a usable state.
         """
@@ -108,13 +112,14 @@ class Supervisor:
         self._state, self._received = state, now
         self._stamp = self._newest = stamp
         self._context = context()
-        torques = law()
-        self._fail(self._distrusted(state, torques))
+        control = law()
+        self._fail(self._distrusted(state, control))
         if self.fault:
             return self._safe_command(now)
-        torques = self._limiter.limited(torques, stamp)
-        self._limiter.note(torques, stamp)
-        return Answer(torques, stamp)
+        self._resting = None
+        control = self._limiter.limited(control, stamp, state)
+        self._limiter.note(control, stamp)
+        return Answer(control, stamp)
 
     def refuse(self, reason: str, now: float) -> Answer | None:
         """Notes the reason why a state is unusable, and returns the safe action's command."""
@@ -138,10 +143,8 @@ class Supervisor:
         return self._safe_command(now) if self.fault else None
 
     def stop(self) -> Answer | None:
-        """Returns a last command with zero torques, or None if none was sent before."""
-        if self._state is None:
-            return None
-        return self._sent_safely(np.zeros(len(self._velocities)))
+        """Returns a last command that leaves the robot at rest, or None if none was sent before."""
+        return None if self._state is None else self._sent_safely(self._held(self._state))
 
     def _unusable(self, stamp: int, age: Callable[[], float], now: float) -> str | None:
         """Returns the reason why the stamp makes a state unusable, or None."""
@@ -161,10 +164,10 @@ class Supervisor:
             )
         return None
 
-    def _distrusted(self, state: Array, torques: Array) -> str | None:
+    def _distrusted(self, state: Array, control: Array) -> str | None:
         """Returns the reason why the policy must not drive in a usable state, or None."""
-        if not np.isfinite(torques).all():
-            return f"the policy's output is {torques} in this state; publish another policy."
+        if not np.isfinite(control).all():
+            return f"the policy's output is {control} in this state; publish another policy."
         self.distance = self.warning = None
         if broken := self._broken_limit(state):
             return broken
@@ -206,92 +209,115 @@ class Supervisor:
         if self._state is None:
             return None
         state = self._state if self._is_fresh(now) else None
-        marginals = self.marginals.values()
-        torques = safe_torques(self._settings, state, self._velocities, marginals, self._context)
-        return self._sent_safely(self._limiter.clipped(torques))
+        control = safe_control(
+            *(self._settings, state, self._controls, self._held(self._state)),
+            *(self.marginals.values(), self._context),
+        )
+        return self._sent_safely(self._limiter.clipped(control, self._state))
 
-    def _sent_safely(self, torques: Array) -> Answer:
-        self._limiter.note_safe(torques)
-        return Answer(torques, self._stamp)
+    def _held(self, state: Array) -> Array:
+        """Returns the control at rest in the state in which the policy stopped driving.
+
+        If servos held each newest state instead, the robot would sink under its weight.
+        """
+        if self._resting is None:
+            self._resting = self._controls.resting(state)
+        return self._resting
+
+    def _sent_safely(self, control: Array) -> Answer:
+        self._limiter.note_safe(control)
+        return Answer(control, self._stamp)
 
 
-def safe_torques(
+def safe_control(
     settings: SafetySettings,
     state: Array | None,
-    velocities: list[int],
+    controls: Controls,
+    resting: Array,
     marginals: Iterable[TrainingMarginals],
     context: Array = NO_CONTEXT,
 ) -> Array:
-    """Returns the torques of the safe action, shape (n_u,) [N·m], before limits apply.
+    """Returns the control of the safe action, shape (n_u,), before limits apply.
 
-    They are zero if the action needs something that is missing, or if it would overflow.
+    It is that at rest if the action needs something that is missing, or if it would overflow.
 
     Args:
         settings: name of the action, and the damping.
         state: the newest usable state, shape (n_x,), or None.
-        velocities: index in the state of the velocity that each control drives; -1 for none.
+        controls: what the robot's controls are.
+        resting: the control that leaves the robot at rest, shape (n_u,).
         marginals: training marginals of the DDP solutions whose feedback law may be used.
         context: the commands and the clock in that state, shape (n_z,).
     """
-    zero = np.zeros(len(velocities))
     if state is None or settings.safe_action == "zero":
-        return zero
+        return resting
     with np.errstate(over="ignore", invalid="ignore"):
         if settings.safe_action == "damping":
-            torques = np.where(np.array(velocities) < 0, 0.0, -settings.damping * state[velocities])
+            control = controls.braking(state, settings.damping, resting)
         else:
             nearest = nearest_of(marginals, state, context)
             if nearest is None:
-                return zero
-            torques = nearest.marginals.feedback(state, nearest.step)
-    return torques if np.isfinite(torques).all() else zero
+                return resting
+            control = nearest.marginals.feedback(state, nearest.step)
+    return control if np.isfinite(control).all() else resting
 
 
-class TorqueLimiter:
-    """Clips torques to limits of their size and of their change.
+_Sent = tuple[int, Array | None]  # stamp [ns] and control of a command
 
-    The change is measured from the torques that answered the latest earlier state, or from those of
-    the safe action if they were sent later. So a state that comes twice gets the same answer twice.
-    Torques start from zero if there are no such torques, or if time went back.
+
+class ControlLimiter:
+    """Clips controls to limits of the torques that they ask for, and of the change of these.
+
+    The change is measured from the control that answered the latest earlier state, or from that of
+    the safe action if it was sent later. So a state that comes twice gets the same answer twice.
+    If there is no such control, or if time went back, it is measured from the control at rest.
 
     Args:
-        limits: lowest and highest torques, shapes (n_u,) [N·m].
-        rate: largest change over time [N·m/s]; 0 for no limit.
+        settings: the limits.
+        controls: what the controls are.
         period: control period [s]. The change is limited as if no more time had passed.
+
+    Raises:
+        InvalidInputError: the limits do not suit the controls.
     """
 
-    def __init__(self, limits: tuple[Array, Array], rate: float, period: float):
-        self._limits, self._rate, self._period = limits, rate, period
-        # Stamp [ns] and torques of the latest command, and of the command before it. Torques that
-        # answered no state have the stamp -1.
-        start = (-1, np.zeros_like(limits[0]))
-        self._start = self._latest = self._earlier = start
+    def __init__(self, settings: SafetySettings, controls: Controls, period: float):
+        self._torques = settings.torques_of(controls)
+        self._controls, self._period = controls, period
+        self._rate = settings.torque_rate_limit / np.abs(controls.strength)  # of u
+        # The latest command, and the one before it. A command that answered no state has the stamp
+        # -1; without a control there was none.
+        self._start: _Sent = (-1, None)
+        self._latest: _Sent = self._start
+        self._earlier: _Sent = self._start
 
-    def clipped(self, torques: Array) -> Array:
-        """Returns torques within the limits of their size, shape (n_u,) [N·m]."""
-        return _clip(torques, *self._limits)
+    def clipped(self, control: Array, state: Array) -> Array:
+        """Returns a control within the limits of the torques in a state, shape (n_u,)."""
+        return _clip(control, *self._controls.bounds(state, self._torques))
 
-    def limited(self, torques: Array, stamp: int) -> Array:
-        """Returns torques within all limits, shape (n_u,) [N·m], for a state's stamp [ns]."""
-        torques = self.clipped(torques)
-        if not self._rate:
-            return torques
+    def limited(self, control: Array, stamp: int, state: Array) -> Array:
+        """Returns a control within all limits in a state with a stamp [ns], shape (n_u,)."""
+        control = self.clipped(control, state)
+        if not self._rate.any():
+            return control
         before_stamp, before = self._before(stamp)
         elapsed = self._period
         if before_stamp >= 0:
             elapsed = min(elapsed, (stamp - before_stamp) * 1e-9)
-        return _clip(torques, before - self._rate * elapsed, before + self._rate * elapsed)
+        if before is None:
+            before = self._controls.resting(state)
+        return _clip(control, before - self._rate * elapsed, before + self._rate * elapsed)
 
-    def note(self, torques: Array, stamp: int) -> None:
-        """Remembers torques that were sent, from which the next change is measured."""
+    def note(self, control: Array, stamp: int) -> None:
+        """Remembers a control that was sent, from which the next change is measured."""
         self._earlier = self._before(stamp)
-        self._latest = (stamp, torques)
+        self._latest = (stamp, control)
 
-    def note_safe(self, torques: Array) -> None:
-        """Remembers torques of the safe action, from which the next change is measured."""
-        self._latest = self._earlier = (-1, torques)
+    def note_safe(self, control: Array) -> None:
+        """Remembers a control of the safe action, from which the next change is measured."""
+        self._latest = self._earlier = (-1, control)
 
-    def _before(self, stamp: int) -> tuple[int, Array]:
+    def _before(self, stamp: int) -> _Sent:
         if stamp > self._latest[0]:
             return self._latest
         return self._earlier if stamp == self._latest[0] else self._start

@@ -28,6 +28,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import AppliedForce
 from vgps_ros.simulation.model import (
     check_supported,
@@ -147,6 +148,7 @@ class Dynamics:
         model: a copy of the model; see `Simulations`.
         space: space of the states.
         control_dim: n_u.
+        controls: what its controls are.
         control_limits: see `core.dynamics`.
         time_step: time for which one control is held [s].
 
@@ -174,7 +176,8 @@ class Dynamics:
         self.substeps = substeps
         self.eps = eps or _EPS[step_structure(self.model).may_predict]
         self.control_dim = model.nu
-        self.control_limits = control_range(model)
+        self.controls = controls_of(model)
+        self.control_limits = self.controls.limits
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = 2 * model.nv + model.na, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))

@@ -188,18 +188,8 @@ def actuated_joint_names(model: mujoco.MjModel) -> list[str]:
     return [model.actuator(i).name for i in range(model.nu)]
 
 
-def driven_velocities(model: mujoco.MjModel) -> list[int]:
-    """Returns the index in a state of the velocity of each control's joint; -1 where it has none.
-
-    A joint of more than one degree of freedom has none either, since a control drives but one.
-    """
-    names = state_names(model)
-    velocities = [f"{name}/velocity" for name in actuated_joint_names(model)]
-    return [names.index(name) if name in names else -1 for name in velocities]
-
-
 def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Returns the lowest and the highest control of each actuator, shapes (n_u,), [N·m].
+    """Returns the lowest and the highest control u of each actuator, shapes (n_u,).
 
     MuJoCo limits an actuator's control, its force, and the force on its joint. The last two limit
     the control of a motor too, whose force is proportional to it, and the last one only where the

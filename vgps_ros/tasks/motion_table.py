@@ -6,7 +6,8 @@ The file is a table of comma-separated values with a header, one row a step of t
     time, JOINT/position and JOINT/velocity of each joint, JOINT/effort of each actuated joint
 
 in seconds, metres and radians, their rates, and N·m; columns may come in any order. A row's efforts
-act until the next row; those of the last row are not used.
+act until the next row; those of the last row are not used. A servo has JOINT/position_target or
+JOINT/velocity_target in place of its effort.
 """
 
 import csv
@@ -19,7 +20,8 @@ from vgps_ros.core.checks import finite_array, nearest, quoted
 from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.simulation.model import actuated_joint_names, state_names
+from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks.task import Task
 
 
@@ -96,14 +98,15 @@ def load_demonstration(task: Task, path: Path) -> Trajectory:
             "resample it."
         )
     for name, values in zip(wanted[1:], np.abs(table.T[1:]), strict=True):
-        bound = CONTROL_BOUND if name.endswith("/effort") else DIVERGENCE_BOUND
+        bound = CONTROL_BOUND if name in task.controls.columns else DIVERGENCE_BOUND
         if values.max() > bound:
             raise InvalidInputError(
                 f"{path} has {name} {values.max():g} in row {values.argmax() + 1}, but a motion "
                 f"beyond {bound:g} has diverged: check its units."
             )
     n_x = task.dims["n_x"]
-    return Trajectory(table[:, 1 : 1 + n_x], table[:-1, 1 + n_x :])
+    controls = task.controls.from_joints(table[:-1, 1 + n_x :])
+    return Trajectory(table[:, 1 : 1 + n_x], controls)
 
 
 def write_motion(path: Path, model: mujoco.MjModel, time: Array, motion: Trajectory) -> None:
@@ -118,14 +121,13 @@ def write_motion(path: Path, model: mujoco.MjModel, time: Array, motion: Traject
     Raises:
         FileExistsError: the file exists.
     """
-    efforts = np.pad(motion.controls, ((0, 1), (0, 0)))
+    commands = np.pad(controls_of(model).at_joints(motion.controls), ((0, 1), (0, 0)))
     with path.open("x", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(_columns(model))
-        writer.writerows(np.column_stack([time, motion.states, efforts]).tolist())
+        writer.writerows(np.column_stack([time, motion.states, commands]).tolist())
 
 
 def _columns(model: mujoco.MjModel) -> list[str]:
     """Returns the names of a file's columns: time, the state's order, the controls' order."""
-    controls = [f"{name}/effort" for name in actuated_joint_names(model)]
-    return ["time", *state_names(model), *controls]
+    return ["time", *state_names(model), *controls_of(model).columns]

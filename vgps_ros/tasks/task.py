@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.augmentation import Augmentation
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import actuated_joint_names, deviation_names, joint_names
+from vgps_ros.simulation.model import deviation_names, joint_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.signals import Signals
 
@@ -224,7 +225,12 @@ class Task:
     @cached_property
     def actuated_joint_names(self) -> list[str]:
         """Names of the joints that the controls drive, in the order of the controls."""
-        return actuated_joint_names(self.dynamics.model)
+        return list(self.controls.names)
+
+    @property
+    def controls(self) -> Controls:
+        """What the robot's controls are."""
+        return self.dynamics.controls
 
     @property
     def cost_names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from vgps_ros.core.controls import Controls
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape, floor
@@ -52,6 +53,7 @@ def ground(model: mujoco.MjModel, shape: RobotShape) -> rrb.LineGrid3D:
 
 def blueprint(
     hinge_names: Sequence[str],
+    controls: Controls,
     eye: rrb.EyeControls3D,
     ground: rrb.LineGrid3D,
     *,
@@ -62,6 +64,7 @@ def blueprint(
 
     Args:
         hinge_names: names of the hinges.
+        controls: what the robot's controls are.
         eye: from where the robot is seen.
         ground: lines on the ground.
         has_base: whether the robot has a free base, whose position is then shown too.
@@ -92,7 +95,7 @@ def blueprint(
             _series("KL(q, policy) [nat]", contents=["learning/policy_kl"]),
             _series("bound L(q, theta) [nat]", contents=["learning/bound"]),
             _series("rollouts within q ± 2 sd", contents=["learning/coverage"]),
-            _series("policy noise [N·m]", origin="policy/noise_std"),
+            _series(f"policy noise: {controls.label()}", origin="policy/noise_std"),
             _series("modified cost of the DDP solves", origin="solves"),
         ]
     if logged is None or PLAN_COST in logged:
@@ -117,7 +120,10 @@ def blueprint(
         *base,
         _series("position [m, rad]", origin="joint_states/position", legend=False),
         _series("velocity [m/s, rad/s]", origin="joint_states/velocity", legend=False),
-        _series("torque [N·m]", origin="joint_command/effort", legend=False),
+        *(
+            _series(controls.label(mask), origin=f"joint_command/{field}", legend=False)
+            for field, mask in controls.fields.items()
+        ),
     )
     panel = rrb.TimePanel(state="collapsed", timeline=TIME, play_state="playing", loop_mode="all")
     return rrb.Blueprint(

@@ -22,6 +22,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_from_msg,
+    efforts_from_msg,
     nanoseconds,
     policy_from_msg,
     result_from_msgs,
@@ -148,7 +149,7 @@ class GraphScene:
         states, joints = self.robot.states, messages[JOINTS]
         stamp, state = nanoseconds(joints.header.stamp), states.join(messages)
         tells_all = len(joints.effort) and not states.lacks_base(joints)
-        efforts = command_from_msg(joints, states.joint_names) if tells_all else None
+        efforts = efforts_from_msg(joints, states.joint_names) if tells_all else None
         if stamp == self._last_stamp:
             return  # the simulation repeats a state until its command comes
         if stamp < self._last_stamp:
@@ -157,8 +158,8 @@ class GraphScene:
         self.robot.log_state(stamp, state, efforts)
 
     def _show_joint_command(self, message: Any) -> None:
-        torques = command_from_msg(message, self.robot.actuated_joint_names)
-        self.robot.log_command(nanoseconds(message.header.stamp), torques)
+        control = command_from_msg(message, self.robot.controls)
+        self.robot.log_command(nanoseconds(message.header.stamp), control)
 
     def _show_context(self, message: Any) -> None:
         self.robot.log_context(nanoseconds(message.header.stamp), signals_from_msg(message))
@@ -176,15 +177,16 @@ class GraphScene:
     def _show_policy(self, message: Any) -> None:
         policy = policy_from_msg(message)
         noise_std = policy.noise_std
-        finite_array("policy.noise_std", noise_std, (len(self.robot.actuated_joint_names),))
+        finite_array("policy.noise_std", noise_std, (len(self.robot.controls.names),))
         self._policy = policy
         self.recording.set_iteration(message.iteration, nanoseconds(message.header.stamp))
-        self.recording.log("policy/noise_std", rr.Scalars, scalars=noise_std)
+        noise = noise_std * np.abs(self.robot.controls.scale)
+        self.recording.log("policy/noise_std", rr.Scalars, scalars=noise)
 
     def _show_trajectory_distribution(self, message: Any) -> None:
         q = distribution_from_msg(message)
         finite_array("mean.states[0]", q.mean.states[0], (len(self.robot.state_names),))
-        n_dx, n_u = len(self.robot.deviation_names), len(self.robot.actuated_joint_names)
+        n_dx, n_u = len(self.robot.deviation_names), len(self.robot.controls.names)
         finite_array("gains[0]", q.gains[0], (n_u, n_dx))
         time_step = positive("time_step", message.time_step)
         self.robot.keep_solution(int(message.trajectory_index), q, time_step)

@@ -6,6 +6,7 @@ recording and one made from a bag look alike.
 """
 
 from collections.abc import Collection, Mapping
+from itertools import compress
 from typing import Any
 
 import mujoco
@@ -15,8 +16,8 @@ import rerun as rr
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import (
-    actuated_joint_names,
     compile_model,
     deviation_names,
     hinge_names,
@@ -43,7 +44,7 @@ class RobotScene:
     Attributes:
         states: the messages of the robot's states, and the names of its joints.
         state_names, deviation_names: of each coordinate.
-        actuated_joint_names: names of the joints with a motor, in the order of the controls.
+        controls: what its controls are.
 
     Args:
         recording: the recording to draw into.
@@ -67,7 +68,7 @@ class RobotScene:
             for kind in ("position", "velocity")
         )
         self.hinge_names = hinge_names(model)
-        self.actuated_joint_names = actuated_joint_names(model)
+        self.controls = controls_of(model)
         # The efforts of a message stand for all that the actuators do.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self._dofs = [int(model.joint(name).dofadr[0]) for name in self.states.joint_names]
@@ -78,8 +79,10 @@ class RobotScene:
             recording.name_series(f"joint_states/{quantity}", self.states.joint_names)
         if self.states.base:
             recording.name_series("odom/position", ["x", "y", "z"], colors=_AXES)
-        recording.name_series("joint_command/effort", self.actuated_joint_names)
-        recording.name_series("policy/noise_std", self.actuated_joint_names)
+        names = self.controls.names
+        for field, mask in self.controls.fields.items():
+            recording.name_series(f"joint_command/{field}", list(compress(names, mask)))
+        recording.name_series("policy/noise_std", list(names))
         for name in self.hinge_names:
             executed = f"trajectory_distribution/{name}/executed"
             recording.name_series(executed, ["executed"], colors=[_LEARNED], widths=[2])
@@ -91,7 +94,9 @@ class RobotScene:
     def lay_out(self, logged: Collection[str] | None = None) -> None:
         """Sets the recording's layout; `logged` is what it holds, once that is known."""
         has_base = self.states.base is not None
-        layout = blueprint(self.hinge_names, *self._view, has_base=has_base, logged=logged)
+        layout = blueprint(
+            self.hinge_names, self.controls, *self._view, has_base=has_base, logged=logged
+        )
         self._recording.lay_out(layout)
 
     def log_state(self, stamp: int, state: Array, efforts: Array | None = None) -> None:
@@ -128,10 +133,12 @@ class RobotScene:
         """Starts a new path of the centre of mass, as after a reset."""
         self._centre = None
 
-    def log_command(self, stamp: int, torques: Array) -> None:
-        """Plots torques, shape (n_u,) [N·m], at a time [ns]."""
+    def log_command(self, stamp: int, control: Array) -> None:
+        """Plots u, shape (n_u,), at a time [ns], in the units of its kinds."""
         self._recording.set_time(stamp)
-        self._recording.log("joint_command/effort", rr.Scalars, scalars=torques)
+        values = self.controls.at_joints(control)
+        for field, mask in self.controls.fields.items():
+            self._recording.log(f"joint_command/{field}", rr.Scalars, scalars=values[mask])
 
     def log_context(self, stamp: int, values: Mapping[str, float]) -> None:
         """Plots the commands and the clock in the state of a time [ns], by name."""

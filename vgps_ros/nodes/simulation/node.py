@@ -59,15 +59,16 @@ REAL_TIME_FACTOR = Setting(
 COMMAND_TIMEOUT = Setting(
     "command_timeout",
     0.5,
-    "in real_time mode, torques are zero after this time without a command, and one that answers "
-    "an older state is refused [s of the wall clock]",
+    "in real_time mode, the robot is left alone after this time without a command: torques are "
+    "zero, and servos hold their positions; a command that answers an older state is refused [s of "
+    "the wall clock]",
     minimum=0.01,
     maximum=86400.0,
 )
 TORQUE_AGE_LIMIT = Setting(
     "torque_age_limit",
     10,
-    "in real_time mode, control steps for which a torque may be held before that is an error",
+    "in real_time mode, control steps for which a command may be held before that is an error",
     minimum=1,
     maximum=1_000_000,
 )
@@ -114,7 +115,7 @@ class SimulationNode(Node):
         self._torque_age = TorqueAge(self._health, age_limit)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
-        self._held_stamp = 0  # of the state that the held torques answer [ns]
+        self._held_stamp = 0  # of the state that the held command answers [ns]
         self._seen_stamp = -1  # of the state at the last look, once a second
 
         self._states = {
@@ -170,7 +171,7 @@ class SimulationNode(Node):
             self._health.set_value("MuJoCo warnings", in_words(self._warned))
             sentence = (
                 f"MuJoCo warns of {in_words(new)} at {self.robot.stamp * 1e-9:g} s: the motion "
-                "may be wrong from here; check the torques, and reset the simulation."
+                "may be wrong from here; check the commands, and reset the simulation."
             )
             self._health.report("simulator", warning=sentence)
 
@@ -186,7 +187,7 @@ class SimulationNode(Node):
         if not in_time and stamp == self.robot.previous_stamp:
             return  # the second answer to a state that was sent twice
         try:
-            command = command_from_msg(message, self._task.actuated_joint_names)
+            command = command_from_msg(message, self._task.controls)
             self.robot.check(command)
             if not in_time:
                 raise InvalidInputError(
@@ -200,6 +201,7 @@ class SimulationNode(Node):
         self._health.clear("command")
         if not self._lock_step:
             self._held, self._held_stamp, self._held_since = command, stamp, time.monotonic()
+            self._is_left_alone = False
         elif self.control.running:
             self._advance(command)
 
@@ -219,10 +221,11 @@ class SimulationNode(Node):
         if np.isnan(self._held_since):
             self._health.wait_for(_COMMAND)
         elif time.monotonic() - self._held_since > timeout:
-            self._held = np.zeros_like(self._held)
+            if not self._is_left_alone:
+                self._held, self._is_left_alone = self.robot.resting(), True
             sentence = (
-                f"No joint_command for {timeout:g} s, so the torques are zero: is policy_executor "
-                "running and active?"
+                f"No joint_command for {timeout:g} s, so the {self._task.controls.at_rest}: is "
+                "policy_executor running and active?"
             )
             self._health.report("command", error=sentence)
         else:
@@ -239,7 +242,7 @@ class SimulationNode(Node):
                     self.control.interrupt(
                         f"No joint_command answers the state of {self.robot.stamp * 1e-9:g} s: "
                         "start policy_executor, or start the simulation with mode:=real_time, in "
-                        "which it moves without torques."
+                        "which it moves without commands."
                     )
             self._publish()
         self._seen_stamp = self.robot.stamp
@@ -261,7 +264,7 @@ class SimulationNode(Node):
 
     def begin(self) -> None:
         """Waits for a new command, and publishes the state that it is to answer."""
-        self._held = np.zeros(self._task.dynamics.control_dim)  # torques in real time
+        self._held, self._is_left_alone = self.robot.resting(), True  # in real time
         self._held_stamp, self._held_since = 0, float("nan")
         self._health.stop_waiting(_COMMAND)
         self._health.clear("command")

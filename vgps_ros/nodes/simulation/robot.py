@@ -20,7 +20,7 @@ class SimulatedRobot:
     Attributes:
         messages: the messages of the state by topic, with the efforts that led to it.
         state: x as the messages say it, shape (n_x,); the next step starts from it.
-        control: the controls that led to the state, shape (n_u,); zero after a reset.
+        control: the controls that led to the state, shape (n_u,); those at rest after a reset.
         previous_stamp: time of the state before this one [ns].
     """
 
@@ -33,8 +33,8 @@ class SimulatedRobot:
         self._steps = 0
         self.previous_stamp = -1
         self._at_rest = np.zeros(len(states.joint_names))
-        self.control = self._no_control = np.zeros(task.dynamics.control_dim)
         self._enter(state, self._at_rest)
+        self.control = self.resting()
 
     @property
     def stamp(self) -> int:
@@ -53,11 +53,11 @@ class SimulatedRobot:
         """
         too_large = np.abs(command) >= mujoco.mjMAXVAL
         if too_large.any():
-            first = np.argmax(too_large)
+            first, controls = int(np.argmax(too_large)), self._task.controls
             raise InvalidInputError(
-                f"joint_command.effort is {command[first]:g} for "
-                f"{self._task.actuated_joint_names[first]}; every value must be below "
-                f"{mujoco.mjMAXVAL:g}."
+                f"joint_command.{controls.kinds[first].field} is "
+                f"{controls.at_joints(command)[first]:g} for {controls.names[first]}, which makes "
+                f"a control of {command[first]:g}, but that must be below {mujoco.mjMAXVAL:g}."
             )
 
     def advance(self, command: Array) -> None:
@@ -114,8 +114,12 @@ class SimulatedRobot:
         if state is None:
             self._enter(self.state, self._efforts)
         else:
-            self.control = self._no_control
             self._enter(state, self._at_rest)
+            self.control = self.resting()
+
+    def resting(self) -> Array:
+        """Returns the controls that leave the robot alone in its state, shape (n_u,)."""
+        return self._task.controls.resting(self.state)
 
     def _enter(self, state: Array, efforts: Array) -> None:
         self._efforts = efforts

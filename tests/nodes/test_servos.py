@@ -1,0 +1,144 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Robots of servos and of geared motors through the graph: what is sent, and who holds them."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from tests.servo_arm import GEARED, SERVOS, write_arm
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    command_to_msg,
+    policy_to_msg,
+    stamp_of,
+    state_from_msg,
+    state_to_msg,
+)
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.tasks import make_task
+
+PERIOD = 20_000_000  # [ns]
+ERROR, OK = DiagnosticStatus.ERROR, DiagnosticStatus.OK
+
+
+def positions(graph, states, task, count=60):
+    """The joints' positions over some more states, shape (N, n)."""
+    states.clear()
+    graph.spin_until(lambda: len(states) >= count, what="states")
+    return np.array([state_from_msg(m, task.joint_names) for m in states])[
+        :, : len(task.joint_names)
+    ]
+
+
+def test_in_real_time_servos_hold_the_arm_without_a_command_and_after_one(graph, tmp_path):
+    task = make_task(write_arm(tmp_path, SERVOS))
+    states = graph.messages(JointState, "joint_states")
+    graph.start("simulation", task=task.name, mode="real_time", command_timeout=0.3)
+    commands = graph.publisher(JointState, "joint_command")
+    start = task.initial_state[:2]
+    # It sinks by what its weight needs of its servos, 3.6 N·m / (120 N·m/rad), and at first by
+    # twice as much.
+    assert np.abs(positions(graph, states, task) - start).max() < 0.07
+
+    moved = np.array([0.9, -0.3])  # elbow and shoulder
+    for _ in range(40):
+        stamp = states[-1].header.stamp
+        commands.publish(command_to_msg(moved, task.controls, stamp))
+        graph.spin_for(0.02)
+    sentence = "No joint_command for 0.3 s, so the servos hold their positions"
+    graph.diagnosis("simulation", ERROR, sentence)
+    found = positions(graph, states, task)
+    np.testing.assert_allclose(found[-1], moved[::-1], atol=0.1)
+    assert np.ptp(found[-30:], axis=0).max() < 0.02  # it stays
+
+
+class Driven:
+    """An executor, with a linear policy of constant outputs."""
+
+    def __init__(self, graph, task, output, **parameters):
+        self.graph, self.task = graph, task
+        graph.start("policy_executor", task=task.name, **parameters)
+        self.states = graph.publisher(JointState, "joint_states")
+        shape = Architecture(task.observation.names, (), len(output))
+        count = shape.num_parameters - len(output)
+        policy = GaussianPolicy(shape, [*np.zeros(count), *output], np.ones(len(output)))
+        policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+        policies.publish(policy_to_msg(policy, task.name, 1, Time()))
+        graph.diagnosis("policy_executor", OK, "Waiting for joint_states")
+        self.step = 0
+
+    def answer(self, state, messages):
+        """The first message that comes after a state was sent."""
+        messages.clear()
+        self.step += 1
+        stamp = stamp_of(self.step * PERIOD)
+        message = state_to_msg(np.array(state), self.task.joint_names, stamp)
+
+        def comes():
+            self.states.publish(message)
+            self.graph.spin_for(0.05)
+            return messages
+
+        return self.graph.spin_until(comes, what="a command")[0]
+
+    def stop(self):
+        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+        assert self.graph.call(ChangeState, "policy_executor/change_state", request).success
+
+
+def test_an_executor_sends_servos_targets_and_leaves_them_at_the_measured_pose(graph, tmp_path):
+    task = make_task(write_arm(tmp_path, SERVOS))
+    commands = graph.messages(JointState, "joint_command")
+    arm = Driven(graph, task, [0.4, -0.6])
+    message = arm.answer([-0.7, 0.5, 0.1, 0.2], commands)
+    assert list(message.name) == ["elbow", "shoulder"]
+    assert (list(message.position), list(message.effort)) == ([0.4, -0.6], [])
+    commands.clear()
+    arm.stop()
+    graph.spin_until(lambda: commands, what="the last command")
+    assert list(commands[-1].position) == [0.5, -0.7]
+
+
+def test_a_geared_motors_command_is_the_torque_on_its_joint(graph, tmp_path):
+    task = make_task(write_arm(tmp_path, GEARED))
+    commands = graph.messages(JointState, "joint_command")
+    rod = Driven(graph, task, [0.5], safe_action="damping", damping=2.0, state_timeout=1000.0)
+    message = rod.answer([-0.7, 3.0], commands)
+    assert (list(message.position), list(message.effort)) == ([], [25.0])
+    assert command_from_msg(message, task.controls).tolist() == [0.5]
+    bad = rod.answer([np.nan, 3.0], commands)
+    assert list(bad.effort) == [-2.0 * 3.0]
+    commands.clear()
+    rod.stop()
+    graph.spin_until(lambda: commands, what="the last command")
+    assert list(commands[-1].effort) == [0.0]
+
+
+@pytest.mark.slow
+def test_forward_controllers_of_ros2_control_get_what_their_interfaces_are(graph, tmp_path):
+    task = make_task(write_arm(tmp_path, SERVOS))
+    of_elbow = graph.messages(Float64MultiArray, "elbow/commands")
+    of_shoulder = graph.messages(Float64MultiArray, "shoulder/commands")
+    arm = Driven(
+        *(graph, task, [0.4, -0.6]),
+        command_type="float64_multi_array",
+        command_interfaces="position,velocity,effort,stiffness,damping",
+    )
+    message = arm.answer([-0.7, 0.5, 0.0, 0.0], of_elbow)
+    assert list(message.data) == [0.4, 0.0, 0.0, 60.0, 0.0]
+    graph.spin_until(lambda: of_shoulder)
+    assert list(of_shoulder[0].data) == [-0.6, 0.0, 0.0, 120.0, 0.0]
+
+
+def test_an_interface_that_the_controls_are_not_is_refused(graph, tmp_path):
+    name = write_arm(tmp_path, SERVOS)
+    node = graph.start("policy_executor", task=name, command_interfaces="effort")
+    assert node.wait() == 1
+    assert "the controls are position [rad]; name position, too." in node.output

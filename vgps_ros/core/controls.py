@@ -1,0 +1,211 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What each control of a robot is: its kind, its unit, and how it acts on what it drives.
+
+A control u drives a coordinate y: a joint's position, or a fixed tendon's length. Behind its gear
+an actuator of MuJoCo exerts the force
+
+    τ = s u + b − k_p y − k_d ẏ                                                          (1)
+
+on y, from which its kind follows:
+
+| kind | where | w, its value at the joint | w at rest |
+| --- | --- | --- | --- |
+| torque, force | k_p = k_d = 0 | s u + b, the force [N·m, N] | 0 |
+| position | k_p > 0 | (s u + b) / k_p, the y at which a joint at rest feels no force [rad, m] | y |
+| velocity | k_p = 0, k_d > 0 | (s u + b) / k_d [rad/s, m/s] | 0 |
+| activation | any other actuator, such as a muscle | u | 0 |
+
+A servo whose activation integrates u is one of velocities, too: its target moves at w = s u / k_p.
+Policies, costs and the limits of a model are about u; messages and parameters are about w and τ,
+which a robot's driver knows.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+from itertools import compress, repeat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.records import Array
+
+Mask = NDArray[np.bool_]
+
+
+class ControlKind(StrEnum):
+    """What a control is."""
+
+    TORQUE = "torque"
+    FORCE = "force"
+    POSITION = "position"
+    VELOCITY = "velocity"
+    ACTIVATION = "activation"
+
+    @property
+    def field(self) -> str:
+        """Field of a JointState in which it stands."""
+        return self.value if self in (self.POSITION, self.VELOCITY) else "effort"
+
+
+# Where a robot is left alone, what controls of each kind do.
+_AT_REST = {
+    ControlKind.TORQUE: "torques are zero",
+    ControlKind.FORCE: "forces are zero",
+    ControlKind.POSITION: "servos hold their positions",
+    ControlKind.VELOCITY: "servos brake",
+    ControlKind.ACTIVATION: "activations are zero",
+}
+# What ros2_control's hardware takes of a joint; the last two are the gains of its own loop.
+INTERFACES = ("position", "velocity", "effort", "stiffness", "damping")
+_COLUMNS = {"position": "position_target", "velocity": "velocity_target", "effort": "effort"}
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """The n_u controls of a robot, in the order of its actuators; the module explains the letters.
+
+    Attributes:
+        names: the joints that they drive; where one drives no joint of its own, the actuators.
+        kinds: what each is.
+        units: unit of w of each.
+        limits: lowest and highest u, shapes (n_u,).
+        strength: s, shape (n_u,); of an activation 1.
+        bias: b, shape (n_u,) [N·m, N].
+        stiffness: k_p, shape (n_u,) [N·m/rad, N/m].
+        damping: k_d, shape (n_u,) [N·m·s/rad, N·s/m].
+        scale: ∂w/∂u, shape (n_u,).
+        offset: w at u = 0, shape (n_u,).
+        servo_forces: largest |τ| that the model lets a servo exert, shape (n_u,); 1e9 for no limit.
+        positions: P with y = P x, shape (n_u, n_x); a row is zero where no state tells y.
+        velocities: V with ẏ = V x, likewise.
+        restless: names of the controls for which nothing is known that leaves the robot alone.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[ControlKind, ...]
+    units: tuple[str, ...]
+    limits: tuple[Array, Array]
+    strength: Array
+    bias: Array
+    stiffness: Array
+    damping: Array
+    scale: Array
+    offset: Array
+    servo_forces: Array
+    positions: Array
+    velocities: Array
+    restless: tuple[str, ...]
+
+    def untold(self) -> "Controls":
+        """Returns these controls as executors up to 1.0.0 had them: u itself, as efforts."""
+        one, none = np.ones(len(self.names)), np.zeros(len(self.names))
+        kinds = (ControlKind.TORQUE,) * len(self.names)
+        plain = replace(self, kinds=kinds, strength=one, scale=one, bias=none, offset=none)
+        return replace(plain, stiffness=none, damping=none, restless=())
+
+    def are(self, *kinds: ControlKind) -> Mask:
+        """Returns which controls are of one of these kinds, shape (n_u,)."""
+        return np.array([kind in kinds for kind in self.kinds], dtype=bool)
+
+    @cached_property
+    def are_braked(self) -> Mask:
+        """Which controls can brake: servos, and motors whose ẏ a state tells, shape (n_u,)."""
+        return self._hold | self.are(ControlKind.VELOCITY) | self._are_motors & self._are_measured
+
+    @cached_property
+    def _hold(self) -> Mask:
+        return self.are(ControlKind.POSITION)
+
+    @cached_property
+    def _are_motors(self) -> Mask:
+        return self.are(ControlKind.TORQUE, ControlKind.FORCE)
+
+    @cached_property
+    def _are_measured(self) -> Mask:
+        return np.asarray(self.positions.any(axis=1))
+
+    @cached_property
+    def _are_servos(self) -> Mask:
+        return np.asarray(self.stiffness + self.damping > 0.0)
+
+    @property
+    def at_rest(self) -> str:
+        """What they do where the robot is left alone, as a part of a sentence."""
+        return " and the ".join(_AT_REST[kind] for kind in dict.fromkeys(self.kinds))
+
+    def label(self, mask: Iterable[bool] = repeat(True)) -> str:
+        """Returns the kinds and units of some controls, such as `position [rad]`."""
+        pairs = compress(zip(self.kinds, self.units, strict=True), mask)
+        return ", ".join(f"{kind} [{unit}]" for kind, unit in dict.fromkeys(pairs))
+
+    @cached_property
+    def fields(self) -> dict[str, Mask]:
+        """Which controls stand in which field of a JointState, by the fields that are used."""
+        used = [kind.field for kind in self.kinds]
+        return {name: np.array([each == name for each in used]) for name in dict.fromkeys(used)}
+
+    @property
+    def columns(self) -> list[str]:
+        """Their names in a table, such as `knee/effort` or `knee/position_target`."""
+        pairs = zip(self.names, self.kinds, strict=True)
+        return [f"{name}/{_COLUMNS[kind.field]}" for name, kind in pairs]
+
+    @cached_property
+    def largest(self) -> Array:
+        """Largest |τ| within the limits of the model, shape (n_u,) [N·m, N]; 1e9 for no limit."""
+        ends = np.abs([self.strength * end + self.bias for end in self.limits]).max(axis=0)
+        return np.where(self._are_servos, self.servo_forces, np.minimum(ends, CONTROL_BOUND))
+
+    @property
+    def least(self) -> Array:
+        """Smallest |τ| within the limits of the model, shape (n_u,) [N·m, N]; of servos 0."""
+        low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
+        return np.where(self._are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
+
+    def at_joints(self, control: Array) -> Array:
+        """Returns w, shape (..., n_u), of u."""
+        return self.scale * control + self.offset
+
+    def from_joints(self, values: Array) -> Array:
+        """Returns u, shape (..., n_u), of w."""
+        return (values - self.offset) / self.scale
+
+    def by_interface(self, control: Array, names: Sequence[str]) -> Array:
+        """Returns what interfaces of ros2_control get, a row each, shape (len(names), n_u).
+
+        What a control is not is zero: with the gains, hardware exerts k_p (q* − q) + k_d (q̇* − q̇)
+        plus the effort.
+        """
+        values = self.at_joints(control)
+        rows = {name: np.where(mask, values, 0.0) for name, mask in self.fields.items()}
+        rows |= {"stiffness": self.stiffness, "damping": self.damping}
+        return np.array([rows.get(name, np.zeros_like(values)) for name in names])
+
+    def resting(self, state: Array) -> Array:
+        """Returns u that leaves the robot alone in a state (n_x,), shape (n_u,): w at rest."""
+        held = np.where(self._hold, (self.positions * state).sum(axis=1), 0.0)
+        return np.clip(self.from_joints(held), *self.limits)
+
+    def braking(self, state: Array, damping: float, resting: Array) -> Array:
+        """Returns u with τ = −damping ẏ of motors, shape (n_u,); the others stay at rest."""
+        rates = (self.velocities * state).sum(axis=1)
+        return np.where(self._are_motors, self.from_joints(-damping * rates), resting)
+
+    def bounds(self, state: Array, forces: Array) -> tuple[Array, Array]:
+        """Returns the lowest and the highest u in a state (n_x,), shapes (n_u,).
+
+        They are within the limits of the model, and the forces τ on the joints within ±`forces`,
+        shape (n_u,). Where both cannot be, the limits of the model hold.
+        """
+        low, high = np.clip(self.limits, -CONTROL_BOUND, CONTROL_BOUND)
+        passive = self.bias.copy()  # τ at u = 0
+        if self._are_servos.any():
+            passive -= self.stiffness * (self.positions * state).sum(axis=1)
+            passive -= self.damping * (self.velocities * state).sum(axis=1)
+        ends = np.sort([(side - passive) / self.strength for side in (-forces, forces)], axis=0)
+        is_free = forces >= self.largest  # rounding must not make limits narrower
+        lowest, highest = np.where(is_free, (low, high), ends)
+        return np.clip(lowest, low, high), np.clip(highest, low, high)

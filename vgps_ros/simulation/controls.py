@@ -1,0 +1,112 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What each actuator of a model is, as `core.controls` has it."""
+
+from itertools import compress
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.controls import ControlKind, Controls
+from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.records import Array
+from vgps_ros.simulation.model import actuated_joint_names, control_range
+
+_GAIN, _BIAS, _DYNAMICS = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
+_TRANSMISSION, _JOINT = mujoco.mjtTrn, mujoco.mjtJoint
+_LAGGING = (_DYNAMICS.mjDYN_NONE, _DYNAMICS.mjDYN_FILTER, _DYNAMICS.mjDYN_FILTEREXACT)
+_OF_JOINTS = (_TRANSMISSION.mjTRN_JOINT, _TRANSMISSION.mjTRN_JOINTINPARENT)
+_SINGLE = (_JOINT.mjJNT_SLIDE, _JOINT.mjJNT_HINGE)
+# Gains, biases and dynamics of what exerts no force at u = 0, after a while.
+_RELAXING = (
+    (_GAIN.mjGAIN_FIXED, _GAIN.mjGAIN_AFFINE, _GAIN.mjGAIN_MUSCLE),
+    (_BIAS.mjBIAS_NONE, _BIAS.mjBIAS_MUSCLE),
+    (*_LAGGING, _DYNAMICS.mjDYN_MUSCLE),
+)
+_UNITS = {  # where y is an angle, and where it is a length
+    ControlKind.TORQUE: ("N·m", "N"),
+    ControlKind.POSITION: ("rad", "m"),
+    ControlKind.VELOCITY: ("rad/s", "m/s"),
+    ControlKind.ACTIVATION: ("1", "1"),
+}
+
+
+def controls_of(model: mujoco.MjModel) -> Controls:
+    """Returns the controls of a model."""
+    names = tuple(actuated_joint_names(model))
+    found = [_actuator(model, i) for i in range(model.nu)]
+    s, b, k_p, k_d, scale, offset, most = np.array([each.numbers for each in found]).T.copy()
+    return Controls(
+        names,
+        tuple(each.kind for each in found),
+        tuple(each.unit for each in found),
+        control_range(model),
+        *(s, b, k_p, k_d, scale, offset, most),
+        positions=np.array([each.position for each in found]),
+        velocities=np.array([each.velocity for each in found]),
+        restless=tuple(compress(names, (each.is_restless for each in found))),
+    )
+
+
+class _Actuator(NamedTuple):
+    kind: ControlKind
+    unit: str
+    numbers: tuple[float, ...]  # s, b, k_p, k_d, ∂w/∂u, w at u = 0, and the largest |τ| of a servo
+    position: Array
+    velocity: Array
+    is_restless: bool
+
+
+def _actuator(model: mujoco.MjModel, i: int) -> _Actuator:
+    turns, gear, position, velocity = _coordinate(model, i)
+    gain, bias = _GAIN(model.actuator_gaintype[i]), _BIAS(model.actuator_biastype[i])
+    dynamics = _DYNAMICS(model.actuator_dyntype[i])
+    s, is_affine = gear * float(model.actuator_gainprm[i, 0]), bias == _BIAS.mjBIAS_AFFINE
+    turned = model.actuator_biasprm[i, :3] * is_affine * gear * np.array([1.0, -gear, -gear])
+    b, k_p, k_d = (turned + 0.0).tolist()
+    is_linear = gain == _GAIN.mjGAIN_FIXED and bool(s) and min(k_p, k_d) >= 0.0
+    is_linear &= is_affine or bias == _BIAS.mjBIAS_NONE
+    kind, numbers = ControlKind.ACTIVATION, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    if is_linear and dynamics in _LAGGING:
+        motor = ControlKind.TORQUE if turns else ControlKind.FORCE
+        kind = ControlKind.POSITION if k_p else ControlKind.VELOCITY if k_d else motor
+        size = k_p or k_d or 1.0
+        numbers = (s, b, k_p, k_d, s / size, b / size)
+    elif is_linear and k_p and dynamics == _DYNAMICS.mjDYN_INTEGRATOR:
+        kind, numbers = ControlKind.VELOCITY, (s / k_p, 0.0, 0.0, 0.0, s / k_p, 0.0)
+    rests = kind is not ControlKind.POSITION or bool(position.any())
+    if kind is ControlKind.ACTIVATION:
+        found = zip((gain, bias, dynamics), _RELAXING, strict=True)
+        rests = all(each in known for each, known in found)
+    unit = _UNITS.get(kind, _UNITS[ControlKind.TORQUE])[0 if turns else 1]
+    largest = CONTROL_BOUND
+    if model.actuator_forcelimited[i]:
+        largest = float(abs(gear) * np.abs(model.actuator_forcerange[i]).max())
+    return _Actuator(kind, unit, (*numbers, largest), position, velocity, not rests)
+
+
+def _coordinate(model: mujoco.MjModel, i: int) -> tuple[bool, float, Array, Array]:
+    """Returns whether an actuator's coordinate y is an angle, its gear, and its rows of P and V.
+
+    The rows are zero where y does not depend on the state linearly, as of a free body or a site.
+    """
+    position, velocity = (np.zeros(model.nq + model.nv + model.na) for _ in range(2))
+    kind, target = _TRANSMISSION(model.actuator_trntype[i]), int(model.actuator_trnid[i, 0])
+    types, gears = [_JOINT(each) for each in model.jnt_type], model.actuator_gear[i]
+    joints: list[tuple[int, float]] = []
+    if kind in _OF_JOINTS and types[target] in _SINGLE:
+        joints = [(target, 1.0)]
+    elif kind == _TRANSMISSION.mjTRN_TENDON:
+        wraps = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+        if (model.wrap_type[wraps] == int(mujoco.mjtWrap.mjWRAP_JOINT)).all():
+            joints = [*zip(model.wrap_objid[wraps], model.wrap_prm[wraps], strict=True)]
+    elif kind in (*_OF_JOINTS, _TRANSMISSION.mjTRN_SITE):
+        pushes = float(np.linalg.norm(gears[:3]))
+        is_ball = kind in _OF_JOINTS and types[target] == _JOINT.mjJNT_BALL
+        gear = pushes or float(np.linalg.norm(gears[3:]))
+        return is_ball or not pushes, gear, position, velocity
+    for joint, share in joints:
+        position[model.jnt_qposadr[joint]] += share
+        velocity[model.nq + model.jnt_dofadr[joint]] += share
+    turns = bool(joints) and all(types[joint] == _JOINT.mjJNT_HINGE for joint, _ in joints)
+    return turns, float(gears[0]), position, velocity
