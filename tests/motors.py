@@ -1,6 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Robots of hinges in a row, each with an actuator that a test chooses."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import mujoco
 
 from vgps_ros.core.controls import Controls
@@ -19,6 +22,11 @@ def robot(*actuators: str, joint: str = "") -> mujoco.MjModel:
         f"<mujoco><compiler angle='radian' autolimits='true'/><worldbody>{bodies}</worldbody>"
         f"<actuator>{driven}</actuator></mujoco>"
     )
+
+
+def named(controls: Controls, names: Sequence[str]) -> Controls:
+    """The same controls of joints with other names."""
+    return replace(controls, names=tuple(names))
 
 
 def motors(*limits: float) -> Controls:

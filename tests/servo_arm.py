@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Two arms under their weight: one of servos, whose order is not that of the joints; one geared."""
+"""Arms under their weight: one of servos, in another order than the joints; two geared ones."""
 
 SERVOS = """
 <mujoco model="servo_arm">
@@ -33,6 +33,28 @@ GEARED = """
   </worldbody>
   <actuator><motor name="motor" joint="shoulder" gear="50" ctrlrange="-1 1"/></actuator>
   <keyframe><key name="home" qpos="-.7"/></keyframe>
+</mujoco>
+"""
+# Light, so that a stiff loop held for a control period does not rest.
+LEG = """
+<mujoco model="leg">
+  <compiler angle="radian"/>
+  <option timestep="0.005" integrator="implicitfast"/>
+  <worldbody>
+    <body name="thigh" pos="0 0 1">
+      <joint name="shoulder" axis="0 1 0" armature=".005"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2" mass=".3"/>
+      <body name="shin" pos="0 0 -.2">
+        <joint name="elbow" axis="0 1 0" armature=".005"/>
+        <geom type="capsule" size=".015" fromto="0 0 0 0 0 -.2" mass=".15"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="first" joint="shoulder" gear="6" ctrlrange="-4 4"/>
+    <motor name="second" joint="elbow" gear="-6" forcerange="-3 4"/>
+  </actuator>
+  <keyframe><key name="home" qpos="-.7 .5"/></keyframe>
 </mujoco>
 """
 TASK = """

@@ -55,7 +55,7 @@ def write_onnx_of_others(folder):
 
 
 def read_onnx(path):
-    policy = policy_of(path.read_bytes(), "The file").policy(ROTOR.actuated_joint_names)
+    policy = policy_of(path.read_bytes(), "The file").policy(ROTOR.controls)
     policy.mean(np.zeros(len(policy.observed)))
 
 

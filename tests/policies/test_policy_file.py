@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from tests.motors import motors, named
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
@@ -32,7 +33,7 @@ def test_both_kinds_of_file_hold_the_same_policy_to_the_bit(random_policy, tmp_p
         assert is_policy_file(path)
         opened = open_policy(path)
         assert (opened.name, opened.task) == (f"'{path}'", "rotor")
-        same = opened.policy(["hip", "knee"])
+        same = opened.policy(named(motors(1.0, 1.0), ["hip", "knee"]))
         assert same.parameters.tobytes() == policy.parameters.tobytes()
         assert same.noise_std.tobytes() == policy.noise_std.tobytes()
         assert same.architecture == policy.architecture
@@ -44,7 +45,7 @@ def test_a_network_of_others_is_executed_for_the_robots_joints(tmp_path, rng):
     path.write_bytes(elu_model(layers, names).SerializeToString())
     opened, inputs = open_policy(path), rng.standard_normal(2)
     assert (opened.task, opened.gaussian) == ("", None)
-    mean = opened.policy(["hip", "knee"]).mean(inputs)
+    mean = opened.policy(named(motors(1.0, 1.0), ["hip", "knee"])).mean(inputs)
     np.testing.assert_allclose(mean, elu_mean(layers, inputs), atol=1e-6)
 
 

@@ -424,7 +424,7 @@ class _TorqueCheck:
         self._executor = executor
         self._names = list(executor.controls.names)
         self._log = _executor_log(bag)
-        self._policies = _policies(bag, executor, self._names)
+        self._policies = _policies(bag, executor)
         self._marginals = _marginals(bag, executor)
         self._is_first = True
 
@@ -523,7 +523,7 @@ def _executor_log(bag: BagReader) -> Timeline | None:
     return log if log.values else None
 
 
-def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> Timeline:
+def _policies(bag: BagReader, executor: RecordedExecutor) -> Timeline:
     """Reads the policies that the executor could use, each with its iteration."""
     timeline = Timeline()
     for received, message in policy_messages(bag, refused=[]):
@@ -532,7 +532,7 @@ def _policies(bag: BagReader, executor: RecordedExecutor, joints: list[str]) -> 
             if (content := onnx_content(message)) is None:
                 iteration, policy = message.iteration, executor.named(learned_policy(message))
             else:
-                iteration, policy = 0, onnx_policy(content, joints)
+                iteration, policy = 0, onnx_policy(content, executor.controls)
             executor.check_fits(policy)
             timeline.add(received, (iteration, ExecutedPolicy(policy)))
     if not timeline.values:

@@ -17,7 +17,10 @@ from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.metadata import FILE_NAME, read_metadata, type_hashes
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.names import MJCF, URDF, is_mjcf
+from vgps_ros.messages.conversions import gains_from_msg
+from vgps_ros.messages.names import GAINS, MJCF, URDF, is_mjcf
+from vgps_ros.simulation.controls import closed_loops, controls_of
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.disk import is_being_written
 
 # What a graph has once for each robot.
@@ -151,11 +154,18 @@ class BagReader:
         )
 
     def mjcf(self) -> str:
-        """Returns the robot's MJCF, also of a bag of an old version.
+        """Returns the robot's MJCF, with the loops that its joints close.
 
         Raises:
-            InvalidInputError: the bag lacks it.
+            InvalidInputError: the bag lacks it, or the gains of the loops do not fit it.
         """
+        mjcf = self._recorded_mjcf()
+        if GAINS not in self.filled_topics:
+            return mjcf
+        gains = next(self.decoded(self.filled_topics[GAINS]))[1]
+        return closed_loops(mjcf, *gains_from_msg(gains, controls_of(compile_model(mjcf))))
+
+    def _recorded_mjcf(self) -> str:
         for name in (MJCF, URDF):
             if name in self.filled_topics:
                 text: str = next(self.decoded(self.filled_topics[name]))[1].data

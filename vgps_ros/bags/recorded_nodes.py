@@ -2,7 +2,7 @@
 """Reads what a bag holds of its nodes: their parameters, policies, and what the executor did."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -92,13 +92,13 @@ def onnx_content(message: Any) -> bytes | None:
     return bytes(message.data) if hasattr(message, "data") else None
 
 
-def onnx_policy(content: bytes, joints: Sequence[str]) -> OnnxPolicy:
-    """Returns the network that a bag holds, for a robot whose controls drive these joints.
+def onnx_policy(content: bytes, controls: Controls) -> OnnxPolicy:
+    """Returns the network that a bag holds, for a robot with these controls.
 
     Raises:
         InvalidInputError: the bytes are no policy of this robot.
     """
-    return OnnxPolicy(content, f"The message on {ONNX}", joints)
+    return OnnxPolicy(content, f"The message on {ONNX}", controls)
 
 
 class RecordedParameters:

@@ -294,6 +294,28 @@ def command_from_msg(message: JointState, controls: Controls) -> Array:
     return control + np.where(controls.are(ControlKind.POSITION), ahead, 0.0)
 
 
+def gains_to_msg(controls: Controls, stamp: Time) -> SignalsMsg:
+    """Returns the gains k_p and k_d of each joint's loop as a message."""
+    gains = {"stiffness": controls.stiffness, "damping": controls.damping}
+    names = [f"{joint}/{gain}" for gain in gains for joint in controls.names]
+    return signals_to_msg(np.concatenate([*gains.values()]), names, stamp)
+
+
+def gains_from_msg(message: SignalsMsg, controls: Controls) -> tuple[Array, Array]:
+    """Returns k_p and k_d of each control's joint, shapes (n_u,).
+
+    Raises:
+        InvalidInputError: a gain is missing or not finite.
+    """
+    given, found = signals_from_msg(message), []
+    for gain in ("stiffness", "damping"):
+        names = [f"{joint}/{gain}" for joint in controls.names]
+        if missing := [name for name in names if name not in given]:
+            raise InvalidInputError(f"It lacks {quoted(missing[0])}; name all gains of the robot.")
+        found.append(np.array([given[name] for name in names]))
+    return found[0], found[1]
+
+
 def efforts_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
     """Returns the efforts of joints, shape (n,) [N·m, N].
 

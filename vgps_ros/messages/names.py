@@ -18,6 +18,9 @@ CMD_VEL, COMMAND = "cmd_vel", "command"
 # What it was told in each state that it answered.
 CONTEXT = "context"
 
+# The gains of the loops that a robot's joints close.
+GAINS = "joint_gains"
+
 # Keys of values that controllers show on /diagnostics.
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation

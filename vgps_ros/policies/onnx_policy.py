@@ -9,13 +9,14 @@ Its metadata say what its numbers mean, by the keys that mjlab writes (docs/how_
     default_joint_pos   p_0, 0 if it is left out
     joint_stiffness     k_p, joint_damping k_d: of a controller of positions
 
-An action a is a torque s a. Where k_p is not zero, it is the target of a position controller:
-the torque is k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v.
+An action a is a torque s a. Where k_p is not zero, p_0 + s a is the target of a position. A robot
+of servos gets the targets. One of motors gets the torque k_p (p_0 + s a − p) − k_d v, with the
+joint's position p and its velocity v; it is then held for a control period, which stiff loops do
+not bear (`tasks.driver.with_loops`).
 """
 
 import re
 import threading
-from collections.abc import Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.checks import quoted
+from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.policies.onnx_file import (
@@ -50,24 +52,26 @@ class OnnxPolicy:
     Args:
         content: bytes of the file.
         name: what the sentence of an error calls it.
-        joints: the joints that the robot's controls drive, in the order of the controls.
+        controls: what the robot's controls are.
 
     Attributes:
         content: bytes of the file.
         task: name of the task in its metadata; empty if there is none.
         observed: names of what it reads.
         noise_std: zero, shape (n_u,).
+        stiffness: k_p in the order of the controls, shape (n_u,).
+        damping: k_d, likewise.
 
     Raises:
         InvalidInputError: the bytes are no ONNX model that may be read; or its inputs, outputs or
             metadata do not fit each other or the robot.
     """
 
-    def __init__(self, content: bytes, name: str, joints: Sequence[str]):
+    def __init__(self, content: bytes, name: str, controls: Controls):
         metadata = metadata_of(model := parsed(content, name))
         self.content, self.task = content, metadata.get("task", "")
         self._name = name
-        driven = names_of(metadata, "joint_names", name)
+        driven, joints = names_of(metadata, "joint_names", name), controls.names
         if sorted(driven) != sorted(joints):
             raise InvalidInputError(
                 f"{name} drives {quoted(list(driven))}, but the robot's controls drive "
@@ -83,13 +87,18 @@ class OnnxPolicy:
         self._default = of_joints("default_joint_pos", 0.0)
         self._stiffness = of_joints("joint_stiffness", 0.0)
         self._damping = of_joints("joint_damping", 0.0)
+        self.stiffness, self.damping = self._stiffness[self._order], self._damping[self._order]
+        self._controls = controls
+        of_servos = controls.are(ControlKind.POSITION)[np.argsort(self._order)]
+        self._origin = np.where(of_servos | (self._stiffness != 0.0), self._default, 0.0)
+        # Joints whose loops are closed here, where the robot has motors.
+        self._closed = ((self._stiffness != 0.0) | (self._damping != 0.0)) & ~of_servos
         terms = names_of(metadata, "observation_names", name)
         read, offsets = _expanded(terms, driven, self._default)
         self._offsets = offsets
         self._count = len(read)
         felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
-        self._holds_positions = bool(self._stiffness.any())
-        self.observed = (*read, *felt) if self._holds_positions else read
+        self.observed = (*read, *felt) if self._closed.any() else read
         self._versions = _versions(model)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
@@ -104,7 +113,7 @@ class OnnxPolicy:
         return len(self._order)
 
     def mean(self, inputs: Array) -> Array:
-        """Returns μ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o)."""
+        """Returns μ(o), controls of shape (..., n_u), for inputs o of shape (..., n_o)."""
         rows = inputs.reshape(-1, inputs.shape[-1])
         read = rows[:, : self._count] - self._offsets
         if len(rows) == 1 or (self._takes_many and len(rows)):
@@ -112,12 +121,12 @@ class OnnxPolicy:
         else:
             one_by_one = [self._outputs(row) for row in read[:, None]]
             actions = np.concatenate([*one_by_one, np.empty((0, self.control_dim))])
-        torques = self._scale * actions
-        if self._holds_positions:
+        values = self._origin + self._scale * actions
+        if self._closed.any():
             position, velocity = np.split(rows[:, self._count :], 2, axis=1)
-            target = self._default + torques
-            torques = self._stiffness * (target - position) - self._damping * velocity
-        ordered = torques.take(self._order, axis=1)
+            torques = self._stiffness * (values - position) - self._damping * velocity
+            values = np.where(self._closed, torques, values)
+        ordered = self._controls.from_joints(values.take(self._order, axis=1))
         return ordered.reshape(*inputs.shape[:-1], self.control_dim)
 
     def _opened(self) -> tuple[Any, Any, Any]:

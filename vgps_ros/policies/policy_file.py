@@ -3,11 +3,11 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from vgps_ros.core.checks import arrays_of
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
 from vgps_ros.policies.onnx_policy import OnnxPolicy
@@ -25,16 +25,16 @@ class PolicyFile:
     gaussian: GaussianPolicy | None  # if vgps_ros wrote the file; None: a third-party network
     content: bytes = b""  # of an ONNX file; empty for policy.json
 
-    def policy(self, joints: Sequence[str]) -> Policy:
+    def policy(self, controls: Controls) -> Policy:
         """Returns the policy for a robot.
 
         Args:
-            joints: the joints that its controls drive, in the order of the controls.
+            controls: what the robot's controls are.
 
         Raises:
             InvalidInputError: a third-party network does not fit the robot, or cannot be executed.
         """
-        return self.gaussian or OnnxPolicy(self.content, self.name, joints)
+        return self.gaussian or OnnxPolicy(self.content, self.name, controls)
 
 
 def is_policy_file(path: Path) -> bool:

@@ -272,13 +272,14 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.evaluation import measure_driving
     from vgps_ros.search.judgement import judge_controller
     from vgps_ros.tasks import make_task, recorded_task
-    from vgps_ros.tasks.driver import driver_of
+    from vgps_ros.tasks.driver import driver_of, for_policy
 
     task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     commanded = bool(task.signals.commands)
     for name, value in (COMMANDED if commanded else UNCOMMANDED).items():
         vars(arguments).setdefault(name, value)
     own = {name: getattr(arguments, name) for name in OWN}
+    task = for_policy(task, file)
     driver = driver_of(task, file)
     if commanded:
         found = judge_controller(task, driver, **own)

@@ -29,10 +29,12 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import CMD_VEL, CONTEXT
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import spin_once
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import Course
+from vgps_ros.tasks.driver import for_policy
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2
@@ -64,7 +66,7 @@ class PolicyRun(Node):
         self._task, self._course = task, course
         self._timeout = timeout
         self._states: dict[int, Array] = {}  # by stamp [ns]
-        self._controls: dict[int, Array] = {}
+        self._commands: dict[int, JointState] = {}
         self._contexts: dict[int, Array] = {}
         self._policies: list[Any] = []
         # First, since nodes discover endpoints in their order: once a state comes, the simulation's
@@ -104,14 +106,14 @@ class PolicyRun(Node):
         )
         self._pause()
         self._states.clear()
-        self._controls.clear()
+        self._commands.clear()
         self._call(self._reset, ResetSimulation.Request())
         # The executor answers the reset's state, though nothing moves yet, and the first step may
         # take that answer. Once it is here, nothing from before the reset is on its way any more.
         self._wait(
-            lambda: 0 in self._states and 0 in self._controls, f"No torque came. {_NO_EXECUTOR}"
+            lambda: 0 in self._states and 0 in self._commands, f"No torque came. {_NO_EXECUTOR}"
         )
-        self._controls = {0: self._controls[0]}
+        self._commands = {0: self._commands[0]}
         at_once, period = _STEPS_AT_ONCE, self._task.dynamics.time_step
         if self._course:
             at_once = max(1, round(_COMMAND_PERIOD / period))
@@ -139,11 +141,19 @@ class PolicyRun(Node):
 
     def trajectory(self, steps: int) -> Trajectory:
         """Returns what the robot did in the first steps."""
+        controls = self._with_loops().controls
         stamps = [self._stamp(t) for t in range(steps + 1)]
         return Trajectory(
             np.stack([self._states[stamp] for stamp in stamps]),
-            np.stack([self._controls[stamp] for stamp in stamps[:-1]]),
+            np.stack([command_from_msg(self._commands[s], controls) for s in stamps[:-1]]),
         )
+
+    def _with_loops(self) -> Task:
+        """Returns the task in whose robot the loops of an ONNX policy's gains are closed."""
+        content = getattr(self._policies[-1], "data", None)
+        if content is None:
+            return self._task
+        return for_policy(self._task, policy_of(bytes(content), "The message on onnx_policy"))
 
     def _stamp(self, step: int) -> int:
         return round(step * self._task.dynamics.time_step * 1e9)
@@ -153,8 +163,7 @@ class PolicyRun(Node):
         self._states[stamp] = self._messages.join(messages)
 
     def _take_command(self, message: JointState) -> None:
-        control = command_from_msg(message, self._task.controls)
-        self._controls[nanoseconds(message.header.stamp)] = control
+        self._commands[nanoseconds(message.header.stamp)] = message
 
     def _take_context(self, message: SignalsMsg) -> None:
         values = np.array(list(signals_from_msg(message).values()))
@@ -165,7 +174,7 @@ class PolicyRun(Node):
         first = max(0, steps - _STEPS_AT_ONCE)
         states = {self._stamp(t) for t in range(first, steps + 1)}
         answered = {self._stamp(t) for t in range(first, steps)}
-        answers = (self._controls, *([self._contexts] if self._task.signals.names else []))
+        answers = (self._commands, *([self._contexts] if self._task.signals.names else []))
         self._wait(
             lambda: (
                 states <= self._states.keys() and all(answered <= each.keys() for each in answers)

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, UInt8MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of, quoted
@@ -31,6 +32,7 @@ from vgps_ros.messages.conversions import (
     command_to_msg,
     distribution_from_msg,
     distribution_to_msg,
+    gains_to_msg,
     nanoseconds,
     pack,
     policy_from_msg,
@@ -39,6 +41,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import (
     COMMANDS_SENT,
+    GAINS,
     IS_ACTIVE,
     POLICY_OF_ITERATION,
     SAFE_ACTION,
@@ -60,7 +63,7 @@ from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.storage.run_folder import load_distributions
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.driver import Driver, driver_of
+from vgps_ros.tasks.driver import Driver, driver_of, for_policy
 from vgps_ros.tasks.registry import TASK
 
 POLICY_FILE = Setting(
@@ -151,8 +154,7 @@ class Controller(LifecycleNode):
         self.task = make_task(declare(self, TASK))
         self._needs_policy = needs_policy
         self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
-        names = declare(self, COMMAND_INTERFACES)
-        self._interfaces = command_interfaces(names, self.task.controls)
+        interfaces = declare(self, COMMAND_INTERFACES)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
         frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         for setting in (SENSOR_TOLERANCE, BASE_FROM):
@@ -167,7 +169,7 @@ class Controller(LifecycleNode):
         base_frame = StateMessages(model, base_frame=frames["base_frame"]).base_frame
         self.instructions = Instructions(self, self.task.signals, base_frame)
         topics = ["commands" if self._plain else "joint_command"]
-        if self._plain and len(self._interfaces) > 1:
+        if self._plain and "," in interfaces:
             topics = [f"{name}/commands" for name in self.task.controls.names]
         self.health = Health(self, owns=tuple(topics), when_alone=when_alone)
         self.instructions.report_to(self.health)
@@ -176,17 +178,20 @@ class Controller(LifecycleNode):
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
         time_step = self.task.dynamics.time_step
         self._times = AnswerTimes(self.health, time_step)
-        broken = self.task.limits.broken
-        self._supervisor = Supervisor(settings, self.task.controls, time_step, broken)
         # A policy that comes before activation is kept for it.
         self.training = TrainingResults(
             self,
             self.task,
             self.health,
-            self._supervisor.marginals,
             needs_policy=needs_policy,
             needs_distribution=settings.needs_distribution,
         )
+        self._controls = controls = self.training.controls
+        self._interfaces = command_interfaces(interfaces, controls)
+        broken, marginals = self.task.limits.broken, self.training.marginals
+        self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
+        gains = gains_to_msg(controls, self.get_clock().now().to_msg())
+        self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
         self._states = StateMessages(model, is_blind=self._is_blind(), **frames)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
         self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
@@ -347,7 +352,7 @@ class Controller(LifecycleNode):
             return
         self._sent += 1
         self.health.set_value(COMMANDS_SENT, self._sent)
-        controls = self.task.controls
+        controls = self._controls
         messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
         if self._plain:
             rows = controls.by_interface(command.control, self._interfaces)
@@ -397,13 +402,14 @@ class TrainingResults:
         node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
         task: the task that the results must be for.
         health: the node's diagnostics.
-        marginals: is given the training marginals by trajectory index.
         needs_policy: whether the node waits for a policy, which may be a third-party ONNX policy.
         needs_distribution: whether the node waits for a distribution.
 
     Attributes:
         policy: the latest one, ready to drive, or None.
         observation: what it reads of a state.
+        marginals: the training marginals by trajectory index.
+        controls: what the robot's controls are, under the gains of a network in a file.
 
     Raises:
         InvalidInputError: a file that the node was started with is wrong.
@@ -414,7 +420,6 @@ class TrainingResults:
         node: Node,
         task: Task,
         health: Health,
-        marginals: dict[int, TrainingMarginals],
         *,
         needs_policy: bool,
         needs_distribution: bool,
@@ -422,7 +427,8 @@ class TrainingResults:
         self.policy: ExecutedPolicy | None = None
         self.observation = task.observation
         self._node, self._task, self._health = node, task, health
-        self._marginals = marginals
+        self.marginals: dict[int, TrainingMarginals] = {}
+        self.controls = task.controls
         self._needs_policy, self._waits_for_distribution = needs_policy, needs_distribution
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if needs_distribution:
@@ -447,6 +453,11 @@ class TrainingResults:
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
             one_of("the policy's task", message.task, [self._task.name])
+            if self.controls is not self._task.controls:
+                raise InvalidInputError(
+                    "its controls are those of the task, but this node drives servos with the "
+                    "gains of its policy_file; start another one."
+                )
             file = PolicyFile("The policy", message.task, policy_from_msg(message))
             self._drive_by(driver_of(self._task, file), message.iteration)
         except InvalidInputError as error:
@@ -472,12 +483,20 @@ class TrainingResults:
         file = open_policy(path)
         if file.gaussian or file.task:
             one_of("the policy's task", file.task, [self._task.name])
-        driver = driver_of(self._task, file)
+        task = for_policy(self._task, file)
+        driver = driver_of(task, file)
         if file.gaussian:
             stamp = self._node.get_clock().now().to_msg()
             publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
             publisher.publish(policy_to_msg(file.gaussian, file.task, 0, stamp))
         elif self._needs_policy:
+            if task is not self._task and self._waits_for_distribution:
+                raise InvalidInputError(
+                    f"{file.name} drives servos, but a trajectory_distribution is about this "
+                    "robot's motors; leave out distance_limit, distance_warning and "
+                    "safe_action:=feedback."
+                )
+            self.controls = task.controls
             self._drive_by(driver, 0)
             # For a check of the bag. No node takes it: ONNX policies come from files alone.
             publisher = self._node.create_publisher(UInt8MultiArray, "onnx_policy", LATEST)
@@ -505,7 +524,7 @@ class TrainingResults:
         trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
         observation = self._task.observation
         told = self._task.signals.spread(observation.told)
-        self._marginals[index] = TrainingMarginals(trained, observation, n_u, told)
+        self.marginals[index] = TrainingMarginals(trained, observation, n_u, told)
         self._waits_for_distribution = False
         self._health.arrived(_DISTRIBUTION)
 

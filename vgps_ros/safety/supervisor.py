@@ -45,6 +45,7 @@ class Supervisor:
         controls: what the robot's controls are.
         period: control period [s].
         broken_limit: says which limit of the task a state breaks; empty where none is broken.
+        marginals: training marginals by trajectory index.
 
     Attributes:
         marginals: training marginals by trajectory index. They may be replaced at any time.
@@ -62,8 +63,9 @@ class Supervisor:
         controls: Controls,
         period: float,
         broken_limit: Callable[[Array], str] = lambda _: "",
+        marginals: dict[int, TrainingMarginals] | None = None,
     ):
-        self.marginals: dict[int, TrainingMarginals] = {}
+        self.marginals = {} if marginals is None else marginals
         self.distance: float | None = None
         self._settings, self._controls = settings, controls
         self._broken_limit = broken_limit

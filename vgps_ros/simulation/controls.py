@@ -9,6 +9,7 @@ import numpy as np
 
 from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import actuated_joint_names, control_range
 
@@ -23,6 +24,7 @@ _RELAXING = (
     (_BIAS.mjBIAS_NONE, _BIAS.mjBIAS_MUSCLE),
     (*_LAGGING, _DYNAMICS.mjDYN_MUSCLE),
 )
+_SAME_GAIN = 1e-5  # relative difference of two gains that are the same but for their text
 _UNITS = {  # where y is an angle, and where it is a length
     ControlKind.TORQUE: ("N·m", "N"),
     ControlKind.POSITION: ("rad", "m"),
@@ -110,3 +112,56 @@ def _coordinate(model: mujoco.MjModel, i: int) -> tuple[bool, float, Array, Arra
         velocity[model.nq + model.jnt_dofadr[joint]] += share
     turns = bool(joints) and all(types[joint] == _JOINT.mjJNT_HINGE for joint, _ in joints)
     return turns, float(gears[0]), position, velocity
+
+
+def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
+    """Returns a robot whose actuators close loops of positions, at the rate of the simulator.
+
+    The control of each is the position that its joint should have. A motor keeps its limits of
+    torque. An actuator whose loop has these gains already, and a joint with no stiffness, stays.
+
+    Args:
+        mjcf: the robot; it is returned as it is where nothing changes.
+        stiffness: k_p at each joint, shape (n_u,) [N·m/rad, N/m].
+        damping: k_d at each joint, shape (n_u,) [N·m·s/rad, N·s/m].
+
+    Raises:
+        InvalidInputError: a gain does not suit its actuator.
+    """
+    spec = mujoco.MjSpec.from_string(mjcf)
+    model = spec.compile()
+    controls, changes = controls_of(model), False
+    for i, actuator in enumerate(spec.actuators):
+        k_p, k_d = float(stiffness[i]), float(damping[i])
+        own = controls.stiffness[i], controls.damping[i]
+        if np.allclose((k_p, k_d), own, rtol=_SAME_GAIN, atol=0.0):
+            continue
+        is_driven = controls.kinds[i] in (ControlKind.TORQUE, ControlKind.FORCE)
+        is_driven |= controls.kinds[i] is ControlKind.POSITION
+        if not (k_p > 0.0 <= k_d and is_driven and controls.positions[i].any()):
+            raise InvalidInputError(
+                f"{controls.names[i]} shall have a stiffness of {k_p:g} and a damping of {k_d:g}; "
+                "but a loop needs a stiffness above 0, and a motor or servo of positions; change "
+                "joint_stiffness and joint_damping."
+            )
+        low, high = (limit[i] for limit in controls.limits)
+        _, gear, *_ = _coordinate(model, i)
+        if controls.kinds[i] is ControlKind.POSITION:
+            ends = np.sort(controls.scale[i] * np.array([low, high]) + controls.offset[i])
+            actuator.ctrlrange = ends if np.isfinite(ends).all() else [0.0, 0.0]
+            actuator.ctrllimited = int(np.isfinite(ends).all())
+        else:
+            ends = np.sort(controls.strength[i] / gear * np.array([low, high]))
+            actuator.ctrllimited, actuator.ctrlrange = 0, [0.0, 0.0]
+            actuator.forcelimited = int(np.isfinite(ends).all())
+            actuator.forcerange = ends if np.isfinite(ends).all() else [0.0, 0.0]
+        actuator.gaintype, actuator.biastype = _GAIN.mjGAIN_FIXED, _BIAS.mjBIAS_AFFINE
+        actuator.gainprm[:3] = [k_p / gear, 0.0, 0.0]
+        actuator.biasprm[:3] = [0.0, -k_p / gear**2, -k_d / gear**2]
+        changes = True
+    if not changes:
+        return mjcf
+    for key in spec.keys:
+        key.ctrl = []  # of the former actuators
+    spec.compile()
+    return str(spec.to_xml())

@@ -23,13 +23,14 @@ from vgps_ros.messages.conversions import (
     command_from_msg,
     distribution_from_msg,
     efforts_from_msg,
+    gains_from_msg,
     nanoseconds,
     policy_from_msg,
     result_from_msgs,
     signals_from_msg,
     trajectory_from_msg,
 )
-from vgps_ros.messages.names import CONTEXT, MJCF, URDF, is_mjcf
+from vgps_ros.messages.names import CONTEXT, GAINS, MJCF, URDF, is_mjcf
 from vgps_ros.messages.robot_state import JOINTS, TOPICS, StateCollector
 from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import LEARNING_CURVE
@@ -48,6 +49,7 @@ DRAWN = {  # topics that are drawn, and their types
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_command": "sensor_msgs/msg/JointState",
     CONTEXT: "vgps_msgs/msg/Signals",
+    GAINS: "vgps_msgs/msg/Signals",
     "learning_progress": "vgps_msgs/msg/LearningProgress",
     "plan": "vgps_msgs/msg/Plan",
     "policy": "vgps_msgs/msg/GaussianPolicy",
@@ -160,6 +162,9 @@ class GraphScene:
     def _show_joint_command(self, message: Any) -> None:
         control = command_from_msg(message, self.robot.controls)
         self.robot.log_command(nanoseconds(message.header.stamp), control)
+
+    def _show_joint_gains(self, message: Any) -> None:
+        self.robot.close_loops(*gains_from_msg(message, self.robot.controls))
 
     def _show_context(self, message: Any) -> None:
         self.robot.log_context(nanoseconds(message.header.stamp), signals_from_msg(message))

@@ -16,7 +16,7 @@ import rerun as rr
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.controls import closed_loops, controls_of
 from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
@@ -68,7 +68,7 @@ class RobotScene:
             for kind in ("position", "velocity")
         )
         self.hinge_names = hinge_names(model)
-        self.controls = controls_of(model)
+        self._mjcf, self.controls = mjcf, controls_of(model)
         # The efforts of a message stand for all that the actuators do.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self._dofs = [int(model.joint(name).dofadr[0]) for name in self.states.joint_names]
@@ -79,10 +79,8 @@ class RobotScene:
             recording.name_series(f"joint_states/{quantity}", self.states.joint_names)
         if self.states.base:
             recording.name_series("odom/position", ["x", "y", "z"], colors=_AXES)
-        names = self.controls.names
-        for field, mask in self.controls.fields.items():
-            recording.name_series(f"joint_command/{field}", list(compress(names, mask)))
-        recording.name_series("policy/noise_std", list(names))
+        self._name_commands()
+        recording.name_series("policy/noise_std", list(self.controls.names))
         for name in self.hinge_names:
             executed = f"trajectory_distribution/{name}/executed"
             recording.name_series(executed, ["executed"], colors=[_LEARNED], widths=[2])
@@ -90,6 +88,18 @@ class RobotScene:
         self.lay_out()
         for name, (_, picture) in self._geometries.items():
             recording.log_static(f"world/robot/{name}", picture)
+
+    def close_loops(self, stiffness: Array, damping: Array) -> None:
+        """Draws the commands of joints that close loops of positions, with k_p and k_d (n_u,)."""
+        mjcf = closed_loops(self._mjcf, stiffness, damping)
+        self.controls = controls_of(compile_model(mjcf))
+        self._name_commands()
+        self.lay_out()
+
+    def _name_commands(self) -> None:
+        for field, mask in self.controls.fields.items():
+            names = list(compress(self.controls.names, mask))
+            self._recording.name_series(f"joint_command/{field}", names)
 
     def lay_out(self, logged: Collection[str] | None = None) -> None:
         """Sets the recording's layout; `logged` is what it holds, once that is known."""

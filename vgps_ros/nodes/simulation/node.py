@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
@@ -23,11 +24,12 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
     command_from_msg,
+    gains_from_msg,
     nanoseconds,
     stamp_of,
     wrench_from_msg,
 )
-from vgps_ros.messages.names import MJCF, URDF
+from vgps_ros.messages.names import GAINS, MJCF, URDF
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.nodes.simulation.frames import FrameBroadcaster
 from vgps_ros.nodes.simulation.imu import SimulatedImu
@@ -41,6 +43,7 @@ from vgps_ros.ros_runtime.steady_timer import steady_timer
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.driver import in_closed_loops
 from vgps_ros.tasks.registry import TASK
 
 MODE = Setting(
@@ -91,7 +94,7 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation")
-        self._task = make_task(declare(self, TASK))
+        self._task = self._motors = make_task(declare(self, TASK))
         self._messages = StateMessages(self._task.dynamics.model)
         self._initial_state = Setting(
             "initial_state",
@@ -124,6 +127,7 @@ class SimulationNode(Node):
         }
         self._clocks = self.create_publisher(ClockMsg, "/clock", lively(STREAM))
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self.create_subscription(SignalsMsg, GAINS, self._take_gains, LATEST)
         self.create_subscription(WrenchStamped, "push", self._take_push, STREAM)
         SimulationServices(self, self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
@@ -204,6 +208,23 @@ class SimulationNode(Node):
             self._is_left_alone = False
         elif self.control.running:
             self._advance(command)
+
+    def _take_gains(self, message: SignalsMsg) -> None:
+        """Lets the joints close loops of positions, at the rate of the simulator."""
+        own = self._task.controls
+        try:
+            gains = gains_from_msg(message, own)
+            if np.array_equal(gains, (own.stiffness, own.damping)):
+                return
+            self._task = in_closed_loops(self._motors, *gains)
+        except InvalidInputError as error:
+            self._health.report("gains", error=f"Ignored {GAINS}: {error}")
+            return
+        self._health.clear("gains")
+        self._warned = self._task.dynamics.warnings()
+        self.robot.close_loops(self._task)
+        self._held, self._is_left_alone = self.robot.resting(), True
+        self.get_logger().info(f"The controls are {self._task.controls.label()} now.")
 
     def _take_push(self, message: WrenchStamped) -> None:
         try:

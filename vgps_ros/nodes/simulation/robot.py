@@ -117,6 +117,11 @@ class SimulatedRobot:
             self._enter(state, self._at_rest)
             self.control = self.resting()
 
+    def close_loops(self, task: Task) -> None:
+        """Goes on as the robot of a task with other actuators, in the same state."""
+        self._task, self._forces = task, JointForces(task.dynamics.model)
+        self.control = self.resting()
+
     def resting(self) -> Array:
         """Returns the controls that leave the robot alone in its state, shape (n_u,)."""
         return self._task.controls.resting(self.state)
