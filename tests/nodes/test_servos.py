@@ -12,6 +12,9 @@ from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from tests.servo_arm import GEARED, SERVOS, write_arm
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.bags.episode import episodes
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -22,6 +25,7 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 PERIOD = 20_000_000  # [ns]
@@ -143,3 +147,45 @@ def test_an_interface_that_the_controls_are_not_is_refused(graph, tmp_path):
     node = graph.start("policy_executor", task=name, command_interfaces="effort")
     assert node.wait() == 1
     assert "the controls are position [rad]; name position, too." in node.output
+
+
+@pytest.mark.parametrize("mjcf", [SERVOS, pytest.param(GEARED, marks=pytest.mark.slow)])
+def test_a_bag_of_such_a_robot_is_checked_to_the_bit_with_its_last_command(mjcf, graph, tmp_path):
+    task = make_task(write_arm(tmp_path, mjcf))
+    n_u = len(task.controls.names)
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    shape = Architecture(task.observation.names, (), n_u)
+    rng = np.random.default_rng(2)
+    policy = GaussianPolicy(shape, 0.3 * rng.standard_normal(shape.num_parameters), np.ones(n_u))
+    save_policy(policy, task.name, tmp_path / "policy.json")
+    graph.start("simulation", task=task.name, start_paused=True)
+    limits = {"torque_limits": [20.0] * n_u, "torque_rate_limit": 300.0}
+    executor = graph.start(
+        "policy_executor", task=task.name, policy_file=tmp_path / "policy.json", **limits
+    )
+    for topic in ("joint_states", "joint_command"):
+        count = graph.node.count_subscribers
+        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
+    program = graph.start("execute_policy", "--task", task.name, "--steps", "40")
+    graph.spin_until(lambda: not program.running)
+    assert program.wait() == 0, program.output
+    assert executor.end() == 0
+    graph.spin_for(0.5)  # until its last command is recorded
+    assert recorder.end() == 0
+    with BagReader(tmp_path / "bag") as bag:
+        episode = episodes(bag, task.dynamics.model)[-1]
+        commands = [m for _, m in bag.decoded(bag.needed_topic("joint_command"))]
+    # The torques at the joints that the targets asked for, by MuJoCo, were within the limit.
+    control, state = episode.controls[1], episode.states[0]
+    low, high = task.controls.bounds(state, np.full(n_u, 20.0))
+    assert ((low - 1e-12 <= control) & (control <= high + 1e-12)).all()
+    rest = task.controls.at_joints(task.controls.resting(episode.states[-1]))
+    last = {"position": commands[-1].position, "effort": commands[-1].effort}
+    (field,) = task.controls.fields
+    np.testing.assert_array_equal(last[field], rest)
+    found = check_bag(tmp_path / "bag")
+    assert found.wrong == []
+    assert found.counts["safe"] == 1
+    assert found.counts["mean"] >= 40
+    assert any("40 of 40 steps" in sentence for sentence in found.proved), found.proved

@@ -92,6 +92,8 @@ class RobotScene:
     def close_loops(self, stiffness: Array, damping: Array) -> None:
         """Draws the commands of joints that close loops of positions, with k_p and k_d (n_u,)."""
         mjcf = closed_loops(self._mjcf, stiffness, damping)
+        if mjcf == self._mjcf:
+            return
         self.controls = controls_of(compile_model(mjcf))
         self._name_commands()
         self.lay_out()
