@@ -1,27 +1,28 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Starts a simulated robot and the executor of its policy, in a namespace where one is given."""
+"""Starts the executor of a robot's policy, and its simulation where there is no robot.
+
+The executor moves nothing before somebody configures and activates it, but with autostart:=true.
+"""
+
+from typing import Any
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
-from launch.conditions import IfCondition
-from launch.events import matches_action
+from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import (
     LaunchConfiguration,
     NotEqualsSubstitution,
     PathJoinSubstitution,
 )
 from launch_ros.actions import (
-    LifecycleNode,
     Node,
     PushRosNamespace,
     SetParameter,
     SetParametersFromFile,
     SetRemap,
 )
-from launch_ros.event_handlers import OnStateTransition
-from launch_ros.events.lifecycle import ChangeState
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-from lifecycle_msgs.msg import Transition
 
 FILE = PathJoinSubstitution([FindPackageShare("vgps_ros"), "config", "any_task.yaml"])
 
@@ -31,25 +32,19 @@ def given(argument: str) -> IfCondition:
     return IfCondition(NotEqualsSubstitution(LaunchConfiguration(argument), ""))
 
 
+def end_where_refused(event: Any, _: object) -> list[Shutdown]:
+    """Ends the launch with a node that refuses its task or a parameter, but not with a killed one.
+
+    What else the launch runs, such as a robot's driver, must outlive a crash.
+    """
+    return [Shutdown(reason=f"{event.process_name} refused to start")] * (event.returncode == 1)
+
+
 def generate_launch_description() -> LaunchDescription:
-    """Returns the nodes `simulation` and `policy_executor`, and what brings the latter up.
+    """Returns the node `policy_executor`, and `simulation`, or else `watchdog` for a real robot.
 
     The arguments hold for the nodes of a launch file that includes this one, too.
     """
-    executor = LifecycleNode(
-        package="vgps_ros",
-        executable="policy_executor",
-        name="policy_executor",
-        namespace="",
-        parameters=[{"autostart": False}],  # launch brings it up
-    )
-
-    def change(transition: int) -> EmitEvent:
-        event = ChangeState(
-            lifecycle_node_matcher=matches_action(executor), transition_id=transition
-        )
-        return EmitEvent(event=event)
-
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -66,7 +61,19 @@ def generate_launch_description() -> LaunchDescription:
                 description="task, by name or file; empty: the parameter file's, or swimmer",
             ),
             DeclareLaunchArgument(
-                "params_file", default_value=FILE, description="parameter file of all nodes"
+                "params_file",
+                default_value=FILE,
+                description="parameter file of all nodes; config/robot.yaml suits a real robot",
+            ),
+            DeclareLaunchArgument(
+                "simulation",
+                default_value="true",
+                description="whether to simulate the robot; false: its own driver runs",
+            ),
+            DeclareLaunchArgument(
+                "autostart",
+                default_value="false",
+                description="whether the executor configures and activates itself once, at start",
             ),
             PushRosNamespace(LaunchConfiguration("namespace")),
             *(
@@ -75,21 +82,29 @@ def generate_launch_description() -> LaunchDescription:
             ),
             SetParametersFromFile(LaunchConfiguration("params_file")),
             SetParameter("use_sim_time", LaunchConfiguration("use_sim_time")),
+            Node(
+                package="vgps_ros",
+                executable="watchdog",
+                condition=UnlessCondition(LaunchConfiguration("simulation")),
+            ),
             SetParameter(
                 "task",
                 LaunchConfiguration("task"),
                 condition=given("task"),
             ),
-            Node(package="vgps_ros", executable="simulation"),
-            RegisterEventHandler(
-                OnStateTransition(
-                    target_lifecycle_node=executor,
-                    start_state="configuring",
-                    goal_state="inactive",
-                    entities=[change(Transition.TRANSITION_ACTIVATE)],
-                )
+            Node(
+                package="vgps_ros",
+                executable="simulation",
+                condition=IfCondition(LaunchConfiguration("simulation")),
+                on_exit=end_where_refused,
             ),
-            executor,
-            change(Transition.TRANSITION_CONFIGURE),
+            Node(
+                package="vgps_ros",
+                executable="policy_executor",
+                parameters=[
+                    {"autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool)}
+                ],
+                on_exit=end_where_refused,
+            ),
         ]
     )

@@ -17,7 +17,9 @@ def generate_launch_description() -> LaunchDescription:
     robot = str(Path(__file__).with_name("robot.launch.py"))
     return LaunchDescription(
         [
-            IncludeLaunchDescription(PythonLaunchDescriptionSource(robot)),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(robot), launch_arguments={"autostart": "true"}.items()
+            ),
             Node(package="vgps_ros", executable="trajectory_optimizer"),
             Node(package="vgps_ros", executable="policy_learner"),
         ]

@@ -16,13 +16,16 @@ from vgps_ros.ros_runtime import controller
 
 FOLDER = Path(__file__).parents[1] / "launch"
 ARGUMENTS = {
-    "robot": {"namespace", "use_sim_time", "task", "params_file"},
-    "training": {"namespace", "use_sim_time", "task", "params_file"},
+    "robot": {"namespace", "use_sim_time", "task", "params_file", "simulation", "autostart"},
+    "training": {"namespace", "use_sim_time", "task", "params_file", "simulation", "autostart"},
     "replay": {"namespace", "use_sim_time", "params_file", "bag", "output"},
 }
 STARTED = {
-    "robot": {"simulation", "policy_executor"},
-    "training": {"simulation", "policy_executor", "trajectory_optimizer", "policy_learner"},
+    "robot": {"simulation", "watchdog", "policy_executor"},
+    "training": {
+        *("simulation", "watchdog", "policy_executor"),
+        *("trajectory_optimizer", "policy_learner"),
+    },
     "replay": {"player", "visualizer"},
 }
 
@@ -33,7 +36,7 @@ def calls(name: str, *functions: str) -> list[ast.Call]:
     found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
     own = [call for call in found if getattr(call.func, "id", "") in functions]
     included = set(re.findall(r'"(\w+)\.launch\.py"', text))
-    return own + [call for other in included for call in calls(other, *functions)]
+    return [call for other in included for call in calls(other, *functions)] + own
 
 
 def keyword(call: ast.Call, name: str) -> ast.expr | None:
@@ -77,15 +80,18 @@ def test_it_declares_the_arguments_that_it_uses_each_with_a_description(name):
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_it_starts_nodes_of_the_package_with_parameters_that_they_have(name):
-    nodes = calls(name, "Node", "LifecycleNode")
-    started = {ast.literal_eval(keyword(call, "executable")): call for call in nodes}
-    assert started.keys() == STARTED[name] <= {*NODES}
+    nodes = calls(name, "Node")
+    started = {ast.literal_eval(keyword(call, "executable")) for call in nodes}
+    assert started == STARTED[name] <= {*NODES}
     assert {ast.literal_eval(keyword(call, "package")) for call in nodes} == {"vgps_ros"}
-    for_all = {first(call) for call in calls(name, "SetParameter")}
-    for node, call in started.items():
+    of_later_ones = set()
+    for call in calls(name, "SetParameter", "Node"):
+        if call.func.id == "SetParameter":
+            of_later_ones.add(first(call))
+            continue
         given = keyword(call, "parameters")
         own = {ast.literal_eval(key) for key in given.elts[0].keys} if given else set()
-        assert own | for_all <= parameters_of(node)
+        assert own | of_later_ones <= parameters_of(ast.literal_eval(keyword(call, "executable")))
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)

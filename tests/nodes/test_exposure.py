@@ -77,6 +77,7 @@ def whole_graph(shared_graph) -> Iterator[Any]:
     # In namespaces, since only one node of a graph may command the joints.
     graph.start("demonstration", "--ros-args", "-r", "__ns:=/shown")
     graph.start("mpc", "--ros-args", "-r", "__ns:=/planned", "-p", "task:=rotor")
+    graph.start("watchdog", "--ros-args", "-r", "__ns:=/watched")
     graph.start("recorder", output=folder / "bag")
     graph.start("player", bag=SAMPLE, start_paused=True)
     graph.start("visualizer", output=folder / "run.rrd")

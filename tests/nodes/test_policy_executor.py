@@ -168,6 +168,8 @@ def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
 
 def test_without_autostart_it_waits_for_its_lifecycle(graph, swimmer, random_policy):
     process = graph.start("policy_executor", autostart=False)
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert graph.call(ChangeState, "policy_executor/change_state", request).success
     controller = Controller(graph, swimmer)
     message = policy_to_msg(random_policy(0), "swimmer", 1, Time())
     controller.policies.publish(message)

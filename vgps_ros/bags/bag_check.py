@@ -62,6 +62,7 @@ from vgps_ros.messages.names import (
     COMMANDS_SENT,
     CONTEXT,
     IS_ACTIVE,
+    POSE,
     SAFE_ACTION,
 )
 from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
@@ -394,6 +395,8 @@ def _check_torques(
     if counts["different"]:
         words = f"{counts['different']} torques are not what the policy gives for their states"
         found.wrong.append(f"{words}: {first}")
+    if counts["posed"]:
+        found.unproved.append(f"{counts['posed']} torques of standing up, holding or sitting down")
     for kind, words in (
         (
             "stateless",
@@ -471,6 +474,8 @@ class _TorqueCheck:
         may_be_safe = any(executor.is_safe(control, x, marginals, z) for x, z in states)
         if may_be_safe and (is_said := self._did_not_drive(command.received)) is not False:
             return ("safe" if is_said else "unsaid"), "", control
+        if self._log and any(isinstance(w, str) and w for w in self._log.around(command.received)):
+            return "posed", "", control
         if self._is_first and executor.settings.torque_rate_limit:
             return "first", "", control
         sent, due = executor.controls.at_joints(control), executor.controls.at_joints(expected)
@@ -509,7 +514,10 @@ class _TorqueCheck:
 
 
 def _executor_log(bag: BagReader) -> Timeline | None:
-    """Reads whether the policy did not drive, as the executor said; None of an old version."""
+    """Reads whether the policy did not drive, or what the robot did instead, as it was said.
+
+    None stands for that of an old version.
+    """
     log = Timeline()
     topic = bag.filled_topics.get("diagnostics")
     for received, message in bag.decoded(topic) if topic else ():
@@ -519,7 +527,7 @@ def _executor_log(bag: BagReader) -> Timeline | None:
             if COMMANDS_SENT in values and bag.of_robot([status.name]):
                 is_said = SAFE_ACTION in values
                 drove = values.get(IS_ACTIVE) == "True" and values.get(SAFE_ACTION) == "False"
-                log.add(received, not drove if is_said else None)
+                log.add(received, (not drove or values.get(POSE, "")) if is_said else None)
     return log if log.values else None
 
 

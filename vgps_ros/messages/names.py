@@ -21,11 +21,15 @@ CONTEXT = "context"
 # The gains of the loops that a robot's joints close.
 GAINS = "joint_gains"
 
+# True on it, latched, or by the controller's service of this name: the safe action drives.
+EMERGENCY_STOP = "emergency_stop"
+
 # Keys of values that controllers show on /diagnostics.
 COMMANDS_SENT = "commands sent"  # key of a value: how many since the node's start
 IS_ACTIVE = "active"  # key of a value: True between activation and deactivation
 PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  # keys of values
 POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
+POSE = "pose"  # key of a value: what the robot does where neither a policy nor plans drive
 SAFE_ACTION = "safe action active"  # key of a value: True while it drives, and not the controller
 
 
@@ -53,6 +57,8 @@ def driver(message: str, values: Mapping[str, str]) -> str | None:
         return f"the safe action. {message}"
     if values[COMMANDS_SENT] == "0":
         return f"nobody yet. {message}"
+    if values.get(POSE):
+        return f"nobody: it {values[POSE]}. {message}"
     if PLAN_AGE in values:
         keys = [key for key in (PLAN_AGE, PLAN_COST, PLAN_DURATION) if key in values]
         return f"plans: {', '.join(f'{key} {values[key]}' for key in keys)}. {message}"

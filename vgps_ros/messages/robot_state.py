@@ -273,6 +273,9 @@ class NewestMeasurements:
     A message on `joint_states` makes one state, with what is within the tolerance of its stamp; it
     waits for what is not there yet.
 
+    Attributes:
+        takes_all: whether states count that come earlier than the period says.
+
     Args:
         lacking: tells the topics that lack to a state.
         tolerance: largest difference between the stamp of `joint_states` and another one [s].
@@ -290,8 +293,9 @@ class NewestMeasurements:
         self._lacking = lacking
         self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
         self._newest: dict[str, Any] = {}
-        self._due = 0  # stamp from which on the next state is wanted [ns]
+        self._due, self._last = 0, 0  # stamps of the next state that is wanted, and of the last
         self._is_new = False  # whether the newest joint states have made no state yet
+        self.takes_all = False
 
     def add(self, topic: str, message: Any) -> dict[str, Any] | None:
         """Returns the messages of a state by topic, if this message completes it."""
@@ -301,12 +305,13 @@ class NewestMeasurements:
             return None
         stamp = nanoseconds(self._newest[JOINTS].header.stamp)
         # Measured too early for the next control, or overtaken by a later message.
-        if stamp and 0.1 * self._period < self._due - stamp <= 2 * self._period:
+        is_early = 0.1 * self._period < self._due - stamp <= 2 * self._period
+        if is_early and not self.takes_all and stamp not in (0, self._last):
             return None
         near = self._near(stamp)
         if self._lacking(near):
             return None
-        self._is_new = False
+        self._is_new, self._last = False, stamp
         if self._period:
             is_regular = abs(stamp - self._due) < self._period
             self._due = (self._due if is_regular else stamp) + self._period

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
@@ -88,10 +89,10 @@ class Mpc(Controller):
         self.health.set_value(PLAN_AGE, f"{age * self.task.dynamics.time_step:.3f} s")
         return torques
 
-    def stop(self) -> None:
-        """Stops the torques."""
-        super().stop()
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forgets the trouble with plans."""
         self.health.clear("plan")
+        return super().on_deactivate(state)
 
     def end(self) -> None:
         """Stops the torques and what is being planned."""

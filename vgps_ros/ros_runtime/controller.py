@@ -2,6 +2,13 @@
 """A lifecycle node that answers each state with a command, which all controllers share.
 
 Where its law must not drive, the safe action does; `safety.supervisor` decides.
+
+| transition | what it does |
+| --- | --- |
+| configure | loads policy, distribution and task, and listens to the robot's sensors |
+| activate | begins to answer states; refused during an emergency stop |
+| deactivate | the safe action drives for `settle_duration`, and then a last command is sent |
+| cleanup | frees what configure loaded, which may have other files next time |
 """
 
 import time
@@ -16,14 +23,16 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, UInt8MultiArray
+from std_msgs.msg import Bool, Float64MultiArray, UInt8MultiArray
+from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of, quoted
 from vgps_ros.core.controls import INTERFACES, Controls
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -41,9 +50,11 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import (
     COMMANDS_SENT,
+    EMERGENCY_STOP,
     GAINS,
     IS_ACTIVE,
     POLICY_OF_ITERATION,
+    POSE,
     SAFE_ACTION,
 )
 from vgps_ros.messages.robot_state import (
@@ -56,8 +67,18 @@ from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
-from vgps_ros.ros_runtime.qos import LATCHED, LATEST, NEWEST, NEWEST_OF_SENSORS, STREAM, lively
+from vgps_ros.ros_runtime.qos import (
+    COMMANDED,
+    LATCHED,
+    LATEST,
+    NEWEST,
+    NEWEST_OF_SENSORS,
+    STREAM,
+    lively,
+)
+from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.safety.poses import PoseMotion, PoseSettings, keyframe_state
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.safety.training_marginals import TrainingMarginals
@@ -69,15 +90,24 @@ from vgps_ros.tasks.registry import TASK
 POLICY_FILE = Setting(
     "policy_file",
     "",
-    "policy.json of a training, or an ONNX file, to start with; empty: wait for the topic policy",
+    "policy.json of a training, or an ONNX file, to load at configure; empty: wait for the topic "
+    "policy",
 )
 DISTRIBUTION_FILE = Setting(
     "distribution_file",
     "",
-    "distribution.npz of a training, for distance_limit, distance_warning and feedback; empty: "
-    "wait for the topic trajectory_distribution where they need it",
+    "distribution.npz of a training, to load at configure, for distance_limit, distance_warning "
+    "and feedback; empty: wait for the topic trajectory_distribution where they need it",
 )
-AUTOSTART = Setting("autostart", True, "whether to configure and activate at start")
+AUTOSTART = Setting("autostart", True, "whether to configure and activate once, at start")
+SETTLE_DURATION = Setting(
+    "settle_duration",
+    0.0,
+    "time after a deactivation in which the safe action answers states, before the last command, "
+    "which leaves the robot at rest [s]",
+    minimum=0.0,
+    maximum=60.0,
+)
 COMMAND_TYPE = Setting(
     "command_type",
     "joint_state",
@@ -133,6 +163,8 @@ IMU_FRAME = Setting(
 _POLICY = "policy from policy_learner"
 _DISTRIBUTION = "trajectory_distribution from trajectory_optimizer"
 _PERIOD = 1.0  # over which figures are taken [s]
+_RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
+_LOADED = {"task", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
 
 
 class Controller(LifecycleNode):
@@ -156,65 +188,45 @@ class Controller(LifecycleNode):
         self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
         interfaces = declare(self, COMMAND_INTERFACES)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
-        frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
+        self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         for setting in (SENSOR_TOLERANCE, BASE_FROM):
             declare(self, setting)
         self.prepare_law()
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
-            declare(self, setting)
+            declare(self, setting, may_change=True)
+        declare(self, SETTLE_DURATION)
         when_alone = self._start if declare(self, AUTOSTART) else lambda: None
         limits = tuple(self.task.controls.largest.tolist())
-        self._settings = settings = declare_settings(self, SafetySettings(torque_limits=limits))
-        model = self.task.dynamics.model
-        base_frame = StateMessages(model, base_frame=frames["base_frame"]).base_frame
+        rate = max(limits) / _RISE if self._is_real and max(limits) < CONTROL_BOUND else 0.0
+        settings = SafetySettings(torque_limits=limits, torque_rate_limit=rate)
+        self._settings = declare_settings(self, settings)
+        self._poses = declare_settings(self, PoseSettings())
+        base_frame = StateMessages(self.task.dynamics.model, **self._frames).base_frame
         self.instructions = Instructions(self, self.task.signals, base_frame)
+        self._told_of = self.task.signals, self.task.controls.names
         topics = ["commands" if self._plain else "joint_command"]
         if self._plain and "," in interfaces:
             topics = [f"{name}/commands" for name in self.task.controls.names]
         self.health = Health(self, owns=tuple(topics), when_alone=when_alone)
         self.instructions.report_to(self.health)
+        self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
         self._set_active(False)
         self._sent = 0
         self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
-        time_step = self.task.dynamics.time_step
-        self._times = AnswerTimes(self.health, time_step)
-        # A policy that comes before activation is kept for it.
-        self.training = TrainingResults(
-            self,
-            self.task,
-            self.health,
-            needs_policy=needs_policy,
-            needs_distribution=settings.needs_distribution,
-        )
-        self._controls = controls = self.training.controls
-        self._interfaces = command_interfaces(interfaces, controls)
-        broken, marginals = self.task.limits.broken, self.training.marginals
-        self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
-        gains = gains_to_msg(controls, self.get_clock().now().to_msg())
-        self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
-        self._states = StateMessages(model, is_blind=self._is_blind(), **frames)
-        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
-        self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
-        self._collector = (
-            NewestMeasurements(self._states.lacking, value(self, SENSOR_TOLERANCE), time_step)
-            if self._is_real
-            else NewestMeasurements(self._states.lacking, time_step / 2)
-        )
-        self._since = 0.0  # when it was activated [s]
-        qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
-        for name, sensor in self._states.sources.items():
-            self.create_subscription(sensor, name, partial(self._take_measurement, name), qos)
         kind = Float64MultiArray if self._plain else JointState
-        self._commands = [
-            self.create_lifecycle_publisher(kind, topic, lively(STREAM)) for topic in topics
-        ]
-        self._watchdog = steady_timer(self, time_step, self._watch)
+        self._commands = [self.create_publisher(kind, name, lively(STREAM)) for name in topics]
+        self._watchdog = steady_timer(self, self.task.dynamics.time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
-        # With use_sim_time; the state of the time 0, which says so too, may be lost.
-        self._clock_jumps = self.get_clock().create_jump_callback(
-            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
-            post_callback=lambda _: self._supervisor.forget_time(),
-        )
+        self._emergency = ""  # why nothing may move
+        self._since = 0.0  # when it was activated [s]
+        stop = self._take_emergency_stop
+        for qos in (LATEST, COMMANDED):  # whatever its sender guarantees
+            self.create_subscription(Bool, EMERGENCY_STOP, stop, qos)
+        self.create_service(SetBool, f"~/{EMERGENCY_STOP}", self._answer_emergency_stop)
+        self._pose: PoseMotion | None = None  # what the robot does in place of the law
+        self._has_law = True  # whether the law drives once the pose is reached
+        for name in ("drive", "stand", "hold", "sit"):
+            self.create_service(Trigger, f"~/{name}", partial(self._answer_pose, name))
 
     @abstractmethod
     def prepare_law(self) -> None:
@@ -234,36 +246,184 @@ class Controller(LifecycleNode):
         """
 
     def _start(self) -> None:
-        self.trigger_configure()
-        self.trigger_activate()
+        """Configures and activates the node at its start; what prevents it ends the node."""
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            end_with(VgpsError(self._refusal))
+        elif not self._emergency:
+            self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Loads the policy and the task, and listens to the robot's sensors."""
+        try:
+            self._load()
+        except InvalidInputError as error:
+            self._refusal = str(error)
+            self._free()
+            self.health.report("configuration", error=f"Not configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        self.health.clear("configuration")
+        return super().on_configure(state)
+
+    def _load(self) -> None:
+        self._kept = {*self.subscriptions, *self.publishers}
+        if "task" not in vars(self):  # it was freed
+            self.task = make_task(value(self, TASK))
+            if (self.task.signals, self.task.controls.names) != self._told_of:
+                raise InvalidInputError(
+                    f"The task {self.task.name} has other commands, clock or controls than at the "
+                    "node's start, from which its parameters are: start the node again."
+                )
+        settings, dynamics = self._settings, self.task.dynamics
+        model, time_step = dynamics.model, dynamics.time_step
+        self._times = AnswerTimes(self.health, time_step)
+        start, poses = self.task.initial_state, self._poses
+        self._standing = keyframe_state(model, "stand_keyframe", poses.stand_keyframe, start)
+        self._sitting = keyframe_state(model, "sit_keyframe", poses.sit_keyframe, start)
+        # A policy that comes before activation is kept for it.
+        self.training = TrainingResults(
+            self,
+            self.task,
+            self.health,
+            needs_policy=self._needs_policy,
+            needs_distribution=settings.needs_distribution,
+        )
+        self._controls = controls = self.training.controls
+        self._interfaces = command_interfaces(value(self, COMMAND_INTERFACES), controls)
+        broken, marginals = self.task.limits.broken, self.training.marginals
+        self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
+        gains = gains_to_msg(controls, self.get_clock().now().to_msg())
+        self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
+        self._states = StateMessages(model, is_blind=self._is_blind(), **self._frames)
+        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
+        self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
+        self._collector = (
+            NewestMeasurements(self._states.lacking, value(self, SENSOR_TOLERANCE), time_step)
+            if self._is_real
+            else NewestMeasurements(self._states.lacking, time_step / 2)
+        )
+        qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
+        for name, sensor in self._states.sources.items():
+            self.create_subscription(sensor, name, partial(self._take_measurement, name), qos)
+        # With use_sim_time; the state of the time 0, which says so too, may be lost.
+        self._clock_jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+            post_callback=lambda _: self._supervisor.forget_time(),
+        )
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Frees what was loaded."""
+        self._free()
+        return super().on_cleanup(state)
+
+    def _free(self) -> None:
+        self._finish()
+        for subscription in [each for each in self.subscriptions if each not in self._kept]:
+            self.destroy_subscription(subscription)
+        for publisher in [each for each in self.publishers if each not in self._kept]:
+            self.destroy_publisher(publisher)
+        if jumps := vars(self).get("_clock_jumps"):
+            jumps.unregister()
+        for name in _LOADED & vars(self).keys():
+            delattr(self, name)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Starts the commands."""
+        """Starts the commands, unless there is an emergency stop."""
+        if self._emergency:
+            self.get_logger().error(f"Not activated: {self._emergency} Release it first.")
+            return TransitionCallbackReturn.FAILURE
+        self._finish()
         self._supervisor.begin()
         self._set_active(True)
+        self._take_pose("drive")
         self.training.wait()
         self.health.wait_for(self._awaited)
         self._since = time.monotonic()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stops the commands, also at the lifecycle's end and where a transition failed."""
-        self.stop()
+        """Lets the safe action drive for a while, and then stops the commands."""
+        self._leave(value(self, SETTLE_DURATION))
         return super().on_deactivate(state)
 
-    on_shutdown = on_error = on_deactivate
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops the commands, at the lifecycle's end and where a transition failed."""
+        self.stop()
+        return super().on_shutdown(state)
+
+    on_error = on_shutdown
 
     def stop(self) -> None:
         """Stops the commands: the last one leaves the robot at rest, since motors may hold it."""
-        last = self._supervisor.stop() if self._active else None
+        self._leave(0.0)
+        self._finish()
+
+    def _leave(self, settle: float) -> None:
+        """Lets the safe action drive for a time [s], where the law did."""
+        if not self._active:
+            return
         self._set_active(False)
-        self._watchdog.cancel()
+        self._set_pose(None)
+        self._until = time.monotonic() + settle
+        self._supervisor.stop_driving("the node is deactivated.")
         self.training.stop_waiting()
         self.health.stop_waiting(self._awaited)
+        if self._watchdog.is_canceled() or not settle:  # or no state was answered
+            self._finish()
+
+    def _finish(self) -> None:
+        """Ends a deactivation: sends the last command."""
+        if self._until is None:
+            return
+        self._until = None
+        self._watchdog.cancel()
         self.health.clear("state", "distance", "sensors")
-        if last:
+        if last := self._supervisor.stop():
             self.health.publish()  # a recording must know that this command is no policy's
             self._send(last)
+
+    def _take_emergency_stop(self, wanted: Bool | SetBool.Request) -> None:
+        """Lets the safe action drive until the stop is released and the node activated again."""
+        before, self._emergency = self._emergency, "There is an emergency stop." * wanted.data
+        if self._active and self._emergency and not before:
+            self._supervisor.stop_driving("there is an emergency stop.")
+            self._watch()
+
+    def _answer_emergency_stop(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        self._take_emergency_stop(request)
+        response.success = True
+        response.message = self._emergency or "Released; deactivate and activate, to drive again."
+        return response
+
+    def _answer_pose(
+        self, name: str, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        response.success = self._active and not self._supervisor.has_stopped
+        if response.success:
+            self._take_pose(name)
+            response.message = f"It {self._pose.name}." if self._pose else "It is driven."
+        else:
+            response.message = self._emergency or "Nothing moves: activate the node again first."
+        return response
+
+    def _take_pose(self, name: str) -> None:
+        """Lets the robot go to a pose and stay there, or then be driven by the law."""
+        poses, controls, self._has_law = self._poses, self._controls, name == "drive"
+        says, goal, duration = {
+            "drive": ("stands up", self._standing, poses.stand_duration),
+            "stand": ("stands up", self._standing, poses.stand_duration),
+            "hold": ("holds its pose", None, 0.0),
+            "sit": ("sits down", self._sitting if poses.sit_keyframe else None, poses.sit_duration),
+        }[name]
+        is_short = self._has_law and not duration
+        self._set_pose(None if is_short else PoseMotion(says, controls, poses, goal, duration))
+
+    def _set_pose(self, pose: PoseMotion | None) -> None:
+        self._pose = pose
+        self._collector.takes_all = pose is not None  # PD chatters where it is slow
+        self.health.set_value(POSE, pose.name if pose else "")
+        self.health.publish()  # a recording must know when the law drives
 
     def _set_active(self, is_active: bool) -> None:
         self._active = is_active
@@ -291,7 +451,7 @@ class Controller(LifecycleNode):
         return not place
 
     def _take_measurement(self, topic: str, message: Any) -> None:
-        if not self._active:
+        if not self._active and self._until is None:
             return
         if messages := self._collector.add(topic, message):
             self.health.clear("sensors")
@@ -305,7 +465,10 @@ class Controller(LifecycleNode):
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self.health.arrived(self._awaited)
-        if self._needs_policy and self.training.policy is None:
+        has_policy = self.training.policy is not None or not self._needs_policy
+        if (pose := self._pose) and pose.is_reached and self._has_law and has_policy:
+            self._set_pose(pose := None)
+        if not (pose or has_policy):
             return
         if self._watchdog.is_canceled():
             self._watchdog.reset()
@@ -330,8 +493,9 @@ class Controller(LifecycleNode):
                 stamp,
                 lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
                 time.monotonic(),
-                lambda: self.law(state, stamp, context),
+                lambda: pose.control(state, stamp) if pose else self.law(state, stamp, context),
                 told,
+                is_policy=pose is None,
             )
         except InvalidInputError as error:
             command = self._supervisor.refuse(str(error), time.monotonic())
@@ -342,10 +506,13 @@ class Controller(LifecycleNode):
 
     def _watch(self) -> None:
         """Sends the safe action where it is due without a state, once a control period."""
-        missing = self._collector.missing() or JOINTS
-        if self._active and (command := self._supervisor.watch(time.monotonic(), missing)):
-            self._send(command)
-            self._report()
+        if self._until is not None and time.monotonic() >= self._until:
+            self._finish()
+        elif self._active or self._until is not None:
+            missing = self._collector.missing() or JOINTS
+            if command := self._supervisor.watch(time.monotonic(), missing):
+                self._send(command)
+                self._report()
 
     def _send(self, command: Answer | None) -> None:
         if not command:

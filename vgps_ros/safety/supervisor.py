@@ -50,6 +50,7 @@ class Supervisor:
     Attributes:
         marginals: training marginals by trajectory index. They may be replaced at any time.
         fault: the reason why the safe action drives, or None while the policy drives.
+        has_stopped: whether the fault stays until it begins again.
         warning: a sentence on what somebody should look at, or None.
         distance: distance of the newest state from the marginals, or None if it is not measured.
 
@@ -78,11 +79,16 @@ class Supervisor:
     def begin(self) -> None:
         """Forgets the newest state and the fault, as after an activation."""
         self.fault: str | None = None
+        self.has_stopped = False
         self.warning: str | None = None
         self._state: Array | None = None  # the newest usable state, and the time at which it came
         self._resting: Array | None = None  # the control that the safe action holds
         self._received = float("-inf")
         self._newest = -1  # the stamp with which the next state's is compared
+
+    def stop_driving(self, reason: str) -> None:
+        """Lets the safe action drive for this reason, until it begins again."""
+        self.fault, self.has_stopped = reason, True
 
     def forget_time(self) -> None:
         """Accepts any stamp next, because the clock was set back."""
@@ -96,6 +102,8 @@ class Supervisor:
         now: float,
         law: Callable[[], Array],
         context: Callable[[], Array] = lambda: NO_CONTEXT,
+        *,
+        is_policy: bool = True,
     ) -> Answer | None:
         """Returns the command that answers a state, or None if nothing must be sent.
 
@@ -108,6 +116,7 @@ class Supervisor:
             law: returns the policy's control for the state, shape (n_u,).
             context: returns the commands and the clock in the state, shape (n_z,). It is called
                 before the law, and only for a usable state.
+            is_policy: whether the law is learned, so that the state must be one that it knows.
         """
         if reason := self._unusable(stamp, age, now):
             return self.refuse(reason, now)
@@ -115,7 +124,7 @@ class Supervisor:
         self._stamp = self._newest = stamp
         self._context = context()
         control = law()
-        self._fail(self._distrusted(state, control))
+        self._fail(self._distrusted(state, control) if is_policy else None)
         if self.fault:
             return self._safe_command(now)
         self._resting = None
@@ -196,8 +205,8 @@ class Supervisor:
 
     def _fail(self, reason: str | None) -> None:
         """Sets the fault, or ends it. With manual recovery the first fault stays."""
-        if self._settings.recovery == "automatic" or not self.fault:
-            self.fault = reason
+        is_kept = self.has_stopped or (self.fault and self._settings.recovery == "manual")
+        self.fault = self.fault if is_kept else reason
 
     def _is_fresh(self, now: float) -> bool:
         return now - self._received <= self._settings.state_timeout

@@ -1,0 +1,90 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Standing up, holding and sitting down, in the dynamics of a quadruped and of a servo."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.safety.poses import PoseMotion, PoseSettings, keyframe_state
+from vgps_ros.simulation.controls import controls_of
+from vgps_ros.tasks import make_task
+
+HEIGHT = 2  # index of the trunk's height in a state
+SETTINGS = PoseSettings()
+
+
+@pytest.fixture(scope="module")
+def quadruped():
+    return make_task("quadruped")
+
+
+def run(task, pose, state, seconds):
+    """Returns the states of a motion by a pose's controls, shape (T+1, n_x)."""
+    states, step = [state], task.dynamics.time_step
+    for t in range(round(seconds / step)):
+        control = pose.control(states[-1], round(t * step * 1e9))
+        states.append(task.dynamics.step(states[-1], np.clip(control, *task.controls.limits)))
+    return np.array(states)
+
+
+def a_pose(task, goal, duration):
+    return PoseMotion("moves", task.controls, SETTINGS, goal, duration)
+
+
+def crouched(task):
+    state = task.initial_state.copy()
+    state[HEIGHT] = 0.13
+    state[7:19] = np.tile([0.0, 1.35, -2.5], 4)
+    return state
+
+
+def test_it_stands_up_from_the_pose_that_is_measured_without_a_jerk(quadruped):
+    low = run(quadruped, a_pose(quadruped, None, 0.0), crouched(quadruped), 1.0)[-1]
+    assert low[HEIGHT] < 0.2
+    pose = a_pose(quadruped, quadruped.initial_state, 1.5)
+    first = pose.control(low, 0)
+    rates = low[-12:]
+    np.testing.assert_allclose(first, -rates, atol=1e-12)  # no pull where it begins
+    states = run(quadruped, pose, low, 2.5)
+    assert pose.is_reached
+    assert states[-1, HEIGHT] > 0.24
+    assert np.abs(states[-1, 7:19] - quadruped.initial_state[7:19]).max() < 0.15
+    assert np.abs(states[-1, -12:]).max() < 0.1
+
+
+def test_it_holds_the_pose_that_it_has(quadruped):
+    states = run(quadruped, a_pose(quadruped, None, 0.0), quadruped.initial_state, 3.0)
+    assert states[-1, HEIGHT] > 0.24
+    assert np.abs(states[-50:, -12:]).max() < 0.1
+
+
+def test_it_sinks_slowly_where_there_is_no_pose_to_sit_in(quadruped):
+    pose = a_pose(quadruped, None, 3.0)
+    states = run(quadruped, pose, quadruped.initial_state, 3.1)
+    assert pose.is_reached
+    height, speed = states[:-1, HEIGHT], np.diff(states[:, HEIGHT]) / quadruped.dynamics.time_step
+    assert height[-1] < 0.12  # below it the model's trunk has no contact
+    assert speed[height > 0.12].min() > -0.4  # [m/s]
+
+
+def test_servos_go_from_the_measured_pose_to_the_goal():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody>
+        <actuator><position joint="a" kp="20"/></actuator></mujoco>"""
+    )
+    pose = PoseMotion("moves", controls_of(model), SETTINGS, np.array([1.0, 0.0]), 2.0)
+    targets = [pose.control(np.array([0.2, 5.0]), t * 10**9)[0] for t in range(4)]
+    np.testing.assert_allclose(targets, [0.2, 0.6, 1.0, 1.0])
+
+
+def test_a_keyframe_that_is_none_is_refused(quadruped):
+    model, start = quadruped.dynamics.model, quadruped.initial_state
+    assert keyframe_state(model, "sit_keyframe", "", start) is start
+    np.testing.assert_array_equal(
+        keyframe_state(model, "sit_keyframe", "stand", start)[: model.nq], model.key("stand").qpos
+    )
+    with pytest.raises(
+        InvalidInputError, match="sit_keyframe is 'lie', but it must be one of stand"
+    ):
+        keyframe_state(model, "sit_keyframe", "lie", start)

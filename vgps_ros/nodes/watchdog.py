@@ -1,0 +1,76 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Node `watchdog`: sends zero torque where a controller that drives has fallen silent.
+
+Motors, and the forward controllers of ros2_control, hold the last torque or velocity that they were
+sent, also of a controller that was killed or hangs. Targets of positions are left alone: they hold.
+"""
+
+import time
+from array import array
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare, value
+from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.steady_timer import steady_timer
+
+SILENCE = Setting(
+    "silence",
+    0.1,
+    "time after a torque other than zero from which on the next one is missed [s]",
+    minimum=0.001,
+    maximum=10.0,
+)
+COMMANDS_ARE_EFFORTS = Setting(
+    "commands_are_efforts",
+    True,
+    "whether the topic commands has torques, of which zero is safe, and not the targets of servos",
+)
+
+
+class Watchdog(Node):
+    """Hears the commands of a controller, and its own."""
+
+    def __init__(self) -> None:
+        super().__init__("watchdog")
+        silence = declare(self, SILENCE)
+        topics = {"joint_command": JointState}
+        if declare(self, COMMANDS_ARE_EFFORTS):
+            topics["commands"] = Float64MultiArray
+        self._health = Health(self)
+        self._newest: dict[str, tuple[float, Any]] = {}  # by topic: when it came [s], and it
+        self._zeros = {t: self.create_publisher(kind, t, STREAM) for t, kind in topics.items()}
+        for topic, kind in topics.items():
+            self.create_subscription(kind, topic, partial(self._take, topic), NEWEST)
+        steady_timer(self, silence / 4, self._look)
+
+    def _take(self, topic: str, message: Any) -> None:
+        self._newest[topic] = time.monotonic(), message
+
+    def _look(self) -> None:
+        """Sends zeros on a topic whose last torques are not zero, and are old."""
+        silence = value(self, SILENCE)
+        for topic, (received, message) in self._newest.items():
+            is_state = isinstance(message, JointState)
+            driving = [message.effort, message.velocity] if is_state else [message.data]
+            # NaN stands where a joint has another kind of command.
+            if not any(number for values in driving for number in values if number == number):
+                self._health.clear(topic)
+            elif time.monotonic() - received > silence:
+                for values in driving:
+                    values[:] = array("d", [0.0 * number for number in values])
+                self._zeros[topic].publish(message)
+                sentence = f"No {topic} came for {silence:g} s after a torque: zeros were sent."
+                self._health.report(topic, error=sentence)
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    return run(Watchdog, streaming_executor)

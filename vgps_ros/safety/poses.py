@@ -1,0 +1,102 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Motions without a policy: standing up, holding and sitting down, by PD towards a pose."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.checks import one_of
+from vgps_ros.core.controls import Controls
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import setting
+
+
+@dataclass(frozen=True)
+class PoseSettings:
+    """How a robot gets to a pose, and from which one its policy drives."""
+
+    stand_duration: float = setting(
+        0.0,
+        "time in which the joints go from where they are measured to the pose in which the robot "
+        "stands, after an activation and before the policy drives; 0: it drives at once [s]",
+        minimum=0.0,
+        maximum=60.0,
+    )
+    stand_keyframe: str = setting(
+        "", "keyframe of the model in which the robot stands; empty: the task's initial state"
+    )
+    sit_duration: float = setting(
+        2.0, "time in which the robot sits down [s]", minimum=0.0, maximum=60.0
+    )
+    sit_keyframe: str = setting(
+        "", "keyframe in which it sits; empty: it sinks, as its motors become soft where it is"
+    )
+    pose_stiffness: float = setting(
+        60.0, "torque of a motor per deviation of its joint [N·m/rad]", minimum=0.0, maximum=1e6
+    )
+    pose_damping: float = setting(
+        1.0,
+        "torque of a motor per velocity of its joint; with too much, joints chatter at the rate of "
+        "the commands [N·m·s/rad]",
+        minimum=0.0,
+        maximum=1e6,
+    )
+
+
+class PoseMotion:
+    """Moves the joints from where they are first measured to a pose, and keeps them there.
+
+    Args:
+        name: what the robot does, for people.
+        controls: what its controls are.
+        settings: the stiffness and the damping.
+        goal: a state in the pose, shape (n_x,); None: where the joints are, and in a motion of some
+            duration the motors become soft.
+        duration: time of the motion [s].
+
+    Attributes:
+        is_reached: whether the motion has ended.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        controls: Controls,
+        settings: PoseSettings,
+        goal: Array | None,
+        duration: float,
+    ):
+        self.name, self.is_reached = name, False
+        self._controls, self._settings = controls, settings
+        self._goal, self._duration = goal, duration
+        self._begin: tuple[int, Array] | None = None  # stamp [ns] and state
+
+    def control(self, state: Array, stamp: int) -> Array:
+        """Returns u in a state (n_x,) with a stamp [ns], shape (n_u,)."""
+        if self._begin is None or stamp < self._begin[0]:
+            self._begin = stamp, state
+        began, first = self._begin
+        passed = (stamp - began) * 1e-9
+        share = min(1.0, passed / self._duration) if self._duration else 1.0
+        self.is_reached = share >= 1.0
+        at, stiffness = first, self._settings.pose_stiffness
+        if self._goal is not None:
+            at = first + share * share * (3.0 - 2.0 * share) * (self._goal - first)
+        elif self._duration:
+            stiffness *= 1.0 - share
+        return self._controls.pulling(state, at, stiffness, self._settings.pose_damping)
+
+
+def keyframe_state(model: mujoco.MjModel, setting: str, name: str, otherwise: Array) -> Array:
+    """Returns the state of a keyframe at rest, shape (n_x,); otherwise, if it has no name.
+
+    Raises:
+        InvalidInputError: the model has no such keyframe.
+    """
+    if not name:
+        return otherwise
+    one_of(setting, name, [model.key(i).name for i in range(model.nkey)])
+    state = np.zeros_like(otherwise)
+    state[: model.nq] = model.key(name).qpos
+    return state
