@@ -17,10 +17,7 @@ from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.metadata import FILE_NAME, read_metadata, type_hashes
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.conversions import gains_from_msg
 from vgps_ros.messages.names import GAINS, MJCF, URDF, is_mjcf
-from vgps_ros.simulation.controls import closed_loops, controls_of
-from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.disk import is_being_written
 
 # What a graph has once for each robot.
@@ -162,6 +159,11 @@ class BagReader:
         mjcf = self._recorded_mjcf()
         if GAINS not in self.filled_topics:
             return mjcf
+        # Slow to import, and `vgps bag --help` needs none of it.
+        from vgps_ros.messages.conversions import gains_from_msg
+        from vgps_ros.simulation.controls import closed_loops, controls_of
+        from vgps_ros.simulation.model import compile_model
+
         gains = next(self.decoded(self.filled_topics[GAINS]))[1]
         return closed_loops(mjcf, *gains_from_msg(gains, controls_of(compile_model(mjcf))))
 

@@ -128,7 +128,8 @@ class Controls:
         return np.asarray(self.positions.any(axis=1))
 
     @cached_property
-    def _are_servos(self) -> Mask:
+    def are_servos(self) -> Mask:
+        """Which controls exert a force that depends on the state, shape (n_u,)."""
         return np.asarray(self.stiffness + self.damping > 0.0)
 
     @property
@@ -157,13 +158,13 @@ class Controls:
     def largest(self) -> Array:
         """Largest |τ| within the limits of the model, shape (n_u,) [N·m, N]; 1e9 for no limit."""
         ends = np.abs([self.strength * end + self.bias for end in self.limits]).max(axis=0)
-        return np.where(self._are_servos, self.servo_forces, np.minimum(ends, CONTROL_BOUND))
+        return np.where(self.are_servos, self.servo_forces, np.minimum(ends, CONTROL_BOUND))
 
     @property
     def least(self) -> Array:
         """Smallest |τ| within the limits of the model, shape (n_u,) [N·m, N]; of servos 0."""
         low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
-        return np.where(self._are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
+        return np.where(self.are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
 
     def at_joints(self, control: Array) -> Array:
         """Returns w, shape (..., n_u), of u."""
@@ -212,7 +213,7 @@ class Controls:
         """
         low, high = np.clip(self.limits, -CONTROL_BOUND, CONTROL_BOUND)
         passive = self.bias.copy()  # τ at u = 0
-        if self._are_servos.any():
+        if self.are_servos.any():
             passive -= self.stiffness * (self.positions * state).sum(axis=1)
             passive -= self.damping * (self.velocities * state).sum(axis=1)
         ends = np.sort([(side - passive) / self.strength for side in (-forces, forces)], axis=0)

@@ -85,7 +85,8 @@ def _show(task: "Task", found: TaskCheck) -> None:
     console, dims, freedoms = table_console(), task.dims, task.dynamics.model.nv
     console.print(
         f"{dims['n_x']} numbers a state ({freedoms} degrees of freedom, positions and "
-        f"velocities), {dims['n_u']} controls ({', '.join(task.actuated_joint_names)}), "
+        f"velocities), {dims['n_u']} controls, {task.controls.label()} "
+        f"({', '.join(task.controls.names)}), "
         f"{task.horizon} steps of {task.dynamics.time_step:g} s and {task.lookahead} beyond, each "
         f"of {task.dynamics.substeps} simulator steps."
     )

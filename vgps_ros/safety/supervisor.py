@@ -295,6 +295,9 @@ class ControlLimiter:
     def __init__(self, settings: SafetySettings, controls: Controls, period: float):
         self._torques = settings.torques_of(controls)
         self._controls, self._period = controls, period
+        self._bounds = None  # that hold in each state, of a robot without servos
+        if not controls.are_servos.any():
+            self._bounds = controls.bounds(np.zeros(controls.positions.shape[1]), self._torques)
         self._rate = settings.torque_rate_limit / np.abs(controls.strength)  # of u
         # The latest command, and the one before it. A command that answered no state has the stamp
         # -1; without a control there was none.
@@ -304,7 +307,7 @@ class ControlLimiter:
 
     def clipped(self, control: Array, state: Array) -> Array:
         """Returns a control within the limits of the torques in a state, shape (n_u,)."""
-        return _clip(control, *self._controls.bounds(state, self._torques))
+        return _clip(control, *(self._bounds or self._controls.bounds(state, self._torques)))
 
     def limited(self, control: Array, stamp: int, state: Array) -> Array:
         """Returns a control within all limits in a state with a stamp [ns], shape (n_u,)."""

@@ -92,7 +92,9 @@ class IterationMetrics:
     stochastic_survival: Annotated[
         float, Metric("share of the rollouts that neither diverged nor fell, in [0, 1]")
     ]
-    noise_std: Annotated[tuple[float, ...], Metric("shape (n_u,): the policy's noise [N·m]")]
+    noise_std: Annotated[
+        tuple[float, ...], Metric("shape (n_u,): the policy's noise, in the controls' units")
+    ]
     policy_kl: Annotated[
         float,
         Metric("mean E_q[KL(q || pi_theta)] of a step, of the q before line 6 [nat]", "policy_kl"),
