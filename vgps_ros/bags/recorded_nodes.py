@@ -12,8 +12,7 @@ import numpy as np
 from rclpy.parameter import parameter_value_to_python
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.core.controls import Controls
-from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.controls import CONTROL_BOUND, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy
 from vgps_ros.core.observation import NO_CONTEXT, Observation

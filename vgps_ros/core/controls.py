@@ -29,8 +29,10 @@ from itertools import compress, repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.dynamics import CONTROL_BOUND
 from vgps_ros.core.records import Array
+
+# A control beyond it has diverged; MuJoCo replaces one beyond 1e10 by zero and would hide it.
+CONTROL_BOUND = 1e9
 
 Mask = NDArray[np.bool_]
 

@@ -111,8 +111,6 @@ def _rows(deviations: Array, at: slice, shape: tuple[int, ...]) -> Array:
 
 # A state beyond this magnitude has diverged [m, rad, m/s, rad/s]; no sound motion comes near it.
 DIVERGENCE_BOUND = 1e4
-# A control beyond it has diverged [N·m]; MuJoCo replaces one beyond 1e10 by zero and would hide it.
-CONTROL_BOUND = 1e9
 
 ControlLaw = Callable[[int, Array], Array]
 """Maps the step t and states (N, n_x) to controls (N, n_u), [N·m]."""

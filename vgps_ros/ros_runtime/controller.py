@@ -30,8 +30,7 @@ from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of, quoted
-from vgps_ros.core.controls import INTERFACES, Controls
-from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.controls import CONTROL_BOUND, INTERFACES, Controls
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import NO_CONTEXT

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import ControlKind, Controls
-from vgps_ros.core.dynamics import CONTROL_BOUND
+from vgps_ros.core.controls import CONTROL_BOUND, ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import actuated_joint_names, control_range

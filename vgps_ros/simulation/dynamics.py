@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import mujoco
 import numpy as np
 
-from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND, ControlLaw
+from vgps_ros.core.controls import CONTROL_BOUND
+from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy

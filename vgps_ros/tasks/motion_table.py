@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import finite_array, nearest, quoted
-from vgps_ros.core.dynamics import CONTROL_BOUND, DIVERGENCE_BOUND
+from vgps_ros.core.controls import CONTROL_BOUND
+from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.controls import controls_of
