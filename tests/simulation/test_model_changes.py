@@ -236,6 +236,23 @@ def test_a_sensor_reads_what_it_says(compiled):
     assert_allclose(data.sensor("height").data, [0, 0, 0.3], atol=1e-12)
 
 
+def test_what_mujoco_measures_at_sites_can_be_measured_at_a_bodys_frame(compiled, rng):
+    model = compiled(
+        {
+            "velocity": {"type": "velocimeter", "xbody": "trunk"},
+            "turning": {"type": "gyro", "xbody": "trunk"},
+        }
+    )
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = rng.standard_normal(4)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    data.qvel[:6] = rng.standard_normal(6)
+    mujoco.mj_forward(model, data)
+    rotation = data.body("trunk").xmat.reshape(3, 3)
+    assert_allclose(data.sensor("velocity").data, rotation.T @ data.qvel[:3], atol=1e-12)
+    assert_allclose(data.sensor("turning").data, data.qvel[3:6], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("changes", "sensors", "sentence"),
     [

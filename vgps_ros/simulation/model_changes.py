@@ -253,6 +253,10 @@ def _add_sensor(spec: mujoco.MjSpec, name: str, sensor: Values) -> None:
     added.type = getattr(mujoco.mjtSensor, f"mjSENS_{(kind.mujoco_name or sensor['type']).upper()}")
     if kind.objects:
         added.objtype, added.objname = _object(spec, sensor, place)
+    if "xbody" in sensor and "site" in kind.objects and "body" not in kind.objects:
+        # MuJoCo measures these at sites alone, so the frame gets one, which no picture shows.
+        site = spec.body(added.objname).add_site(name=f"{name}_frame", group=5)
+        added.objtype, added.objname = mujoco.mjtObj.mjOBJ_SITE, site.name
     if "relative_to" in sensor:
         added.reftype, added.refname = _object(spec, sensor["relative_to"], (*place, "relative_to"))
     if "cutoff" in sensor:

@@ -30,7 +30,7 @@ SENSOR_TYPES: dict[str, SensorType] = {
     "touch": SensorType(("site",)),
     **dict.fromkeys(
         ("accelerometer", "velocimeter", "gyro", "force", "torque", "magnetometer"),
-        SensorType(("site",), XYZ),
+        SensorType(("site", "xbody"), XYZ),  # at a body's frame it gets a site of its own
     ),
     **dict.fromkeys(
         ("jointpos", "jointvel", "jointlimitpos", "jointlimitvel", "jointlimitfrc"),
