@@ -2,6 +2,8 @@
 """The loss of the M-step and its derivatives, against the network that robots execute."""
 
 import dataclasses
+import subprocess
+import sys
 from itertools import repeat
 
 import numpy as np
@@ -147,3 +149,60 @@ def test_shorter_steps_gain_where_few_samples_mislead(taught):
         for retries in (0, 3)
     ]
     assert values[1] < values[0] - 0.05
+
+
+@pytest.mark.parametrize("hidden_units", [(), (64, 64)])
+def test_blocks_of_samples_change_no_sum(drawn, rng, hidden_units):
+    """Of the wide network's 40,000 samples there are 23 blocks, and of its curvature's 4."""
+    policy, loss = drawn(hidden_units, inputs=5, count=40_000)
+    point = loss.at(policy.parameters)
+    thousands = [
+        dataclasses.replace(loss, inputs=inputs, targets=targets)
+        for inputs, targets in zip(
+            loss.inputs.split(1000, dim=1), loss.targets.split(1000, dim=1), strict=True
+        )
+    ]
+    passes = [outputs(policy, policy.parameters, each) for each in thousands]
+    errors = [p - each.targets.numpy() for p, each in zip(passes, thousands, strict=True)]
+    v = np.mean([(e**2).mean(axis=1) for e in errors], axis=0) + 0.3
+    assert_allclose(point.value, 0.5 * np.log(v).sum(), rtol=1e-12)
+    # A mean with the whole's weights is a gradient of ½ Σ E[r²] / v, whose gradients add up.
+    step = 1e-6 * rng.standard_normal(len(point.gradient))
+    ahead, behind = (loss.value(policy.parameters + sign * step) for sign in (1, -1))
+    assert_allclose(point.gradient @ step, (ahead - behind) / 2, rtol=1e-6)
+    curvature = loss.curvature(policy.parameters, point.weights)
+    part = dataclasses.replace(
+        loss, inputs=loss.inputs[:, ::7].contiguous(), targets=loss.targets[:, ::7].contiguous()
+    )
+    changed = (
+        outputs(policy, policy.parameters + step, part)
+        - outputs(policy, policy.parameters - step, part)
+    ) / 2
+    expected = (changed**2 / v[:, None]).sum() / part.inputs.shape[1]
+    assert_allclose(step @ curvature.times(step), expected, rtol=1e-6)
+
+
+FIT = """
+import os, sys
+os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
+from itertools import repeat
+import numpy as np, torch
+from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
+from vgps_ros.core.policy import Architecture
+rng = np.random.default_rng(0)
+shape = Architecture(("a", "b", "c"), (64, 64), 2)
+columns = [torch.from_numpy(rng.standard_normal((n, 10_000))) for n in (3, 2)]
+loss = FitLoss(shape, *columns, torch.full((2,), 0.3), torch.full((2,), 1e-6))
+start = 0.1 * rng.standard_normal(shape.num_parameters)
+print(minimize_gauss_newton(start, repeat(loss), 3, 0.0).tobytes().hex())
+"""
+
+
+def test_a_fit_has_the_same_bits_on_any_number_of_cores():
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", FIT, cores], capture_output=True, text=True, check=True
+        ).stdout
+        for cores in ("1", "2")
+    ]
+    assert found[0] == found[1] != ""

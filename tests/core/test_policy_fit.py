@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core import policy_fit
+from vgps_ros.core.augmentation import Augmentation, Mirror
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture
@@ -272,3 +273,32 @@ def test_draws_come_as_often_as_they_are_probable(rng):
     assert_array_equal(first.means, 10 * first.inputs)
     assert_array_equal(first.variances, 100 * first.inputs)
     assert first.inputs.tobytes() != second.inputs.tobytes()
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25, 0.0])
+def test_a_share_of_the_replayed_samples_counts(linear_target, whole, rng, share):
+    """The noise tells their weight: they alone have a spread of 1000."""
+    q, _, _, std = linear_target
+    count = 5 * len(q.gains)
+    replay = draw_targets([q], whole, "analytic", 20, rng)
+    wide = dataclasses.replace(replay, variances=replay.variances + 1000.0)
+    start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
+    settings = FitSettings(samples_per_step=5, replayed=share)
+    policy = fit_policy(start, whole, [q], settings, rng, replay=[wide])
+    replayed = share * len(replay.inputs)
+    expected = std**2 + 1000.0 * replayed / (replayed + count)
+    assert_allclose(policy.noise_std**2, expected, rtol=1e-3)
+
+
+def test_a_sample_is_mirrored_as_often_as_not(rng):
+    mirror = Mirror(np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0]), np.array([1, 0]), -np.ones(2))
+    samples = tuple(rng.standard_normal((10_000, n)) for n in (3, 2, 2))
+    inputs, means, variances = Augmentation(np.zeros(3), mirror)(samples, rng)
+    swapped = mirror(samples)
+    is_swapped = (inputs == swapped[0]).all(axis=1)
+    assert 0.45 < is_swapped.mean() < 0.55
+    for found, there, here in zip((inputs, means, variances), swapped, samples, strict=True):
+        assert_array_equal(found, np.where(is_swapped[:, None], there, here))
+    for twice, once in zip(mirror(swapped), samples, strict=True):
+        assert_array_equal(twice, once)
+    assert_array_equal(swapped[0][0], samples[0][0][[1, 0, 2]] * [1, 1, -1])

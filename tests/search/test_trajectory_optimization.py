@@ -38,6 +38,23 @@ def test_a_solve_without_a_guess_starts_from_the_tasks_own_first_motion(short_sw
     assert own.simulator_steps == given.simulator_steps
 
 
+def test_a_solve_for_the_cost_alone_may_end_early(short_swimmer, first_request, next_request):
+    early = dataclasses.replace(short_swimmer.optimizer, first_tolerance=0.05)
+    task = dataclasses.replace(short_swimmer, optimizer=early)
+    whole, short = (
+        optimize(each, dataclasses.replace(first_request, max_iterations=30))
+        for each in (short_swimmer, task)
+    )
+    assert short.status is Status.CONVERGED
+    assert len(short.iterations) < len(whole.iterations)
+    *others, last = short.iterations
+    assert last.cost_reduction < 0.05 * last.cost
+    assert all(each.cost_reduction >= 0.05 * each.cost for each in others)
+    # What a policy has a part in goes on as before.
+    adapted = [optimize(each, next_request).distribution for each in (short_swimmer, task)]
+    assert_array_equal(adapted[0].mean.states, adapted[1].mean.states)
+
+
 def test_distribution_is_centred_on_an_executed_trajectory(short_swimmer, next_request):
     q = optimize(short_swimmer, next_request).distribution
     states, controls = q.mean.states, q.mean.controls

@@ -1,8 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Blurs the M-step's samples as sensors misread, and adds a robot's mirror image of each.
+"""Blurs the M-step's samples as sensors misread, and mirrors half of them.
 
 A policy that has only seen exact readings trusts them too much, so the samples may be blurred as
-the robot's sensors are. Where a robot's left and right are alike, each sample is worth two.
+the robot's sensors are. Where a robot's left and right are alike, a sample teaches the mirrored
+motion as well: each draw mirrors every sample or not, at random.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ class Augmentation:
 
     Attributes:
         noise: standard deviation of what is added to each number that is read, shape (n_o,).
-        mirror: doubles the samples; None for no mirror.
+        mirror: mirrors each sample with probability ½; None for no mirror.
     """
 
     noise: Array
@@ -61,5 +62,6 @@ class Augmentation:
             samples = inputs + self.noise * rng.standard_normal(inputs.shape), means, variances
         if self.mirror is None:
             return samples
-        both = zip(samples, self.mirror(samples), strict=True)
-        return tuple(np.concatenate(pair) for pair in both)  # type: ignore[return-value]
+        mirrored = rng.uniform(size=(len(samples[0]), 1)) < 0.5
+        both = zip(self.mirror(samples), samples, strict=True)
+        return tuple(np.where(mirrored, *pair) for pair in both)  # type: ignore[return-value]

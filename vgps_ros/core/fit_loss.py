@@ -23,11 +23,17 @@ one draw it comes closer to that draw's optimum, but q, which adapts to the netw
 poorer one (docs/evidence/benchmarks.md). They also tell when to end: once the last step has gained
 less on new samples than a tolerance. Where samples are few for the size of the network, a step may
 suit its own samples alone; a shorter one, with a larger λ, may still gain on all.
+
+The samples are passed in blocks, on all cores. Where the blocks end depends on the size of the
+network alone, and their sums are added in order, so that no bit depends on the number of cores.
 """
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,6 +46,25 @@ from vgps_ros.core.records import Array
 # The curvature comes from a share of the samples, but not from too few of them. Seven divides few
 # horizons, so that all steps have their share.
 _PARTS, _LEAST_PART = 7, 1000
+
+# Samples times parameters of a block: some milliseconds of one core.
+_BLOCK = 2**23
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)), "m_step")
+
+
+def _total(parts: Sequence[Any]) -> Any:
+    """Returns the sum, added in order."""
+    first, *others = parts
+    return sum(others, first)
+
+
+def _for_each(function: Callable[..., Any], *blocks: Sequence[Any]) -> list[Any]:
+    """Returns the function of each block, in order."""
+    return list((map if len(blocks[0]) == 1 else _pool().map)(function, *blocks))
 
 
 @dataclass(frozen=True)
@@ -77,15 +102,19 @@ class FitLoss:
 
     def at(self, theta: Array) -> Point:
         """Returns the loss and its gradient at θ."""
-        passes = self._passes(theta)
-        residuals, v = self._misfit(passes)
+        passes = self._passes(theta, self.inputs)
+        residuals = [p.outputs - wanted for p, wanted in zip(passes, self._wanted, strict=True)]
+        v = self._variances(residuals)
         weights = torch.where(v > self.least, 1.0 / v, 0.0)
-        gradient = passes.backwards(residuals * (weights / residuals.shape[1])[:, None])
+        scale = (weights / self.inputs.shape[1])[:, None]
+        gradient = _total(_for_each(lambda p, r: p.backwards(r * scale), passes, residuals))
         return Point(self._value(v), gradient, weights)
 
     def value(self, theta: Array) -> float:
         """Returns F at θ."""
-        return self._value(self._misfit(self._passes(theta))[1])
+        passes = self._passes(theta, self.inputs)
+        residuals = [p.outputs - wanted for p, wanted in zip(passes, self._wanted, strict=True)]
+        return self._value(self._variances(residuals))
 
     def value_and_gradient(self, theta: Array) -> tuple[float, Array]:
         """Returns F and ∇F at θ."""
@@ -95,16 +124,26 @@ class FitLoss:
     def curvature(self, theta: Array, weights: torch.Tensor) -> "Curvature":
         """Returns G at θ, over a part of the samples."""
         parts = max(1, min(_PARTS, self.inputs.shape[1] // _LEAST_PART))
-        passes = Passes(self.architecture, theta, self.inputs[:, ::parts].contiguous())
+        passes = self._passes(theta, self.inputs[:, ::parts])
         return Curvature(self.architecture, passes, weights)
 
-    def _passes(self, theta: Array) -> Passes:
-        return Passes(self.architecture, theta, self.inputs)
+    def _passes(self, theta: Array, inputs: torch.Tensor) -> list[Passes]:
+        """Returns the passes of each block."""
+        blocks = self._blocks(inputs)
+        return _for_each(lambda block: Passes(self.architecture, theta, block), blocks)
 
-    def _misfit(self, passes: Passes) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns r, shape (n_u, N), and v, shape (n_u,)."""
-        residuals = passes.outputs - self.targets
-        return residuals, (residuals**2).mean(dim=1) + self.variances
+    def _blocks(self, columns: torch.Tensor) -> list[torch.Tensor]:
+        size = max(1, _BLOCK // self.architecture.num_parameters)
+        return [block.contiguous() for block in columns.split(size, dim=1)]
+
+    @cached_property
+    def _wanted(self) -> list[torch.Tensor]:
+        return self._blocks(self.targets)
+
+    def _variances(self, residuals: list[torch.Tensor]) -> torch.Tensor:
+        """Returns v, shape (n_u,), of r in blocks (n_u, N_b)."""
+        squares = _total([(r**2).sum(dim=1) for r in residuals])
+        return squares / self.inputs.shape[1] + self.variances
 
     def _value(self, v: torch.Tensor) -> float:
         return 0.5 * torch.log(torch.maximum(v, self.least)).sum().item()
@@ -115,13 +154,17 @@ class Curvature:
     """G = E[Jᵀ W J] at one θ, by its products."""
 
     architecture: Architecture
-    passes: Passes
+    passes: list[Passes]
     weights: torch.Tensor
 
     def times(self, step: Array) -> Array:
         """Returns G s, shape (num_parameters,)."""
-        scale = (self.weights / self.passes.outputs.shape[1])[:, None]
-        return self.passes.backwards(self.passes.forwards(step) * scale)
+        scale = (self.weights / self._count)[:, None]
+        return _total(_for_each(lambda p: p.backwards(p.forwards(step) * scale), self.passes))
+
+    @cached_property
+    def _count(self) -> int:
+        return sum(p.outputs.shape[1] for p in self.passes)
 
     def solve(self, gradient: Array, damping: float, iterations: int) -> Array:
         """Returns about −(G + λ d I)⁻¹ ∇F, by conjugate gradients, d being G's mean diagonal."""
@@ -152,7 +195,15 @@ class Curvature:
 
     @cached_property
     def _factors(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        return self.passes.factors(self.weights)
+        found = _for_each(lambda p: p.factors(self.weights), self.passes)
+        shares = [p.outputs.shape[1] / self._count for p in self.passes]
+        return [
+            (
+                _total([outer * n for (outer, _), n in zip(layer, shares, strict=True)]),
+                _total([inner * n for (_, inner), n in zip(layer, shares, strict=True)]),
+            )
+            for layer in zip(*found, strict=True)
+        ]
 
     @cached_property
     def _eigen(self) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:

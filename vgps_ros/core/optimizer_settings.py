@@ -67,6 +67,13 @@ class OptimizerSettings:
         minimum=1,
         maximum=10_000,
     )
+    first_tolerance: float = setting(
+        0.0,
+        "relative cost reduction below which a solve for the cost alone ends, in place of a "
+        "smaller ddp.cost_tolerance",
+        minimum=0.0,
+        maximum=1.0,
+    )
     bound_tolerance: float = setting(
         0.0,
         "share of what a q-step has raised the bound by so far; a DDP iteration that raises it by "
@@ -134,6 +141,12 @@ class FitSettings:
         "for large networks, which a few samples mislead",
         minimum=0,
         maximum=1000,
+    )
+    replayed: float = setting(
+        1.0,
+        "share of the replayed samples that an iteration of gauss_newton draws anew",
+        minimum=0.0,
+        maximum=1.0,
     )
     late: float = setting(
         0.0,

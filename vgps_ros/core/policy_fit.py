@@ -24,6 +24,7 @@ where o = h(x) is what the policy reads. Far from all marginals, the linear feed
 nothing: a rollout counts until it has left them for the first time.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -164,6 +165,7 @@ def fit_policy(
     rng: np.random.Generator,
     visited: Sequence[Targets] = (),
     augmentation: Augmentation | None = None,
+    replay: Sequence[Targets] = (),
 ) -> GaussianPolicy:
     """Returns the policy that maximises L(q, θ), started from `policy`.
 
@@ -177,7 +179,9 @@ def fit_policy(
         rng: source of the samples.
         visited: further samples, of the states that the policy itself has visited.
         augmentation: what becomes of the samples; None: they stay as they are.
+        replay: samples of earlier q, of which each iteration draws its share.
     """
+    pool = joined(replay) if replay else None
 
     def samples() -> Iterator[Targets]:
         while True:
@@ -189,7 +193,8 @@ def fit_policy(
                 rng,
                 settings.late,
             )
-            found = joined([drawn, *visited])
+            replayed = [_share(pool, settings.replayed, rng)] if pool else []
+            found = joined([drawn, *visited, *replayed])
             if augmentation:
                 samples = found.inputs, found.means, found.variances
                 found = Targets(*augmentation(samples, rng))
@@ -197,6 +202,14 @@ def fit_policy(
 
     scaling = Standardization.of(policy.architecture, observation, distributions)
     return fit_to_targets(policy, samples(), scaling, settings)
+
+
+def _share(pool: Targets, share: float, rng: np.random.Generator) -> Targets:
+    """Draws a share of the samples, without putting any back."""
+    if share == 1.0:
+        return pool
+    rows = rng.choice(len(pool.inputs), math.ceil(share * len(pool.inputs)), replace=False)
+    return Targets(pool.inputs[rows], pool.means[rows], pool.variances[rows])
 
 
 def fit_to_targets(

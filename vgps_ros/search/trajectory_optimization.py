@@ -87,7 +87,7 @@ def optimize(
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
-    tolerance = 0.0
+    ddp, tolerance = _scaled(task.optimizer.ddp, request.cost_scale), 0.0
     if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
@@ -95,11 +95,14 @@ def optimize(
         policy, gains = request.policy, request.previous.gains
         cost = PolicyCost(scaled, policy, task.observation, deviations, gains)
         tolerance = task.optimizer.bound_tolerance
+    else:
+        least = max(ddp.cost_tolerance, task.optimizer.first_tolerance)
+        ddp = replace(ddp, cost_tolerance=least)
     solution = solve(
         task.dynamics,
         cost,
         start.trajectory,
-        _scaled(task.optimizer.ddp, request.cost_scale),
+        ddp,
         request.max_iterations,
         linear_dynamics=start.linear_dynamics,
         gaps=start.gaps,

@@ -259,9 +259,11 @@ class Workspace:
         """
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)
-        further = [*self._visited(policy, scored, k), *replay]
-        augmentation, settings = self.task.augmentation, self.settings.fit
-        fitted = fit_policy(policy, observation, scored, settings, rng, further, augmentation)
+        visited, settings = self._visited(policy, scored, k), self.settings.fit
+        augmentation = self.task.augmentation
+        fitted = fit_policy(
+            policy, observation, scored, settings, rng, visited, augmentation, replay
+        )
         stays = np.array_equal(fitted.parameters, policy.parameters)
         # Gauss-Newton ends at its start where the fit has converged, which is no trouble.
         if stays and self.settings.fit.optimizer != "gauss_newton":

@@ -607,7 +607,7 @@ class TaskFile(Record, frozen=True, kw_only=True):
         MirrorEntry | None,
         about(
             "exchange of left and right, for a robot that is alike on both sides: it learns from "
-            "the mirror image of each sample too",
+            "mirror images too",
             {"swap": [["left", "right"]], "flip": ["*_hip"]},
         ),
     ] = None
