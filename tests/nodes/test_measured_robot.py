@@ -133,10 +133,14 @@ class Robot:
 
 
 def test_a_blind_policy_is_driven_at_its_own_rate_by_joints_and_an_imu_without_odometry(
-    graph, blind
+    graph, blind, tmp_path
 ):
     """Joints at 200 Hz, an IMU at 400 Hz with its own stamps; some are late, lost, overtaken."""
+    recorder = graph.start("recorder", output=tmp_path / "bag")
     robot, rng = Robot(graph, blind, state_timeout=5.0, **REAL), np.random.default_rng(0)
+    for topic in ("imu", "joint_states", "joint_command", "context", "policy"):
+        graph.spin_until(lambda t=topic: graph.node.count_subscribers(t) > (t in robot.sent))
+    graph.spin_for(1.0)
     late = []  # messages that are sent later than measured, and so are overtaken
     first = 7 * MS
     for tick in range(480):  # of 2.5 ms each
@@ -159,6 +163,13 @@ def test_a_blind_policy_is_driven_at_its_own_rate_by_joints_and_an_imu_without_o
     for command in commands:
         assert robot.is_explained(command, 50 * MS), nanoseconds(command.header.stamp) / MS
     assert "odom" not in dict(graph.node.get_topic_names_and_types())
+
+    graph.spin_for(1.2)  # for the diagnostics
+    assert recorder.end() == 0, recorder.output
+    found = check_bag(tmp_path / "bag")
+    assert found.wrong == []
+    assert found.counts["mean"] > 40
+    assert "the states, which no simulation in lock-step computed" in found.unproved
 
 
 def test_an_imu_that_falls_silent_is_named_and_the_policy_drives_again_once_it_comes(graph, blind):

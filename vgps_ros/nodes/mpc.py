@@ -12,7 +12,6 @@ from functools import partial
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
 from vgps_msgs.msg import Plan as PlanMsg
 
 from vgps_ros.core.cost import FeatureCost
@@ -21,10 +20,10 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
-from vgps_ros.messages.names import MJCF, PLAN_AGE, PLAN_COST, PLAN_DURATION
+from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, declare_settings, value
-from vgps_ros.ros_runtime.qos import LATEST, STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.search.mpc import (
     LARGEST_ADJUSTMENT,
@@ -57,7 +56,6 @@ class Mpc(Controller):
         super().__init__("mpc", needs_policy=False)
         self._since, self._count = time.monotonic(), 0  # of plans
         self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
-        self.create_publisher(String, MJCF, LATEST).publish(String(data=self.task.mjcf))
 
     def prepare_law(self) -> None:
         """Declares the parameters of the plans, and makes the first one before any peer waits."""

@@ -23,7 +23,7 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray, UInt8MultiArray
+from std_msgs.msg import Bool, Float64MultiArray, String, UInt8MultiArray
 from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals as SignalsMsg
@@ -52,6 +52,7 @@ from vgps_ros.messages.names import (
     EMERGENCY_STOP,
     GAINS,
     IS_ACTIVE,
+    MJCF,
     POLICY_OF_ITERATION,
     POSE,
     SAFE_ACTION,
@@ -290,6 +291,8 @@ class Controller(LifecycleNode):
         self._interfaces = command_interfaces(value(self, COMMAND_INTERFACES), controls)
         broken, marginals = self.task.limits.broken, self.training.marginals
         self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
+        # Of a real robot no other node of this project tells it, and a bag needs it.
+        self.create_publisher(String, MJCF, LATEST).publish(String(data=self.task.mjcf))
         gains = gains_to_msg(controls, self.get_clock().now().to_msg())
         self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
         self._states = StateMessages(model, is_blind=self._is_blind(), **self._frames)
