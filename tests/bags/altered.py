@@ -86,6 +86,23 @@ def rewritten(
     return target
 
 
+def without(bag: Path, target: Path, topic: str, count: int) -> Path:
+    """Writes a bag again, without its first messages on a topic."""
+    definitions, writer = definitions_of(bag), BagWriter(target)
+    writer._definitions = SimpleNamespace(find=definitions.__getitem__)
+    with BagReader(bag) as given:
+        for name, kind in given.topics.items():
+            writer.add_topic(name, kind, given.type_hashes[name], given.qos[name])
+        for name, text in given.attachments().items():
+            writer.attach(name, text, given.start)
+        for message in given.messages():
+            count -= (is_left_out := message.topic == topic and count > 0)
+            if not is_left_out:
+                writer.write(message.topic, message.stamp, message.data)
+    writer.close()
+    return target
+
+
 def _with_values(data: bytes, parameters) -> bytes:
     """An event in which the executor says these values of its parameters."""
     kind = "rcl_interfaces/msg/ParameterEvent"

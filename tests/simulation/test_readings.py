@@ -84,6 +84,18 @@ def test_coordinates_sines_and_cosines_are_those_of_the_state(states):
     assert_allclose(by_state, slopes, rtol=1e-15)
 
 
+def test_quaternions_turn_as_finite_differences_say(states):
+    readings = Readings(
+        SIMULATIONS, [f"{joint}/q{i}" for joint in ("base", "tail") for i in "wxyz"]
+    )
+    found, by_state, _ = readings.linearize(states)
+    assert_array_equal(found[:, :4], states[:, 3:7])
+    for j, direction in enumerate(np.eye(SIMULATIONS.space.tangent_dim)):
+        there, back = (SIMULATIONS.space.add(states, s * 1e-6 * direction) for s in (1, -1))
+        slopes = (readings(there) - readings(back)) / 2e-6
+        assert_allclose(by_state[..., j], slopes, rtol=0, atol=1e-8)
+
+
 @pytest.mark.parametrize(
     "names", [["hip/position", "hip/velocity"], ["hip/sin", "gyro/x", "hip/velocity"]]
 )
@@ -112,5 +124,5 @@ def test_a_state_that_diverged_reads_nan(states):
 def test_an_unknown_name_is_refused_with_the_nearest():
     with pytest.raises(InvalidInputError, match=r"'hipp/velocity'.* Did you mean 'hip/velocity'\?"):
         Readings(SIMULATIONS, ["hipp/velocity"])
-    with pytest.raises(InvalidInputError, match="'tail/qw'"):
-        Readings(SIMULATIONS, ["tail/qw"])
+    with pytest.raises(InvalidInputError, match="'tail/qq'"):
+        Readings(SIMULATIONS, ["tail/qq"])

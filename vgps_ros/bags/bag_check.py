@@ -46,7 +46,7 @@ from vgps_ros.bags.recorded_nodes import (
 )
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import ExecutedPolicy, Policy
+from vgps_ros.core.executed_control import FORGOTTEN, ExecutedPolicy, Policy
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
@@ -404,6 +404,10 @@ def _check_torques(
             + ", or whose context is not" * bool(executor.signals.names),
         ),
         ("first", "torques are the first under a torque_rate_limit, so that none before is known"),
+        (
+            "remembering",
+            "torques depend on steps that are not in the bag, which a policy remembers",
+        ),
         ("unsaid", "torques may be of the safe action, of which this version says nothing"),
     ):
         if counts[kind]:
@@ -429,7 +433,16 @@ class _TorqueCheck:
         self._log = _executor_log(bag)
         self._policies = _policies(bag, executor)
         self._marginals = _marginals(bag, executor)
+        # Steps after which a policy remembers none from before the bag but by its actions.
+        remembered = [
+            policy.policy.contract.steps
+            for _, policy in self._policies.values
+            if isinstance(policy.policy, OnnxPolicy) and policy.policy.contract.remembers
+        ]
+        self._steps = 1 + max(remembered, default=-1)
         self._is_first = True
+        # Steps whose answers may depend on steps that are not in the bag, and the newest stamp.
+        self._unsure, self._stamp, self._is_limited = 0, -1, False
 
     def kind_of(self, command: _Command, states: list[tuple[Array, Array]]) -> tuple[str, str]:
         """Returns what recorded torques are, and a sentence if they are wrong.
@@ -440,6 +453,12 @@ class _TorqueCheck:
         """
         limiter = self._executor.limiter
         control = command.control
+        if command.stamp != self._stamp:
+            is_next = 0 < command.stamp - self._stamp <= GAP * self._executor.period
+            self._unsure = max(0, self._unsure - (not self._is_limited))
+            if self._stamp < 0 or not is_next or not states:
+                self._unsure = self._steps
+            self._stamp = command.stamp
         kind, sentence = "stateless", ""
         if states:
             kind, sentence, control = self._compared(command, states)
@@ -466,10 +485,15 @@ class _TorqueCheck:
         ]
         for state, iteration, policy, seed in reversed(tries):  # noqa: B007
             inputs = executor.inputs(policy.policy, *state)
-            wanted = policy.control(inputs, command.stamp, seed)
-            expected = executor.limiter.limited(wanted, command.stamp, state[0])
-            if kind := self._agreement(control, expected, policy, seed):
-                return kind, "", expected if kind in ("mean", "noisy") else control
+            kept = policy.remembered
+            for memory in (kept, FORGOTTEN) if isinstance(policy.policy, OnnxPolicy) else (kept,):
+                policy.remembered = memory  # or none, as after an activation
+                wanted = policy.control(inputs, command.stamp, seed)
+                expected = executor.limiter.limited(wanted, command.stamp, state[0])
+                if kind := self._agreement(control, expected, policy, seed):
+                    return kind, "", expected if kind in ("mean", "noisy") else control
+            policy.remembered = kept
+            policy.control(inputs, command.stamp, seed)
         marginals = self._marginals.around(command.received) or [()]
         may_be_safe = any(executor.is_safe(control, x, marginals, z) for x, z in states)
         if may_be_safe and (is_said := self._did_not_drive(command.received)) is not False:
@@ -478,6 +502,8 @@ class _TorqueCheck:
             return "posed", "", control
         if self._is_first and executor.settings.torque_rate_limit:
             return "first", "", control
+        if self._unsure and self._recalled(policy, inputs, command, state[0]):
+            return "remembering", "", control
         sent, due = executor.controls.at_joints(control), executor.controls.at_joints(expected)
         joint = int(np.argmax(control != expected))
         said = " The diagnostics do not say that the safe action drove." if may_be_safe else ""
@@ -490,6 +516,24 @@ class _TorqueCheck:
             ).rstrip("."),
             control,
         )
+
+    def _recalled(
+        self, policy: ExecutedPolicy, inputs: Array, command: _Command, state: Array
+    ) -> bool:
+        """Lets a policy remember the action that a control tells, and what it reads of the state.
+
+        Returns False where it remembers nothing. Of a control at a limit, what it tells is wrong.
+        """
+        if not (isinstance(policy.policy, OnnxPolicy) and policy.policy.contract.remembers):
+            return False
+        control, limited = command.control, self._executor.limiter.limited
+        around = 1e-6 * np.maximum(1.0, np.abs(control))
+        self._is_limited = not all(
+            np.allclose(limited(each, command.stamp, state), each, rtol=0.0, atol=1e-9)
+            for each in (control - around, control + around)
+        )
+        policy.recall(policy.policy.actions_of(control[None], inputs[None]))
+        return True
 
     def _agreement(
         self, control: Array, expected: Array, policy: ExecutedPolicy, seed: int | None

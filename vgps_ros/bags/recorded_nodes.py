@@ -28,9 +28,9 @@ from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.model import state_names
-from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
+from vgps_ros.tasks.driver import observation_of
 from vgps_ros.tasks.signals import Signals
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
@@ -169,6 +169,7 @@ class RecordedExecutor:
         frames: its names of the base's and of the IMU's frame.
         is_measured: whether its sensors had stamps of their own.
         tolerance: by which they differed at most [ns].
+        period: its control period [ns]; 0 if its task is not known.
 
     Raises:
         InvalidInputError: a recorded parameter has a value that no executor accepts.
@@ -206,6 +207,7 @@ class RecordedExecutor:
             limits = values["torque_limits"]
             values["torque_limits"] = tuple(limits if isinstance(limits, list) else [limits])
         self.settings = with_values(defaults, values)
+        self.period = round(1e9 * period)
         self.limiter = ControlLimiter(self.settings, self.controls, period)
 
     def _seeds(self, node: str) -> list[int | None]:
@@ -250,11 +252,7 @@ class RecordedExecutor:
     def _observation_of(self, policy: Policy) -> Observation:
         names = tuple(policy.observed)
         if names not in self._observations:
-            told = [name for name in names if name in self.signals.names]
-            readings = Readings(self._simulations, [name for name in names if name not in told])
-            observation = Observation.of(readings, told, self.signals.names)
-            if observation.names != names:
-                raise InvalidInputError("The policy reads commands before other numbers.")
+            observation = observation_of(policy, self._simulations, self.signals, "The policy")
             self._observations[names] = observation
         return self._observations[names]
 

@@ -9,7 +9,7 @@ IEEE 754 defines to the last bit. BLAS and libm would choose their code by the p
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,11 @@ class _CompiledMean:
         return self._a[: self._control_dim].copy()
 
 
+# The stamp of the newest state, what is remembered of it, and what was before it.
+Remembered = tuple[int, Any, Any]
+FORGOTTEN: Remembered = (-1, None, None)
+
+
 class ExecutedPolicy:
     """A policy that is ready to drive.
 
@@ -62,7 +67,9 @@ class ExecutedPolicy:
 
     Attributes:
         policy: the policy.
-        mean: returns μ(o), shape (n_u,) [N·m], for inputs o of shape (n_o,).
+        mean: returns μ(o), shape (n_u,) [N·m], for inputs o of shape (n_o,); of a policy that
+            remembers former steps, in a first one.
+        remembered: what it remembers.
     """
 
     def __init__(self, policy: Policy):
@@ -70,14 +77,36 @@ class ExecutedPolicy:
         self.mean: Callable[[Array], Array] = (
             _CompiledMean(policy) if isinstance(policy, GaussianPolicy) else policy.mean
         )
+        self._answer = getattr(policy, "answer", None)  # of one that may remember
+        self.remembered: Remembered = FORGOTTEN
+
+    def forget(self) -> None:
+        """Begins anew: the next state is a first one."""
+        self.remembered = FORGOTTEN
+
+    def recall(self, action: Array) -> None:
+        """Takes an action (1, n_a) for that of the newest state, as one that was recorded."""
+        stamp, memory, before = self.remembered
+        self.remembered = (stamp, memory._replace(action=action), before)
+
+    def _mean(self, inputs: Array, stamp: int) -> Array:
+        if self._answer is None:
+            return self.mean(inputs)
+        newest, memory, before = self.remembered
+        if stamp != newest:  # a state that comes twice gets the same answer twice
+            before = memory if stamp > newest else None
+        controls, memory = self._answer(inputs[None], before)
+        self.remembered = (stamp, memory, before)
+        return np.asarray(controls[0])
 
     def control(self, inputs: Array, stamp: int, seed: int | None = None) -> Array:
         """Returns the control u, shape (n_u,) [N·m], for inputs o of shape (n_o,).
 
         It is μ(o), plus noise if a seed is given. The noise depends only on that seed and on the
-        time of the state, `stamp` [ns], so that recorded torques can be checked.
+        time of the state, `stamp` [ns], so that recorded torques can be checked. A policy that
+        remembers begins anew where time goes back.
         """
-        mean = self.mean(inputs)
+        mean = self._mean(inputs, stamp)
         if seed is None:
             return mean
         rng = generator(

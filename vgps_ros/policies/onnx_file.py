@@ -18,7 +18,7 @@ Softplus is written as max(z, 0) + log(1 + exp(−|z|)), since onnxruntime has i
 
 import importlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,6 +139,33 @@ def metadata_of(model: Any) -> dict[str, str]:
     """Returns the metadata of a model, by key, without those that are no text."""
     pairs = [(entry.key, entry.value) for entry in model.metadata_props]
     return {key: value for key, value in pairs if isinstance(key, str) and isinstance(value, str)}
+
+
+def with_metadata(content: bytes, metadata: dict[str, str], name: str) -> bytes:
+    """Returns an ONNX file with more metadata, which take the place of those of the same key.
+
+    Raises:
+        InvalidInputError: the bytes are no ONNX model that may be read.
+    """
+    model = parsed(content, name)
+    package("onnx.helper").set_model_props(model, metadata_of(model) | metadata)
+    changed: bytes = model.SerializeToString(deterministic=True)
+    return changed
+
+
+def with_commas(values: Sequence[object]) -> str:
+    """Returns values separated by commas, numbers with the digits that read back to their bits.
+
+    Raises:
+        InvalidInputError: a name has a comma.
+    """
+    for value in values:
+        if "," in str(value):
+            raise InvalidInputError(
+                f"The name '{value}' has a comma, but names in ONNX metadata are separated by "
+                "commas: rename it in the MJCF."
+            )
+    return ",".join(map(str, values))
 
 
 def names_of(metadata: dict[str, str], key: str, name: str) -> tuple[str, ...]:

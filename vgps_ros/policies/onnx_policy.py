@@ -1,46 +1,37 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A network of others as a policy: any ONNX graph without loops, which onnxruntime executes.
 
-Its metadata say what its numbers mean, by the keys that mjlab writes (docs/how_to/export.md):
-
-    joint_names         the joints that its actions drive, in their order
-    observation_names   what it reads; joint_pos and joint_vel stand for one number of each joint
-    action_scale        s, 1 if it is left out
-    default_joint_pos   p_0, 0 if it is left out
-    joint_stiffness     k_p, joint_damping k_d: of a controller of positions
-
-An action a is a torque s a. Where k_p is not zero, p_0 + s a is the target of a position. A robot
-of servos gets the targets. One of motors gets the torque k_p (p_0 + s a − p) − k_d v, with the
-joint's position p and its velocity v; it is then held for a control period, which stiff loops do
-not bear (`tasks.driver.with_loops`).
+Its metadata say what its numbers mean (`policies.contract`). Where it has a stiffness, its actions
+are targets of positions. A robot of servos gets the targets. One of motors gets the torque
+k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v; it is then held for a
+control period, which stiff loops do not bear (`tasks.driver.in_closed_loops`).
 """
 
 import re
 import threading
+from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.policies.contract import Contract, Memory, nearest_term
 from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
     OPSET,
     metadata_of,
-    names_of,
-    numbers_of,
     package,
     parsed,
 )
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _LONGEST = 5.0  # time for one observation, at the first time [s]
-_OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
 TOLERANCE = 1e-5
@@ -57,6 +48,7 @@ class OnnxPolicy:
     Attributes:
         content: bytes of the file.
         task: name of the task in its metadata; empty if there is none.
+        contract: what its numbers mean.
         observed: names of what it reads.
         noise_std: zero, shape (n_u,).
         stiffness: k_p in the order of the controls, shape (n_u,).
@@ -71,41 +63,31 @@ class OnnxPolicy:
         metadata = metadata_of(model := parsed(content, name))
         self.content, self.task = content, metadata.get("task", "")
         self._name = name
-        driven, joints = names_of(metadata, "joint_names", name), controls.names
+        self.contract = contract = Contract(metadata, name)
+        driven, joints = contract.joints, controls.names
         if sorted(driven) != sorted(joints):
+            strange = next((joint for joint in driven if joint not in joints), "")
             raise InvalidInputError(
                 f"{name} drives {quoted(list(driven))}, but the robot's controls drive "
-                f"{', '.join(joints)}; use a policy of this robot."
+                f"{', '.join(joints)}; use a policy of this robot.{nearest(strange, joints)}"
             )
         self._order = [driven.index(joint) for joint in joints]
+        self.observed = contract.observed
         self.noise_std = np.zeros(len(joints))
-
-        def of_joints(key: str, default: float) -> Array:
-            return numbers_of(metadata, key, default, len(driven), name)
-
-        self._scale = of_joints("action_scale", 1.0)
-        self._default = of_joints("default_joint_pos", 0.0)
-        self._stiffness = of_joints("joint_stiffness", 0.0)
-        self._damping = of_joints("joint_damping", 0.0)
-        self.stiffness, self.damping = self._stiffness[self._order], self._damping[self._order]
+        self.stiffness = contract.stiffness[self._order]
+        self.damping = contract.damping[self._order]
         self._controls = controls
         of_servos = controls.are(ControlKind.POSITION)[np.argsort(self._order)]
-        self._origin = np.where(of_servos | (self._stiffness != 0.0), self._default, 0.0)
-        # Joints whose loops are closed here, where the robot has motors.
-        self._closed = ((self._stiffness != 0.0) | (self._damping != 0.0)) & ~of_servos
-        terms = names_of(metadata, "observation_names", name)
-        read, offsets = _expanded(terms, driven, self._default)
-        self._offsets = offsets
-        self._count = len(read)
-        felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in driven]
-        self.observed = (*read, *felt) if self._closed.any() else read
+        has_loop = (contract.stiffness != 0.0) | (contract.damping != 0.0)
+        self._origin = np.where(of_servos | (contract.stiffness != 0.0), contract.origin, 0.0)
+        self._closed = has_loop & ~of_servos  # joints whose loops are closed here
         self._versions = _versions(model)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
         self._takes_many = not self._is_vector and not isinstance(given.shape[0], int)
         with _limited(name) as options:
-            self._check(self._outputs(np.zeros((1, self._count)), options))
+            self._check(self._outputs(np.zeros((1, len(contract.places))), options))
 
     @property
     def control_dim(self) -> int:
@@ -113,21 +95,65 @@ class OnnxPolicy:
         return len(self._order)
 
     def mean(self, inputs: Array) -> Array:
-        """Returns μ(o), controls of shape (..., n_u), for inputs o of shape (..., n_o)."""
-        rows = inputs.reshape(-1, inputs.shape[-1])
-        read = rows[:, : self._count] - self._offsets
-        if len(rows) == 1 or (self._takes_many and len(rows)):
+        """Returns μ(o), controls of shape (..., n_u), for inputs o of shape (..., n_o).
+
+        Of a network that remembers former steps, these are first ones.
+        """
+        controls, _ = self.answer(inputs.reshape(-1, inputs.shape[-1]), None)
+        return controls.reshape(*inputs.shape[:-1], self.control_dim)
+
+    def started(self) -> Callable[[Array], Array]:
+        """Returns μ of a run of N robots: called step after step with o (N, n_o), it remembers."""
+        memory: Memory | None = None
+
+        def mean(inputs: Array) -> Array:
+            nonlocal memory
+            controls, memory = self.answer(inputs, memory)
+            return controls
+
+        return mean
+
+    def answer(self, inputs: Array, memory: Memory | None) -> tuple[Array, Memory | None]:
+        """Returns controls (N, n_u) for inputs o (N, n_o), and what N robots remember of the step.
+
+        Args:
+            inputs: what was observed.
+            memory: what they remember of the step before; None: this is the first.
+        """
+        found = self.contract.remembered(inputs, memory)
+        actions = self.actions(self.contract.read(found))
+        controls = self.controls(actions, inputs)
+        return controls, found._replace(action=actions) if self.contract.remembers else None
+
+    def actions(self, read: Array) -> Array:
+        """Returns the network's actions, shape (N, n_a), for what it reads, shape (N, n)."""
+        if len(read) == 1 or (self._takes_many and len(read)):
             actions = self._outputs(read)
         else:
             one_by_one = [self._outputs(row) for row in read[:, None]]
             actions = np.concatenate([*one_by_one, np.empty((0, self.control_dim))])
-        values = self._origin + self._scale * actions
+        return np.asarray(np.clip(actions, *self.contract.action_clip))
+
+    def controls(self, actions: Array, inputs: Array) -> Array:
+        """Returns the controls of actions (N, n_a) for inputs o (N, n_o), shape (N, n_u)."""
+        values = self._origin + self.contract.scale * actions
         if self._closed.any():
-            position, velocity = np.split(rows[:, self._count :], 2, axis=1)
-            torques = self._stiffness * (values - position) - self._damping * velocity
+            position, velocity = np.split(inputs[:, self.contract.felt], 2, axis=1)
+            torques = self.contract.stiffness * (values - position)
+            torques -= self.contract.damping * velocity
             values = np.where(self._closed, torques, values)
-        ordered = self._controls.from_joints(values.take(self._order, axis=1))
-        return ordered.reshape(*inputs.shape[:-1], self.control_dim)
+        return self._controls.from_joints(values.take(self._order, axis=1))
+
+    def actions_of(self, controls: Array, inputs: Array) -> Array:
+        """Returns the actions (N, n_a) of controls (N, n_u): the inverse of `controls`."""
+        values = self._controls.at_joints(controls)[:, np.argsort(self._order)]
+        if self._closed.any():
+            position, velocity = np.split(inputs[:, self.contract.felt], 2, axis=1)
+            stiffness = np.where(self.contract.stiffness, self.contract.stiffness, 1.0)
+            held = position * (self.contract.stiffness != 0.0)
+            targets = (values + self.contract.damping * velocity) / stiffness + held
+            values = np.where(self._closed, targets, values)
+        return np.asarray((values - self._origin) / self.contract.scale)
 
     def _opened(self) -> tuple[Any, Any, Any]:
         """Returns a session of onnxruntime, its input and its output.
@@ -135,7 +161,7 @@ class OnnxPolicy:
         Raises:
             InvalidInputError: onnxruntime refuses the model, or its input does not fit.
         """
-        runtime, name, count = _runtime(), self._name, self._count
+        runtime, name, count = _runtime(), self._name, len(self.contract.places)
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         # No graph is rewritten, so that all versions do the same operations in the same order.
@@ -164,7 +190,8 @@ class OnnxPolicy:
         if read.shape[-1] != count and isinstance(read.shape[-1], int):
             raise InvalidInputError(
                 f"{name} reads {read.shape[-1]} numbers, but its metadata 'observation_names' "
-                f"names {count}; name each number that it reads, in their order."
+                f"names {count} ({self.contract.sizes}); name each number that it reads, in their "
+                f"order.{nearest_term(self.contract.strange)}"
             )
         return session, read, outputs.get("actions", session.get_outputs()[0])
 
@@ -198,19 +225,6 @@ class OnnxPolicy:
                 f"{self._name} answers the observation zero with {actions.ravel().tolist()}, but "
                 "actions must be finite; look for NaN among its weights."
             )
-
-
-def _expanded(
-    terms: tuple[str, ...], joints: tuple[str, ...], default: Array
-) -> tuple[tuple[str, ...], Array]:
-    """Returns the names of what a network reads, and what is subtracted from each of them."""
-    names: list[str] = []
-    offsets: list[float] = []
-    for term in terms:
-        found = [f"{j}/{_OF_JOINTS[term]}" for j in joints] if term in _OF_JOINTS else [term]
-        names += found
-        offsets += default.tolist() if term == "joint_pos" else [0.0] * len(found)
-    return tuple(names), np.array(offsets)
 
 
 @cache

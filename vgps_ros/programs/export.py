@@ -11,7 +11,6 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder, load_policy
@@ -73,6 +72,7 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
     import numpy as np
 
     from vgps_ros.core.controls import ControlKind
+    from vgps_ros.policies.onnx_file import with_commas
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
 
@@ -85,29 +85,22 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
     start = np.where(controls.are(ControlKind.POSITION), held, start).tolist()
     return {
         "run_path": str(path),
-        "joint_names": _listed(joints),
-        "joint_stiffness": _listed(controls.stiffness.tolist()),
-        "joint_damping": _listed(controls.damping.tolist()),
-        "default_joint_pos": _listed(start),
-        "command_names": "",
-        "observation_names": _listed(policy.observed),
-        "action_scale": _listed(controls.scale.tolist()),
-        "action_kind": _listed([str(kind) for kind in controls.kinds]),
-        "action_unit": _listed(list(controls.units)),
+        "joint_names": with_commas(joints),
+        "joint_stiffness": with_commas(controls.stiffness.tolist()),
+        "joint_damping": with_commas(controls.damping.tolist()),
+        "default_joint_pos": with_commas(start),
+        "command_names": with_commas([command.name for command in task.signals.commands]),
+        "observation_names": with_commas(policy.observed),
+        "observation_terms_scale": with_commas([1.0] * len(policy.observed)),
+        "observation_terms_clip": with_commas(["-inf;inf"] * len(policy.observed)),
+        "observation_terms_history_length": with_commas([0] * len(policy.observed)),
+        "observation_terms_flatten_history_dim": with_commas([1] * len(policy.observed)),
+        "action_scale": with_commas(controls.scale.tolist()),
+        "action_kind": with_commas([str(kind) for kind in controls.kinds]),
+        "action_unit": with_commas(list(controls.units)),
         "task": task.name,
-        "noise_std": _listed(np.abs(controls.scale * policy.noise_std).tolist()),
+        "noise_std": with_commas(np.abs(controls.scale * policy.noise_std).tolist()),
         "control_period": repr(task.dynamics.time_step),
         "mjcf_sha256": hashlib.sha256(task.mjcf.encode()).hexdigest(),
         "vgps_ros_commit": commit(),
     }
-
-
-def _listed(values: "list[str] | list[float] | tuple[str, ...]") -> str:
-    """Returns values separated by commas, numbers with the digits that read back to their bits."""
-    for value in values:
-        if "," in str(value):
-            raise InvalidInputError(
-                f"The name '{value}' has a comma, but names in ONNX metadata are separated by "
-                "commas: rename it in the MJCF."
-            )
-    return ",".join(map(str, values))

@@ -423,6 +423,8 @@ class Controller(LifecycleNode):
 
     def _set_pose(self, pose: PoseMotion | None) -> None:
         self._pose = pose
+        if policy := self.training.policy:
+            policy.forget()  # when it drives next, it begins anew
         self._collector.takes_all = pose is not None  # PD chatters where it is slow
         self.health.set_value(POSE, pose.name if pose else "")
         self.health.publish()  # a recording must know when the law drives

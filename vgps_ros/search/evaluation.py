@@ -121,8 +121,10 @@ def measure_driving(
     context = task.signals.held(task.signals.rest, steps)
     task = task.in_context(context)
 
+    policy = driver.started()
+
     def control_law(t: int, x: Array) -> Array:
-        mean = driver.policy.mean(driver.observation.within(context[t])(x))
+        mean = policy(driver.observation.within(context[t])(x))
         return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
 
     states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)

@@ -402,14 +402,14 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
         return task.dynamics.execute(
             policy, observation, rollouts.starts, noise, lag=lag, sensor_noise=misread
         )
-    told, past = observation.values_told(), []
+    told, past, mean = observation.values_told(), [], driver.started()
 
     def law(t: int, x: Array) -> Array:
         past.append(readings(x))
         read = past[max(0, t - lag)]
         read = read if misread is None else read + misread[:, t]
         given = np.concatenate([read, told[:, t]], axis=1) if observation.told else read
-        return policy.mean(given) + noise[:, t]
+        return mean(given) + noise[:, t]
 
     states, controls, _ = task.dynamics.rollouts(rollouts.starts, law, noise.shape[1])
     return states, controls

@@ -11,8 +11,9 @@ from vgps_ros.simulation import mujoco_functions as c
 from vgps_ros.simulation.compiled_states import put_state
 from vgps_ros.simulation.mujoco_functions import mj_integrate_pos
 
-# What a reading is: a coordinate of the state, its sine or cosine, or a number in sensordata.
-COORDINATE, SINE, COSINE, SENSOR = range(4)
+# What a reading is: a coordinate of the state, its sine or cosine, a number in sensordata, or (with
+# 0 to 3 added) w, x, y or z of a quaternion.
+COORDINATE, SINE, COSINE, SENSOR, QUATERNION = range(5)
 # What MuJoCo has to compute for the sensors: nothing, positions and velocities of bodies, or all.
 NOTHING, KINEMATICS, EVERYTHING = range(3)
 
@@ -24,7 +25,7 @@ class ReadingPlan(NamedTuple):
         needs: what MuJoCo has to compute.
         kinds: what each reading is, shape (r,).
         places: index of each in the state or in sensordata, shape (r,).
-        tangent: index of each coordinate in a deviation, shape (r,).
+        tangent: index of each coordinate in a deviation, shape (r,); of the first of a rotation.
         columns: coordinates of (δx, u) that sensors feel, positions after all others.
     """
 
@@ -56,7 +57,7 @@ def read(sim, plan, x, out):  # type: ignore[no-untyped-def]  # pragma: no cover
         kind, place = plan.kinds[i], plan.places[i]
         if kind == SENSOR:
             out[i] = sim.sensordata[place]
-        elif kind == COORDINATE:
+        elif kind == COORDINATE or kind >= QUATERNION:
             out[i] = x[place]
         else:
             out[i] = np.sin(x[place]) if kind == SINE else np.cos(x[place])
@@ -120,8 +121,25 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
                     else:
                         by_control[n, i, j - n_dx] = slope
         for i in range(len(plan.kinds)):
-            if plan.kinds[i] != SENSOR:
-                by_state[n, i, plan.tangent[i]] = _slope(plan.kinds[i], states[n, plan.places[i]])
+            kind, place, first = plan.kinds[i], plan.places[i], plan.tangent[i]
+            if kind >= QUATERNION:
+                part = kind - QUATERNION
+                _turn(x[place - part : place - part + 4], part, by_state[n, i, first : first + 3])
+            elif kind != SENSOR:
+                by_state[n, i, first] = _slope(kind, x[place])
+
+
+@compiled
+def _turn(q, part, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the derivative of w, x, y or z of a quaternion with respect to a rotation."""
+    half = 0.5 * q
+    if part == 0:
+        out[:] = -half[1:]
+        return
+    axis, next_one, last = part - 1, part % 3, (part + 1) % 3
+    out[axis] = half[0]
+    out[next_one] = -half[1 + last]
+    out[last] = half[1 + next_one]
 
 
 @compiled

@@ -128,8 +128,12 @@ def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingP
         elif coordinate in states and coordinate in deviations:
             kind = _FUNCTIONS.get(function, compiled.COORDINATE)
             rows.append((kind, states.index(coordinate), deviations.index(coordinate)))
+        elif name in states:  # w, x, y or z of a quaternion
+            part = "wxyz".index(name[-1])
+            first = deviations.index(f"{owner}/rx")
+            rows.append((compiled.QUATERNION + part, states.index(name), first))
         else:
-            known = [*numbers, *(name for name in states if name in deviations)]
+            known = [*numbers, *states]
             raise InvalidInputError(
                 f"The model has no reading {quoted(name)}; name a sensor's number or a joint's "
                 f"coordinate, such as {', '.join(known[:3])}.{nearest(name, known)}"

@@ -1,21 +1,30 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A policy that drives the robot of a task."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import Policy as AnyPolicy
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.policies.contract import BASE, TOLD, nearest_term
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import Policy, PolicyFile
 from vgps_ros.simulation.controls import closed_loops
-from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.dynamics import Dynamics, Simulations
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbed_task import on_dynamics
+from vgps_ros.tasks.signals import Signals
 from vgps_ros.tasks.task import Task
+
+_SAME_PERIOD = 1e-3  # relative difference of two periods that are the same but for their text
 
 
 def in_closed_loops(task: Task, stiffness: Array, damping: Array) -> Task:
@@ -59,6 +68,11 @@ class Driver:
     policy: Policy
     observation: Observation
 
+    def started(self) -> Callable[[Array], Array]:
+        """Returns μ of a run of N robots, called step after step with o (N, n_o)."""
+        policy = self.policy
+        return policy.started() if isinstance(policy, OnnxPolicy) else policy.mean
+
     def mean(self, states: Array) -> Array:
         """Returns the controls without noise in states (..., n_x), shape (..., n_u), [N·m].
 
@@ -66,6 +80,46 @@ class Driver:
         context, or the observation must be `within` that of a single step.
         """
         return self.policy.mean(self.observation(states))
+
+
+def observation_of(
+    policy: AnyPolicy, simulations: Simulations, signals: Signals, name: str
+) -> Observation:
+    """Returns what a policy reads of a robot's states and of what it is told.
+
+    Args:
+        policy: the policy.
+        simulations: of the robot.
+        signals: the commands and the clock of its task.
+        name: what the sentence of an error calls the policy.
+
+    Raises:
+        InvalidInputError: the robot lacks it, or nobody tells it.
+    """
+    model = simulations.model
+    free = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE][:1]
+    known = {command.source: f"command/{command.name}" for command in signals.commands}
+    base = model.joint(free[0]).name if free else BASE
+    names = [known.get(each, each).replace(BASE, base) for each in policy.observed]
+    told = [each for each in names if each in signals.names]
+    if strange := [each for each in names if each.startswith(TOLD) and each not in told]:
+        raise InvalidInputError(
+            f"{name} reads {quoted(strange[0])}, but the task tells "
+            f"{', '.join([*signals.names, *known]) or 'nothing'}; add it to the task's commands, "
+            "or a clock."
+        )
+    try:
+        readings = Readings(simulations, [each for each in names if each not in told])
+    except InvalidInputError as error:
+        strange = [each for each in names if f"'{each}'" in str(error)]
+        raise InvalidInputError(f"Of {name}: {error}{nearest_term(*strange[:1])}") from error
+    observation = Observation.of(readings, told, signals.names)
+    if list(observation.names) != names:
+        raise InvalidInputError(
+            f"{name} reads {', '.join(told)} before other numbers, but commands and clock must "
+            "come last; export it with them at the end."
+        )
+    return observation
 
 
 def driver_of(task: Task, file: PolicyFile) -> Driver:
@@ -78,20 +132,19 @@ def driver_of(task: Task, file: PolicyFile) -> Driver:
     if file.gaussian:
         file.gaussian.check_fits(task.observation.names, task.dynamics.control_dim)
         return Driver(policy, task.observation)
-    signals = task.signals.names
-    told = [name for name in policy.observed if name in signals]
-    readings = Readings(
-        task.dynamics.simulations, [name for name in policy.observed if name not in told]
-    )
-    observation = Observation.of(readings, told, signals).within(task.planned_context)
-    if observation.names != tuple(policy.observed):
-        raise InvalidInputError(
-            f"{file.name} reads {', '.join(told)} before other numbers, but commands and clock "
-            "must come last; export it with them at the end."
-        )
-    if readings.needs_controls:
+    observation = observation_of(policy, task.dynamics.simulations, task.signals, file.name)
+    assert isinstance(policy, OnnxPolicy)
+    periods = (policy.contract.period, task.dynamics.time_step, "control_period", "control period")
+    clocks = (policy.contract.gait_period, task.signals.period, "gait_period", "turn of the clock")
+    for wanted, own, key, what in (periods, clocks):
+        if wanted and not abs(wanted - own) <= _SAME_PERIOD * wanted:
+            raise InvalidInputError(
+                f"{file.name} has a {key} of {wanted:g} s, but the {what} of {task.name} takes "
+                f"{own:g} s; change it in the task file."
+            )
+    if observation.readings.needs_controls:  # type: ignore[attr-defined]
         raise InvalidInputError(
             f"{file.name} reads a sensor of forces or accelerations, which depends on the control "
             "that it has yet to choose; use a policy that reads positions and velocities."
         )
-    return Driver(policy, observation)
+    return Driver(policy, observation.within(task.planned_context))

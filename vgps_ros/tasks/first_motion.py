@@ -184,11 +184,11 @@ def _executed(
 
 def _driven(driver: Driver, task: Task, start: Array, steps: int) -> Trajectory:
     """Returns the motion of a policy without its noise."""
-    context = task.planned_context
+    context, mean = task.planned_context, driver.started()
 
     def law(t: int, x: Array) -> Array:
         told = driver.observation.within(context[min(t, len(context) - 1)])
-        return driver.policy.mean(told(x))
+        return mean(told(x))
 
     return task.dynamics.rollout(start, law, steps)
 

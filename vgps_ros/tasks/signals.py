@@ -91,6 +91,11 @@ class Signals:
         return (*(f"command/{c.name}" for c in self.commands), *clock)
 
     @property
+    def period(self) -> float:
+        """Time of a turn of the clock [s]; 0: there is no clock."""
+        return 1.0 / self.frequency if self.frequency else 0.0
+
+    @property
     def nominal(self) -> Array:
         """The middle of each command's range, shape (n_c,)."""
         return np.array([0.5 * (c.lowest + c.highest) for c in self.commands])

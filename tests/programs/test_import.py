@@ -1,0 +1,131 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The program `import`: what it shows, writes and refuses; what it writes drives."""
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+
+from tests.onnx_models import elu_layers, elu_model
+from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.driver import driver_of, for_policy
+
+TASK = """
+model: robot.xml
+control_period: 0.02
+horizon: 0.2
+commands:
+  forward: {from: cmd_vel/linear/x, range: [-1, 1]}
+  sideways: {from: cmd_vel/linear/y, range: [-1, 1]}
+  turn: {from: cmd_vel/angular/z, range: [-1, 1]}
+cost:
+  - {sensor: speed, index: x, target: {command: forward}, weight: 1.0}
+  - {sensor: speed, index: y, target: {command: sideways}, weight: 1.0}
+  - {sensor: gyro, index: z, target: {command: turn}, weight: 1.0}
+observe: [joint_positions]
+"""
+ROBOT = """
+<mujoco><worldbody><geom type="plane" size="5 5 1"/><body pos="0 0 0.3"><freejoint name="floating"/>
+  <geom type="box" size=".2 .1 .05" mass="2"/><site name="imu"/>
+  <body pos="0 .2 0"><joint name="hip" axis="0 1 0"/><geom size=".03" fromto="0 0 0 .2 0 0"
+    type="capsule"/></body>
+  <body pos="0 -.2 0"><joint name="tail" axis="0 1 0"/><geom size=".03" fromto="0 0 0 -.2 0 0"
+    type="capsule"/></body>
+</body></worldbody><actuator><motor joint="hip"/><motor joint="tail"/></actuator>
+<sensor><velocimeter name="speed" site="imu"/><gyro name="gyro" site="imu"/></sensor></mujoco>
+"""
+DEPLOY = """
+joint_ids_map: [1, 0]
+step_dt: 0.02
+stiffness: [20, 30]
+damping: [1, 2]
+default_joint_pos: [0.1, -0.1]
+actions: {JointPositionAction: {clip: null, scale: [0.25, 0.25], offset: [0.1, -0.1]}}
+observations:
+  base_ang_vel: {params: {}, clip: null, scale: [0.2, 0.2, 0.2], history_length: 2}
+  projected_gravity: {params: {}, clip: null, scale: null, history_length: 2}
+  velocity_commands: {params: {}, clip: null, scale: null, history_length: 2}
+  joint_pos_rel: {params: {}, clip: null, scale: null, history_length: 2}
+  last_action: {params: {}, clip: null, scale: null, history_length: 2}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder of a task, a network without metadata, and its deploy.yaml."""
+    for name, text in (("task.yaml", TASK), ("robot.xml", ROBOT), ("deploy.yaml", DEPLOY)):
+        (tmp_path / name).write_text(text)
+    onnx.save(elu_model(elu_layers(2 * (3 + 3 + 3 + 2 + 2), 2), {}), tmp_path / "policy.onnx")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def imported(*words):
+    flags = ["--task", "task.yaml", "--contract", "deploy.yaml", "--output", "whole.onnx"]
+    vgps(["import", "policy.onnx", *flags, "--standing", "0.2", *words])
+
+
+def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
+    imported()
+    shown = capsys.readouterr().out
+    for row in (("0", "tail", "0.1", "0.25", "30", "2"), ("1", "hip", "-0.1", "0.25", "20", "1")):
+        assert any(row == tuple(line.split("│")[i].strip() for i in range(1, 7))
+                   for line in shown.splitlines() if line.count("│") > 7)  # fmt: skip
+    for place, term in (("0-5", "base_ang_vel"), ("6-11", "projected_gravity"), ("22-25", "last")):
+        assert any(place in line and term in line for line in shown.splitlines())
+    file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
+    driver = driver_of(served := for_policy(task, file), file)
+    assert list(served.controls.stiffness) == [20.0, 30.0]
+    rollouts = ["--seconds", "3", "--rollouts", "1", "--pushes", "0", "--json", "-"]
+    vgps(["evaluate", "whole.onnx", "--task", "task.yaml", *rollouts])
+    assert len(json.loads(capsys.readouterr().out)["commands"]) > 7
+    # An executor remembers by the stamps of states: one that comes twice is answered twice.
+    inputs = np.random.default_rng(0).standard_normal((4, len(driver.policy.observed)))
+    law, executed = driver.started(), ExecutedPolicy(driver.policy)
+    for i, (row, wanted) in enumerate((row, law(row[None])[0]) for row in inputs):
+        for _ in range(2):
+            np.testing.assert_array_equal(executed.control(row, 20 * i), wanted)
+    first = driver.policy.mean(inputs[0])
+    assert np.abs(executed.control(inputs[0], 100) - first).max() > 1e-3
+    np.testing.assert_array_equal(executed.control(inputs[0], 40), first)  # time goes back
+    executed.control(inputs[1], 60)
+    executed.forget()
+    np.testing.assert_array_equal(executed.control(inputs[0], 80), first)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "sentence"),
+    [
+        ("task.yaml", "from: cmd_vel/linear/y, ", "", "reads 'cmd_vel/linear/y', but the task"),
+        ("task.yaml", "period: 0.02", "period: 0.01", "control_period of 0.02 s, but .* 0.01 s"),
+        ("robot.xml", '<freejoint name="floating"/>', "", "Of 'policy.onnx': .*'the free base/"),
+        ("deploy.yaml", "last_action", "last_actio", "Did you mean 'last_action'"),
+        ("deploy.yaml", "history_length: 2", "history_length: 3", "26 numbers, but .* names 39"),
+        ("deploy.yaml", "last_action: {params", "gait_phase: {params: {period: 1}, x",
+         "'clock/sin'"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_the_robot_is_refused(folder, file, old, new, sentence):
+    (folder / file).write_text((folder / file).read_text().replace(old, new))
+    with pytest.raises(SystemExit, match=sentence) as stop:
+        imported()
+    assert "\n" not in str(stop.value.code)
+    assert not (folder / "whole.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("joint", "term", "sentence"),
+    [
+        ("tail", "base_angvel", r"(1 of base_angvel).* Did you mean 'base_ang_vel'\?"),
+        ("tial", "base_ang_vel", r"drives \['hip', 'tial'\].* Did you mean 'tail'\?"),
+    ],
+)
+def test_a_name_of_nothing_is_refused_with_the_nearest(folder, joint, term, sentence):
+    text = f"joint_names: [hip, {joint}]\nobservation_names: [{term}]"
+    (folder / "deploy.yaml").write_text(text)
+    with pytest.raises(SystemExit, match=sentence):
+        imported()

@@ -1,0 +1,148 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Writes a third-party policy with its contract, and shows it before anything moves.
+
+The contract says what its numbers mean: the order of the joints, and the terms of what it reads. It
+comes from the metadata of the ONNX file, as mjlab writes them, or from a file beside it: Unitree's
+deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata. What does not fit the robot is
+refused. The file that it writes drives by `policy_file`, and `vgps evaluate` takes it.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vgps_ros.core.settings import Setting
+from vgps_ros.programs.command_line import Parser, refuse_existing
+from vgps_ros.tasks.registry import TASK
+
+if TYPE_CHECKING:
+    from vgps_ros.core.records import Array
+    from vgps_ros.tasks import Task
+    from vgps_ros.tasks.driver import Driver
+
+STANDING = Setting(
+    "standing",
+    2.0,
+    "time for which the simulated robot stands, at the pose of the action 0, for the ranges [s]",
+    minimum=0.02,
+    maximum=100.0,
+)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declares the arguments of the command."""
+    parser.add_argument("policy", type=Path, help="ONNX file of the policy")
+    parser.add_settings(TASK)
+    parser.add_argument(
+        "--contract",
+        type=Path,
+        help="deploy.yaml of Unitree, config.yaml of rl_sar, a YAML file of metadata, or "
+        "playground-go1: what MuJoCo Playground's Go1 reads; default: the file's own metadata",
+    )
+    parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
+    parser.add_settings(STANDING)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Imports the policy that the arguments name."""
+    refuse_existing([arguments.output], overwrite=arguments.overwrite)
+    from itertools import groupby
+
+    from rich.table import Table
+
+    from vgps_ros.policies.contract import BASE
+    from vgps_ros.policies.foreign import read_contract
+    from vgps_ros.policies.onnx_file import read_bytes, with_metadata
+    from vgps_ros.policies.onnx_policy import OnnxPolicy
+    from vgps_ros.policies.policy_file import policy_of
+    from vgps_ros.storage.files import replacing
+    from vgps_ros.tasks import make_task
+    from vgps_ros.tasks.driver import driver_of, for_policy
+    from vgps_ros.views.console import table_console
+
+    content, task = read_bytes(arguments.policy), make_task(arguments.task)
+    if arguments.contract:
+        joints = task.controls.names
+        said = read_contract(arguments.contract, joints, _home(task, joints))
+        content = with_metadata(content, said, f"'{arguments.policy}'")
+    file = policy_of(content, f"'{arguments.policy}'")
+    task = for_policy(task, file)
+    driver = driver_of(task, file)
+    console = table_console()
+    if not isinstance(driver.policy, OnnxPolicy):
+        console.print("vgps_ros wrote this file; nothing is converted.")
+        return
+    contract = driver.policy.contract
+    read, actions = _standing(task, driver, arguments.standing)
+    table = Table("action", "joint", "from", "times", "stiffness", "damping", "standing")
+    each = zip(
+        *(contract.joints, contract.origin, contract.scale, contract.stiffness, contract.damping),
+        strict=True,
+    )
+    for i, (joint, *numbers) in enumerate(each):
+        cells = [f"{number:.4g}" for number in numbers]
+        table.add_row(str(i), joint, *cells, _range(actions[:, i]))
+    console.print(table)
+    table = Table("inputs", "term", "steps before", "computed from", "times", "standing")
+    terms, first = {term.name: term for term in contract.terms}, 0
+    for name, group in groupby(contract.places, key=lambda place: place[0]):
+        places = list(group)
+        lags = list(dict.fromkeys(lag for _, lag, _ in places))
+        last, term = first + len(places), terms[name]
+        named = [each for each in term.read if not each.startswith(BASE)]
+        source = ", ".join([*named[:2], *["…"] * (len(named) > 2)]) or "base, or memory"
+        scales = ", ".join(f"{scale:.4g}" for scale in dict.fromkeys(term.scale.tolist()))
+        steps = f"{lags[0]} to {lags[-1]}" if len(lags) > 1 else str(lags[0])
+        table.add_row(
+            f"{first}-{last - 1}", name, steps, source, scales, _range(read[:, first:last])
+        )
+        first = last
+    console.print(table)
+    with replacing(arguments.output) as output:
+        output.write(content)
+    console.print(
+        f"Wrote {arguments.output}: {first} numbers to {len(contract.joints)} actions, "
+        f"{task.controls.label()}, each {task.dynamics.time_step:g} s."
+    )
+
+
+def _home(task: "Task", joints: tuple[str, ...]) -> list[float]:
+    """Returns the joints' positions in the keyframe home, or in the task's start."""
+    from vgps_ros.simulation.model import state_names
+
+    model = task.dynamics.model
+    keys = [model.key(i) for i in range(model.nkey) if model.key(i).name == "home"]
+    home, names = keys[0].qpos if keys else task.initial_state, state_names(model)
+    return [float(home[names.index(f"{joint}/position")]) for joint in joints]
+
+
+def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", "Array"]:
+    """Returns what the network reads, (T, n), and its actions, (T, n_a), which drive nothing.
+
+    They are those until the robot falls, as some do without their policy.
+    """
+    import numpy as np
+
+    from vgps_ros.policies.onnx_policy import OnnxPolicy
+
+    policy, steps = driver.policy, max(1, round(seconds / task.dynamics.time_step))
+    assert isinstance(policy, OnnxPolicy)
+    resting = task.signals.held(task.signals.rest, steps)
+    observation, memory, read, actions = driver.observation, None, [], []
+
+    def law(t: int, x: "Array") -> "Array":
+        nonlocal memory
+        inputs = observation.within(resting[t])(x)
+        memory = policy.contract.remembered(inputs, memory)
+        read.append(policy.contract.read(memory)[0])
+        actions.append(policy.actions(read[-1][None])[0])
+        memory = memory._replace(action=np.zeros_like(memory.action))
+        return policy.controls(memory.action, inputs)
+
+    states = task.dynamics.rollout(task.initial_state, law, steps).states[:-1]
+    up = np.logical_and.accumulate(~task.fallen(states))
+    return np.array(read)[up], np.array(actions)[up]
+
+
+def _range(values: "Array") -> str:
+    return f"{values.min():.3g} to {values.max():.3g}"
