@@ -49,7 +49,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
 
     named = [f"{joint}/{gain}" for gain in ("stiffness", "damping") for joint in task.joint_names]
     assert list(gains[0].names) == named
-    np.testing.assert_allclose(gains[0].values, [80.0, 80.0, 3.0, 3.0], rtol=1e-5)
+    np.testing.assert_allclose(gains[0].values, [80.0, 80.0, 3.0, 3.0], rtol=1e-15)
     assert (list(commands[-1].name), list(commands[-1].effort)) == (["shoulder", "elbow"], [])
     np.testing.assert_allclose(commands[-1].position, TARGET)
 
@@ -58,7 +58,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
     expected = served.dynamics.rollout(task.initial_state, lambda _, x: law(x), STEPS)
     with BagReader(tmp_path / "bag") as bag:
         episode = episodes(bag, compile_model(bag.mjcf()))[-1]
-    np.testing.assert_allclose(episode.states[: STEPS + 1], expected.states, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(episode.states[: STEPS + 1], expected.states, rtol=1e-9, atol=1e-9)
     assert np.abs(episode.states[STEPS, 2:]).max() < 1e-3  # it rests
     found = check_bag(tmp_path / "bag", open_policy(path))
     assert found.wrong == found.missing == []

@@ -53,6 +53,7 @@ from vgps_msgs.msg import (
     GaussianPolicy,
     LearningProgress,
     Plan,
+    Signals,
     Trajectory,
     TrajectoryDistribution,
 )
@@ -67,6 +68,7 @@ from vgps_ros.messages.conversions import (
     pack,
     policy_to_msg,
     push_to_msg,
+    signals_to_msg,
     stamp_of,
     state_from_msg,
     state_to_msg,
@@ -96,6 +98,8 @@ POLICY = Policy(SHAPE, np.linspace(-0.5, 0.5, SHAPE.num_parameters), np.ones(1))
 POLICY_MESSAGE = policy_to_msg(POLICY, "rotor", 1, STAMP)
 STATE = state_to_msg(np.array([0.5, -0.5]), NAMES, STAMP)
 COMMAND = command_to_msg(np.array([0.5]), ROTOR.controls, STAMP)
+GAINS = signals_to_msg(np.array([80.0, 3.0]), ["rotor/stiffness", "rotor/damping"], STAMP)
+NO_GAINS = signals_to_msg(np.zeros(2), GAINS.names, STAMP)
 FIRST = OptimizeTrajectory.Request(
     task="rotor",
     cost_scale=1.0,
@@ -358,6 +362,16 @@ def test_messages(world, topic):
         world.is_alive(*takers)
 
     world.flood(broken(valid) | cut(valid), 0.1, send)
+
+
+def test_gains_of_joints(world):
+    """Those of a motor end each batch, since the policy drives one."""
+
+    def send(batch):
+        world.publish(Signals, "joint_gains", [*batch, NO_GAINS], LATCHED)
+        world.is_alive("simulation", "visualizer")
+
+    world.flood(broken(GAINS) | cut(GAINS), 0.05, send)
 
 
 @pytest.mark.parametrize("topic", ["joint_command", "joint_states", "policy"])

@@ -49,10 +49,9 @@ def test_gains_that_chatter_when_they_are_held_for_a_control_period_rest(name, t
 def test_a_closed_loop_exerts_its_law_within_the_motors_limits(tmp_path, rng):
     task = make_task(write_arm(tmp_path, LEG))
     served = in_closed_loops(task, *GAINS)
-    # An MJCF has six digits.
-    np.testing.assert_allclose(served.controls.stiffness, STIFFNESS, rtol=1e-5)
-    np.testing.assert_allclose(served.controls.damping, DAMPING, rtol=1e-5)
-    np.testing.assert_allclose(served.controls.largest, task.controls.largest, rtol=1e-5)
+    np.testing.assert_allclose(served.controls.stiffness, STIFFNESS, rtol=1e-15)
+    np.testing.assert_allclose(served.controls.damping, DAMPING, rtol=1e-15)
+    np.testing.assert_allclose(served.controls.largest, task.controls.largest, rtol=1e-15)
     model = served.dynamics.model
     data = mujoco.MjData(model)
     clipped = 0
@@ -65,7 +64,7 @@ def test_a_closed_loop_exerts_its_law_within_the_motors_limits(tmp_path, rng):
         # Gears 6 and -6: the shoulder's ±4 N·m, and the elbow's −3 to 4 N·m the other way around.
         expected = np.clip(torque, [-24.0, -24.0], [24.0, 18.0])
         clipped += (torque != expected).any()
-        np.testing.assert_allclose(data.qfrc_actuator, expected, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(data.qfrc_actuator, expected, rtol=1e-12, atol=1e-12)
     assert clipped > 5
 
 

@@ -14,12 +14,14 @@ from rerun.chunk import RrdReader
 from std_msgs.msg import Header, String
 from vgps_msgs.msg import LearningProgress
 
+from tests.servo_arm import LEG
 from tests.simulation.robots import EVERYTHING, everything, random_states
 from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
     command_to_msg,
     distribution_to_msg,
+    gains_to_msg,
     plan_to_msg,
     signals_to_msg,
     stamp_of,
@@ -27,6 +29,8 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.search.mpc import Plan
+from vgps_ros.simulation.controls import closed_loops, controls_of
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 from vgps_ros.views.graph_scene import GraphScene
@@ -307,3 +311,19 @@ def test_time_begins_at_0_and_dates_are_those_of_the_stamps(recorded):
     assert table.column("ros2_timestamp").to_pylist() == [
         datetime.datetime(1970, 1, 1, 0, 0, 2, 500_000)
     ]
+
+
+def test_commands_are_plotted_by_their_kinds_also_where_gains_make_servos_of_motors(recorded):
+    leg = compile_model(LEG)
+    motors = controls_of(leg)
+    served = controls_of(compile_model(closed_loops(LEG, np.full(2, 80.0), np.full(2, 3.0))))
+    recorded.scene.show("/mjcf_description", String(data=LEG))
+    recorded.scene.show("/joint_states", state_to_msg(np.zeros(4), ["shoulder", "elbow"], Time()))
+    recorded.scene.show("/joint_command", command_to_msg(np.ones(2), motors, Time()))
+    recorded.scene.show("/joint_gains", gains_to_msg(served, Time()))
+    recorded.scene.show("/joint_command", command_to_msg(np.full(2, 0.3), served, Time()))
+    assert not any(text for _, text in recorded.reports)
+    chunks = recorded.close()
+    assert [6.0, -6.0] in column(chunks["/joint_command/effort"], "scalars")
+    np.testing.assert_allclose(column(chunks["/joint_command/position"], "scalars"), [[0.3, 0.3]])
+    assert "position [rad]" in views(recorded.path)

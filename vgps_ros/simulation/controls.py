@@ -3,6 +3,7 @@
 
 from itertools import compress
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -129,7 +130,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     """
     spec = mujoco.MjSpec.from_string(mjcf)
     model = spec.compile()
-    controls, changes = controls_of(model), False
+    controls, exact = controls_of(model), dict[str, dict[str, list[float]]]()
     for i, actuator in enumerate(spec.actuators):
         k_p, k_d = float(stiffness[i]), float(damping[i])
         own = controls.stiffness[i], controls.damping[i]
@@ -155,12 +156,24 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
             actuator.forcelimited = int(np.isfinite(ends).all())
             actuator.forcerange = ends if np.isfinite(ends).all() else [0.0, 0.0]
         actuator.gaintype, actuator.biastype = _GAIN.mjGAIN_FIXED, _BIAS.mjBIAS_AFFINE
-        actuator.gainprm[:3] = [k_p / gear, 0.0, 0.0]
-        actuator.biasprm[:3] = [0.0, -k_p / gear**2, -k_d / gear**2]
-        changes = True
-    if not changes:
+        gains = {
+            "gainprm": [k_p / gear, 0.0, 0.0],
+            "biasprm": [0.0, -k_p / gear**2, -k_d / gear**2],
+        }
+        actuator.gainprm[:3], actuator.biasprm[:3] = gains.values()
+        exact[actuator.name] = gains
+    if not exact:
         return mjcf
     for key in spec.keys:
         key.ctrl = []  # of the former actuators
-    spec.compile()
-    return str(spec.to_xml())
+    try:
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InvalidInputError(
+            f"The robot does not compile with the gains {stiffness} and {damping}: {error}."
+        ) from error
+    robot = ElementTree.fromstring(spec.to_xml())  # which has six digits
+    for element in robot.iterfind("actuator/*"):
+        for name, numbers in exact.get(element.get("name", ""), {}).items():
+            element.set(name, " ".join(map(repr, numbers)))
+    return ElementTree.tostring(robot, encoding="unicode")
