@@ -17,12 +17,19 @@ import pytest
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.policies.onnx_file import metadata_of, parsed
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.driver import driver_of
 
+MJLABS = {"run_path", "joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"}
+MJLABS |= {"command_names", "observation_names", "action_scale"}
+MJLABS |= {
+    f"observation_terms_{key}" for key in ("scale", "clip", "history_length", "flatten_history_dim")
+}
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "08_onnx_controller.py"
 ROLLOUTS = ["--seconds", "1", "--rollouts", "3", "--json", "-"]
@@ -75,6 +82,19 @@ def test_what_it_writes_is_read_back_and_says_what_it_is(run, swimmer, capsys):
     assert (says["task"], says["control_period"]) == ("swimmer", "0.02")
     assert says["mjcf_sha256"] == hashlib.sha256(swimmer.mjcf.encode()).hexdigest()
     assert len(says["vgps_ros_commit"].split("-")[0]) == 40
+
+
+def test_a_contract_of_an_export_computes_the_same_as_its_policy(run, swimmer, rng, capsys):
+    """By mjlab's twelve keys, as a third-party reader takes them."""
+    output_of(capsys, "export", run, "--output", run / "policy.onnx")
+    content = (run / "policy.onnx").read_bytes()
+    found = OnnxPolicy(content, "The file", swimmer.controls)
+    policy, _ = load_policy(run / "policy.json")
+    inputs = rng.standard_normal((20, len(policy.observed)))
+    assert found.observed == policy.observed
+    expected = np.clip(policy.mean(inputs), *swimmer.controls.limits)
+    np.testing.assert_allclose(found.mean(inputs), expected, rtol=1e-5, atol=1e-5)
+    assert set(metadata_of(parsed(content, "The file"))) >= MJLABS
 
 
 def test_evaluate_takes_the_exported_policy_as_it_takes_the_run(run, capsys):

@@ -153,7 +153,8 @@ class OnnxPolicy:
             held = position * (self.contract.stiffness != 0.0)
             targets = (values + self.contract.damping * velocity) / stiffness + held
             values = np.where(self._closed, targets, values)
-        return np.asarray((values - self._origin) / self.contract.scale)
+        scale = np.where(self.contract.scale, self.contract.scale, 1.0)
+        return np.asarray((values - self._origin) / scale)
 
     def _opened(self) -> tuple[Any, Any, Any]:
         """Returns a session of onnxruntime, its input and its output.

@@ -85,6 +85,7 @@ _SENSOR_STD = {
 }
 _COORDINATE_STD = {"vx": _VELOCITY, "vy": _VELOCITY, "vz": _VELOCITY}
 _COORDINATE_STD |= {"x": _PLACE, "y": _PLACE, "z": _PLACE}
+_COORDINATE_STD |= dict.fromkeys(("qw", "qx", "qy", "qz"), 0.015)  # gravity's direction: 0.03
 _COORDINATE_STD |= {"wx": 0.1, "wy": 0.1, "wz": 0.1}
 
 
