@@ -3,17 +3,24 @@
 
 import numpy as np
 import onnx
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from sensor_msgs.msg import JointState
 
 from tests.bags.altered import without
 from tests.nodes.test_onnx_executor import STEPS, drive, motion_of
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.messages.conversions import command_from_msg, stamp_of, state_to_msg
 from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.tasks.driver import driver_of
 
 
-def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(graph, swimmer, tmp_path):
-    """It reads its last actions and the joints, of three steps."""
+@pytest.fixture
+def path(tmp_path):
+    """A policy of the swimmer that reads its last actions and the joints, of three steps."""
     layers = elu_layers(3 * (2 + 2 + 2), 2)
     metadata = {
         "joint_names": "back_joint,front_joint",
@@ -22,8 +29,13 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(graph, swim
         "observation_terms_scale": "1,0.5,2",
         "action_scale": "5.0",
     }
-    path = tmp_path / "policy.onnx"
-    onnx.save(elu_model(layers, metadata), path)
+    onnx.save(elu_model(layers, metadata), tmp_path / "policy.onnx")
+    return tmp_path / "policy.onnx"
+
+
+def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
+    graph, swimmer, path, tmp_path
+):
     bag = drive(graph, tmp_path, path, limit=100.0)
     states, controls = motion_of(bag, swimmer)
     driver = driver_of(swimmer, open_policy(path))
@@ -42,3 +54,37 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(graph, swim
     assert 1 <= late.counts["remembering"] <= 4
     assert late.counts["close"] + late.counts["mean"] >= STEPS - 24
     assert any("which a policy remembers" in sentence for sentence in late.missing)
+
+
+def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
+    graph.start("policy_executor", autostart=False, policy_file=path)
+    commands = graph.messages(JointState, "joint_command")
+    states = graph.node.create_publisher(JointState, "joint_states", STREAM)
+
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert graph.call(ChangeState, "policy_executor/change_state", request).success
+
+    def answer(step):
+        commands.clear()
+        stamp = stamp_of(step * 20_000_000)
+        states.publish(state_to_msg(np.ones(10), swimmer.joint_names, stamp))
+        graph.spin_until(lambda: any(command.header.stamp == stamp for command in commands))
+        return command_from_msg(commands[-1], swimmer.controls)
+
+    change(Transition.TRANSITION_CONFIGURE)
+    change(Transition.TRANSITION_ACTIVATE)
+    for topic, count in (("joint_states", states.get_subscription_count), ("joint_command", None)):
+        graph.spin_until(count or (lambda t=topic: graph.node.count_publishers(t)))
+    driver = driver_of(swimmer, open_policy(path))
+    inputs = driver.observation(np.ones((1, 10)))
+    law = driver.started()
+    for step in (1, 2, 3):
+        wanted = law(inputs)[0]
+        for _ in range(2):  # a state that comes twice is answered twice
+            np.testing.assert_allclose(answer(step), wanted, rtol=1e-5)
+    first = driver.policy.mean(inputs)[0]
+    assert np.abs(wanted - first).max() > 0.1
+    change(Transition.TRANSITION_DEACTIVATE)
+    change(Transition.TRANSITION_ACTIVATE)
+    np.testing.assert_allclose(answer(4), first, rtol=1e-5)

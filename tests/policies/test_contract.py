@@ -98,6 +98,14 @@ def test_each_number_stands_in_its_place(said, lags, by_time, rng):
             },
             "different histories",
         ),
+        (
+            {
+                "observation_terms_lags": "999",
+                "joint_names": ",".join(f"j{i}" for i in range(100)),
+                "default_joint_pos": "0",
+            },
+            "remembers 1000 steps of 315 numbers",
+        ),
         ({"observation_order": "tme"}, "Did you mean 'time'"),
         (
             {

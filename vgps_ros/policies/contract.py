@@ -149,6 +149,11 @@ class Contract:
         self._lowest, self._highest = clips.T
         self.remembers = any(t.kind == "last_action" or max(t.lags) for t in self.terms)
         self.steps = 1 + max(max(term.lags) for term in self.terms)
+        if self.steps * len(self._scale) > _MOST:
+            raise InvalidInputError(
+                f"{name} remembers {self.steps} steps of {len(self._scale)} numbers, but at most "
+                f"{_MOST} in all may be remembered; use a smaller network."
+            )
         self.places = self._placed(by_time=order == "time")
         self._lags, self._indices = (np.array([p[i] for p in self.places]) for i in (1, 2))
 
