@@ -89,8 +89,9 @@ def run(arguments: argparse.Namespace) -> None:
         places = list(group)
         lags = list(dict.fromkeys(lag for _, lag, _ in places))
         last, term = first + len(places), terms[name]
-        named = [each for each in term.read if not each.startswith(BASE)]
-        source = ", ".join([*named[:2], *["…"] * (len(named) > 2)]) or "base, or memory"
+        named = [BASE if each.startswith(BASE) else each for each in term.read]
+        named = list(dict.fromkeys(named)) or ["the network's output"]
+        source = ", ".join([*named[:2], *["…"] * (len(named) > 2)])
         scales = ", ".join(f"{scale:.4g}" for scale in dict.fromkeys(term.scale.tolist()))
         steps = f"{lags[0]} to {lags[-1]}" if len(lags) > 1 else str(lags[0])
         table.add_row(
