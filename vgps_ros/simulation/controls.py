@@ -130,7 +130,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     """
     spec = mujoco.MjSpec.from_string(mjcf)
     model = spec.compile()
-    controls, exact = controls_of(model), dict[str, dict[str, list[float]]]()
+    controls, exact = controls_of(model), dict[int, dict[str, list[float]]]()
     for i, actuator in enumerate(spec.actuators):
         k_p, k_d = float(stiffness[i]), float(damping[i])
         own = controls.stiffness[i], controls.damping[i]
@@ -161,7 +161,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
             "biasprm": [0.0, -k_p / gear**2, -k_d / gear**2],
         }
         actuator.gainprm[:3], actuator.biasprm[:3] = gains.values()
-        exact[actuator.name] = gains
+        exact[i] = gains
     if not exact:
         return mjcf
     for key in spec.keys:
@@ -173,7 +173,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
             f"The robot does not compile with the gains {stiffness} and {damping}: {error}."
         ) from error
     robot = ElementTree.fromstring(spec.to_xml())  # which has six digits
-    for element in robot.iterfind("actuator/*"):
-        for name, numbers in exact.get(element.get("name", ""), {}).items():
+    for i, element in enumerate(robot.iterfind("actuator/*")):  # some may have no name
+        for name, numbers in exact.get(i, {}).items():
             element.set(name, " ".join(map(repr, numbers)))
     return ElementTree.tostring(robot, encoding="unicode")
