@@ -138,6 +138,48 @@ def test_a_robot_without_motors_and_floor_gets_both(folder, capsys):
     assert [model.actuator(i).name for i in range(model.nu)] == ["hip"]
 
 
+WALKS = """
+<mujoco>
+  {ground}
+  <worldbody>
+    <body name="ball" pos="2 0 .1"><freejoint/><geom size=".1"/></body>
+    <body name="base" {pose}><freejoint/><geom type="box" size=".1 .1 .1"/>
+      <body pos=".1 0 0"><joint name="hip" axis="0 1 0"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/></body></body>
+  </worldbody>
+  <actuator><motor joint="hip" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("ground", "pose", "height"),
+    [
+        ("", "", 0.22),
+        ("", 'pos="0 0 -0.3"', 0.22),
+        ("", 'pos="0 0 1"', 1.0),
+        ("", 'euler="0 90 0"', 0.12),  # the leg lies along the ground, below the trunk
+        ('<worldbody><geom type="plane" size="1 1 1" pos="0 0 .5"/></worldbody>', "", 0.72),
+    ],
+)
+def test_the_first_file_stands_the_robot_on_its_ground(folder, ground, pose, height):
+    """The robot is what has an actuator, and not the ball that comes first."""
+    (folder / "robot.xml").write_text(WALKS.format(ground=ground, pose=pose))
+    main(["new", "mine", "--model", "robot.xml"])
+    task = make_task(str(folder / "mine"))
+    model = task.dynamics.model
+    place = model.jnt_qposadr[model.joint("base_free").id]
+    assert task.initial_state[place + 2] == pytest.approx(height, abs=2e-3)
+    assert not task.fallen(task.initial_state[None])[0]
+    assert [each for each in task.observation.names if "base_free" in each]
+
+
+def test_a_fixed_robot_gets_no_floor(folder):
+    (folder / "robot.xml").write_text(PENDULUM.replace('contype="0" conaffinity="0"', ""))
+    main(["new", "mine", "--model", "robot.xml"])
+    assert "floor" not in (folder / "mine" / "task.yaml").read_text()
+
+
 def test_new_replaces_no_file_and_names_what_is_not_there(folder, capsys):
     main(["new", "mine", "--model", "pendulum.xml"])
     assert "exists already" in ends_with(capsys, "new", "mine", "--model", "pendulum.xml")

@@ -24,6 +24,7 @@ class _Robot:
     is_free: bool  # whether it has a free joint, named `joint`
     joint: str
     height: float  # of the root at the start [m]; 0 if it cannot rise or fall
+    placed: list[float]  # the free joint's position at the start, if the model's is in the floor
     up: np.ndarray  # the vertical in the root's frame at the start, shape (3,)
     leans: list[int]  # the numbers of `up` that change when the robot leans, such as x and y
     prefix: str  # of the names of new sensors, so that the model has none of them
@@ -50,20 +51,22 @@ def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
         f"# Sensors: {_listed([model.sensor(i).name for i in range(model.nsensor)])}.",
         "# After a change, `vgps check task.yaml` says what looks wrong.",
         f"model: {reference}",
-        *_changes(model),
+        *_changes(model, robot.goes),
         f"control_period: {period:g}      # [s], multiple of the time step, {model.opt.timestep:g}",
         f"horizon: {_whole(2.0, period):<5g}             # [s], trained on and scored",
     ]
     if robot.goes:
         lines.append(f"lookahead: {_whole(0.5, period):<5g}           # [s], optimised beyond it")
-    lines += [*_start(model), *_sensors(robot), *_cost(robot, strengths), *_observed(robot)]
+    lines += [*_start(robot), *_sensors(robot), *_cost(robot, strengths), *_observed(robot)]
+    is_upright = bool(robot.leans) and robot.up[2] > 0.9
+    if robot.height or is_upright:
+        lines.append("fallen:")
     if robot.height:
         lowest = _WEAKEST * robot.height
         lines += [
-            "fallen:",
             f"  - {{sensor: {robot.prefix}height, index: z, below: {lowest:.2g}}}         # [m]",
         ]
-    if robot.leans and robot.up[2] > 0.9:
+    if is_upright:
         lines.append(f"  - {{sensor: {robot.prefix}up, index: z, below: 0.5}}    # leans by 60°")
     lines += [
         *_begin(robot, strengths),
@@ -82,12 +85,18 @@ def _robot(model: mujoco.MjModel) -> _Robot:
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_kinematics(model, data)
-    body = int(np.flatnonzero(model.body_dofnum)[0])
+    body = _root(model)
     first = int(model.body_jntadr[body])
     is_free = model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
     goes = bool(is_free or cyclic_positions(model))
     falls = goes and abs(model.opt.gravity[2]) > 0
+    mujoco.mj_kinematics(model, data)
+    placed: list[float] = []
+    if falls and is_free and not model.nkey and (depth := _depth(model, data, body)) > 0.0:
+        place = slice(model.jnt_qposadr[first], model.jnt_qposadr[first] + 7)
+        data.qpos[place.start + 2] += depth
+        placed = [round(float(value), 4) for value in data.qpos[place]]
+        mujoco.mj_kinematics(model, data)
     up = data.xmat[body].reshape(3, 3)[2]
     taken = " ".join(model.sensor(i).name for i in range(model.nsensor))
     balls = {}
@@ -103,11 +112,39 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         is_free=bool(is_free),
         joint=model.joint(first).name,
         height=float(data.xpos[body][2]) if falls else 0.0,
+        placed=placed,
         up=up,
         prefix="root_" if re.search(r"\b(velocity|height|up|\w+_turn)\b", taken) else "",
         leans=[int(i) for i in np.flatnonzero(turning > 1e-6)] if falls else [],
         balls=balls,
     )
+
+
+def _root(model: mujoco.MjModel) -> int:
+    """Returns the first body of the tree that has most actuators; a ball or a box has none."""
+    joints = [i for i in model.actuator_trnid[:, 0] if 0 <= i < model.njnt]
+    driven = [model.body_treeid[model.jnt_bodyid[i]] for i in joints]
+    tree = max(range(max(1, model.ntree)), key=driven.count)
+    return int(np.flatnonzero(model.body_treeid == tree)[0])
+
+
+def _depth(model: mujoco.MjModel, data: mujoco.MjData, root: int) -> float:
+    """Returns how far a robot reaches below the ground at height 0 or the model's planes [m]."""
+    touching = (model.geom_contype | model.geom_conaffinity) != 0
+    trees = model.body_treeid[model.geom_bodyid]
+    planes = touching & (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    ground = float(data.geom_xpos[planes, 2].max(initial=0.0))
+    lowest = np.inf
+    for i in np.flatnonzero(touching & (trees == model.body_treeid[root])):
+        axes, size = data.geom_xmat[i].reshape(3, 3)[2], model.geom_size[i]
+        kind = mujoco.mjtGeom(model.geom_type[i])
+        if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE):
+            reach = size[0] + size[1] * abs(axes[2]) * (kind == mujoco.mjtGeom.mjGEOM_CAPSULE)
+            lowest = min(lowest, data.geom_xpos[i, 2] - reach)
+        else:  # at most as far as its box
+            centre, half = model.geom_aabb[i, :3], model.geom_aabb[i, 3:]
+            lowest = min(lowest, data.geom_xpos[i, 2] + axes @ centre - np.abs(axes) @ half)
+    return float(np.ceil(1e3 * (ground - lowest)) / 1e3) if np.isfinite(lowest) else 0.0
 
 
 def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -119,7 +156,7 @@ def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
     return model.jnt_axis[joints[kinds == mujoco.mjtJoint.mjJNT_HINGE]]
 
 
-def _changes(model: mujoco.MjModel) -> list[str]:
+def _changes(model: mujoco.MjModel, goes: bool) -> list[str]:
     lines = []
     if model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         lines.append("  option: {integrator: implicitfast}     # stiff joints stay stable")
@@ -134,7 +171,8 @@ def _changes(model: mujoco.MjModel) -> list[str]:
             "  joints:                                # so can limits whose force begins softly",
             '    "*": {solref_limit: [0.04, 1], solimp_limit: [0, 0.95, 0.1, 0.5, 2]}',
         ]
-    if not (model.body_weldid[model.geom_bodyid] == 0).any() and abs(model.opt.gravity[2]) > 0:
+    has_ground = (model.body_weldid[model.geom_bodyid] == 0).any()
+    if goes and not has_ground and abs(model.opt.gravity[2]) > 0:
         lines.append("  floor: true                            # the model has none")
     if not model.nu:
         lines.append("  actuators:                             # motors [N·m]; the model has none")
@@ -145,17 +183,23 @@ def _changes(model: mujoco.MjModel) -> list[str]:
 
 def _driven(model: mujoco.MjModel) -> list[str]:
     """Returns the joints that a motor may drive: not those that carry the whole robot along."""
-    first = int(np.flatnonzero(model.body_dofnum)[0])
+    first = _root(model)
     base = model.body_jntadr[first] + np.arange(model.body_jntnum[first])
     carried = {model.joint(j).name for j in base if len(base) > 1}
     return [name for name in joint_names(model) if name not in carried]
 
 
-def _start(model: mujoco.MjModel) -> list[str]:
+def _start(robot: _Robot) -> list[str]:
+    model = robot.model
     names = deviation_names(model)
-    exact = [names[i] for i in cyclic_positions(model)]
+    # A height in which nothing differs in the model matters once there is a floor.
+    places = [names[i] for i in cyclic_positions(model)]
+    exact = [name for name in places if not (robot.height and name == f"{robot.joint}/z")]
     overrides = f", overrides: {{{', '.join(f'{n}: 0.0' for n in exact)}}}" if exact else ""
     std = f"std: {{position: 0.01, velocity: 0.1{overrides}}}"
+    if robot.placed:
+        free = f"  positions: {{{robot.joint}: {robot.placed}}}"
+        return ["start:", f"{free}    # on the ground", f"  {std}"]
     if not model.nkey:
         return [f"start: {{{std}}}"]
     return ["start:", f"  keyframe: {model.key(0).name or 0}", f"  {std}"]
