@@ -32,4 +32,5 @@ def test_purposes_keep_their_numbers():
         "COMMANDS": 15,
         "RENEWAL": 16,
         "JUDGEMENT": 17,
+        "IMU": 18,
     }

@@ -18,6 +18,7 @@ from vgps_ros.tasks import make_task
 FOLDER = Path(__file__).parent
 # n_dx, n_u, DDP iterations, and the share of the first cost that may remain after them.
 EXPECTED = {
+    "ant_controller": (28, 8, 10, 0.35),
     "dm_cartpole": (4, 1, 10, 1.0),
     "dm_cheetah": (18, 6, 10, 0.45),
     "dm_reacher": (4, 2, 15, 0.15),
