@@ -102,9 +102,7 @@ class FitLoss:
 
     def at(self, theta: Array) -> Point:
         """Returns the loss and its gradient at θ."""
-        passes = self._passes(theta, self.inputs)
-        residuals = [p.outputs - wanted for p, wanted in zip(passes, self._wanted, strict=True)]
-        v = self._variances(residuals)
+        passes, residuals, v = self._misfit(theta)
         weights = torch.where(v > self.least, 1.0 / v, 0.0)
         scale = (weights / self.inputs.shape[1])[:, None]
         gradient = _total(_for_each(lambda p, r: p.backwards(r * scale), passes, residuals))
@@ -112,9 +110,7 @@ class FitLoss:
 
     def value(self, theta: Array) -> float:
         """Returns F at θ."""
-        passes = self._passes(theta, self.inputs)
-        residuals = [p.outputs - wanted for p, wanted in zip(passes, self._wanted, strict=True)]
-        return self._value(self._variances(residuals))
+        return self._value(self._misfit(theta)[2])
 
     def value_and_gradient(self, theta: Array) -> tuple[float, Array]:
         """Returns F and ∇F at θ."""
@@ -124,26 +120,28 @@ class FitLoss:
     def curvature(self, theta: Array, weights: torch.Tensor) -> "Curvature":
         """Returns G at θ, over a part of the samples."""
         parts = max(1, min(_PARTS, self.inputs.shape[1] // _LEAST_PART))
-        passes = self._passes(theta, self.inputs[:, ::parts])
+        passes = self._passes(theta, self._blocks(self.inputs[:, ::parts]))
         return Curvature(self.architecture, passes, weights)
 
-    def _passes(self, theta: Array, inputs: torch.Tensor) -> list[Passes]:
-        """Returns the passes of each block."""
-        blocks = self._blocks(inputs)
+    def _misfit(self, theta: Array) -> tuple[list[Passes], list[torch.Tensor], torch.Tensor]:
+        """Returns the passes and r (n_u, N_b) of each block, and v, shape (n_u,)."""
+        inputs, targets = self._samples
+        passes = self._passes(theta, inputs)
+        residuals = [p.outputs - wanted for p, wanted in zip(passes, targets, strict=True)]
+        squares = _total([(r**2).sum(dim=1) for r in residuals])
+        return passes, residuals, squares / self.inputs.shape[1] + self.variances
+
+    def _passes(self, theta: Array, blocks: list[torch.Tensor]) -> list[Passes]:
         return _for_each(lambda block: Passes(self.architecture, theta, block), blocks)
+
+    @cached_property
+    def _samples(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """The inputs and the targets, in blocks."""
+        return self._blocks(self.inputs), self._blocks(self.targets)
 
     def _blocks(self, columns: torch.Tensor) -> list[torch.Tensor]:
         size = max(1, _BLOCK // self.architecture.num_parameters)
         return [block.contiguous() for block in columns.split(size, dim=1)]
-
-    @cached_property
-    def _wanted(self) -> list[torch.Tensor]:
-        return self._blocks(self.targets)
-
-    def _variances(self, residuals: list[torch.Tensor]) -> torch.Tensor:
-        """Returns v, shape (n_u,), of r in blocks (n_u, N_b)."""
-        squares = _total([(r**2).sum(dim=1) for r in residuals])
-        return squares / self.inputs.shape[1] + self.variances
 
     def _value(self, v: torch.Tensor) -> float:
         return 0.5 * torch.log(torch.maximum(v, self.least)).sum().item()
