@@ -18,6 +18,7 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import OptimizerIteration, TrajectoryDistribution
 from vgps_msgs.srv import OptimizeTrajectory
 
+from tests.nodes.conftest import remember
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
@@ -112,7 +113,12 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
 
 
-def test_commands_and_a_clock_reach_the_optimizer_and_situations_are_renewed(graph, told, tmp_path):
+@pytest.mark.parametrize("history", [0, 2])
+def test_commands_and_a_clock_reach_the_optimizer_and_situations_are_renewed(
+    graph, told, tmp_path, history
+):
+    if history:
+        remember(Path(told), history)
     task = make_task(told)  # with seed 1 the new situations have solutions
     settings = replace(
         search_settings(task),

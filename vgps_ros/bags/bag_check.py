@@ -434,12 +434,8 @@ class _TorqueCheck:
         self._policies = _policies(bag, executor)
         self._marginals = _marginals(bag, executor)
         # Steps after which a policy remembers none from before the bag but by its actions.
-        remembered = [
-            policy.policy.contract.steps
-            for _, policy in self._policies.values
-            if isinstance(policy.policy, OnnxPolicy) and policy.policy.contract.remembers
-        ]
-        self._steps = 1 + max(remembered, default=-1)
+        steps = max((policy.steps for _, policy in self._policies.values), default=0)
+        self._steps = 1 + steps if steps else 0
         self._is_first = True
         # Steps whose answers may depend on steps that are not in the bag, and the newest stamp.
         self._unsure, self._stamp, self._is_limited = 0, -1, False
@@ -486,7 +482,7 @@ class _TorqueCheck:
         for state, iteration, policy, seed in reversed(tries):  # noqa: B007
             inputs = executor.inputs(policy.policy, *state)
             kept = policy.remembered
-            for memory in (kept, FORGOTTEN) if isinstance(policy.policy, OnnxPolicy) else (kept,):
+            for memory in (kept, FORGOTTEN) if policy.steps else (kept,):
                 policy.remembered = memory  # or none, as after an activation
                 wanted = policy.control(inputs, command.stamp, seed)
                 expected = executor.limiter.limited(wanted, command.stamp, state[0])
@@ -524,7 +520,7 @@ class _TorqueCheck:
 
         Returns False where it remembers nothing. Of a control at a limit, what it tells is wrong.
         """
-        if not (isinstance(policy.policy, OnnxPolicy) and policy.policy.contract.remembers):
+        if not policy.steps:
             return False
         control, limited = command.control, self._executor.limiter.limited
         around = 1e-6 * np.maximum(1.0, np.abs(control))
@@ -532,7 +528,7 @@ class _TorqueCheck:
             np.allclose(limited(each, command.stamp, state), each, rtol=0.0, atol=1e-9)
             for each in (control - around, control + around)
         )
-        policy.recall(policy.policy.actions_of(control[None], inputs[None]))
+        policy.recall(control, inputs)
         return True
 
     def _agreement(
@@ -582,7 +578,7 @@ def _policies(bag: BagReader, executor: RecordedExecutor) -> Timeline:
         policy: Policy
         with suppress(InvalidInputError):  # of which it kept the one before
             if (content := onnx_content(message)) is None:
-                iteration, policy = message.iteration, executor.named(learned_policy(message))
+                iteration, policy = message.iteration, executor.learned(learned_policy(message))
             else:
                 iteration, policy = 0, onnx_policy(content, executor.controls)
             executor.check_fits(policy)

@@ -14,7 +14,7 @@ from rclpy.parameter import parameter_value_to_python
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.core.controls import CONTROL_BOUND, Controls
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import Policy
+from vgps_ros.core.executed_control import Policy, RememberingPolicy
 from vgps_ros.core.observation import NO_CONTEXT, Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -219,8 +219,8 @@ class RecordedExecutor:
         found = [*([None] if False in noisy else []), *(seeds if True in noisy else [])]
         return found or [None]
 
-    def named(self, policy: GaussianPolicy) -> GaussianPolicy:
-        """Returns the policy with the names of what it reads; old bags have a state's indices.
+    def learned(self, policy: GaussianPolicy) -> Policy:
+        """Returns the policy, with the names of what it reads; old bags have a state's indices.
 
         Raises:
             InvalidInputError: an index is that of nothing.
@@ -232,6 +232,8 @@ class RecordedExecutor:
                 f"The policy reads index {missing[0]}, but a state has {len(names)} numbers."
             )
         observed = tuple(names[n] if isinstance(n, int) else n for n in given)
+        if self.task and self.task.observation.past and observed == self.task.observation.names:
+            return RememberingPolicy(policy, self.task.observation.past)
         return replace(policy, architecture=replace(policy.architecture, observed=observed))
 
     def inputs(self, policy: Policy, state: Array, context: Array = NO_CONTEXT) -> Array:
@@ -246,7 +248,7 @@ class RecordedExecutor:
         """
         self._observation_of(policy)
         wanted = len(self._simulations.model.actuator_ctrlrange)
-        if isinstance(policy, GaussianPolicy) and (given := len(policy.noise_std)) != wanted:
+        if (given := len(policy.noise_std)) != wanted:
             raise InvalidInputError(f"The policy has {given} torques, but the robot has {wanted}.")
 
     def _observation_of(self, policy: Policy) -> Observation:

@@ -21,7 +21,7 @@ import numpy as np
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.gaussians import kl_divergence
 from vgps_ros.core.marginals import control_means, with_clamped_variances
-from vgps_ros.core.observation import Observation
+from vgps_ros.core.observation import Observation, sample_inputs
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
@@ -52,13 +52,18 @@ def expected_divergence(
         rng: turns the points over which the divergence is averaged; equal draws make the values of
             several q and θ comparable.
     """
-    deviations = balanced_deviations(q, rng)
-    states = observation.space.add(q.mean.states[:-1], deviations)
+    if observation.past:
+        count = 2 * q.state_covariances.shape[1]
+        deviations, inputs = sample_inputs(q, observation, count, rng)
+    else:
+        deviations = balanced_deviations(q, rng)
+        states = observation.space.add(q.mean.states[:-1], deviations)
+        inputs = observation.within(q.context)(states)
     noise = policy.noise_std**2
     covariances = with_clamped_variances(q.control_covariances, noise)
     same = np.zeros_like(q.mean.controls)
     spread = kl_divergence(same, covariances, same, np.diag(noise))
-    r = control_means(q, deviations) - policy.mean(observation.within(q.context)(states))
+    r = control_means(q, deviations) - policy.mean(inputs)
     return float(spread.sum() + 0.5 * np.sum(r**2 / noise) / len(r))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
+from vgps_ros.core.memory import Memory, PastInputs
 from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
@@ -35,7 +36,10 @@ class Policy(Protocol):
     def noise_std(self) -> Array: ...  # noqa: D102
 
     def mean(self, inputs: Array) -> Array:
-        """Returns μ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o)."""
+        """Returns μ(o), shape (..., n_u), [N·m], for inputs o of shape (..., n_o).
+
+        Of a policy that remembers former steps, these are first ones.
+        """
 
 
 class _CompiledMean:
@@ -54,6 +58,54 @@ class _CompiledMean:
         return self._a[: self._control_dim].copy()
 
 
+class RememberingPolicy:
+    """A policy of ours that reads something of former steps; of each step it is given the rest.
+
+    Args:
+        policy: the policy.
+        past: what it remembers.
+
+    Attributes:
+        policy: the policy.
+        past: what it remembers.
+        observed: names of what it reads of a step, readings and then what it is told.
+        noise_std: σ, shape (n_u,), [N·m].
+        steps: how many steps, with the newest, it reads.
+    """
+
+    def __init__(self, policy: GaussianPolicy, past: PastInputs):
+        self.policy, self.past = policy, past
+        read = len(past.readings)
+        self.observed = (*past.readings, *policy.observed[read + len(past.names) :])
+        self.noise_std, self.steps = policy.noise_std, 1 + past.history
+        self._mean = _CompiledMean(policy)
+
+    def mean(self, inputs: Array) -> Array:
+        """Returns μ(o) of first steps, shape (..., n_u), for inputs of shape (..., n)."""
+        controls, _ = self.answer(inputs.reshape(-1, inputs.shape[-1]), None)
+        return controls.reshape(*inputs.shape[:-1], -1)
+
+    def answer(
+        self, inputs: Array, memory: Memory | None, noise: Array | float = 0.0
+    ) -> tuple[Array, Memory]:
+        """Returns controls μ(o) + noise (N, n_u), and what N robots remember of the step.
+
+        Args:
+            inputs: what is read of the step, shape (N, n).
+            memory: what they remember of the step before; None: this is the first.
+            noise: of the controls, shape (N, n_u).
+        """
+        read, told = np.split(inputs, [len(self.past.readings)], axis=1)
+        memory = self.past.following(memory, read)
+        rows = np.concatenate([self.past.numbers(memory), told], axis=1)
+        controls = np.array([self._mean(row) for row in rows]).reshape(len(rows), -1) + noise
+        return controls, self.past.acted(memory, controls)
+
+    def actions_of(self, controls: Array, inputs: Array) -> Array:
+        """Returns the actions (N, n_u) of controls, which are what is remembered of them."""
+        return controls
+
+
 # The stamp of the newest state, what is remembered of it, and what was before it.
 Remembered = tuple[int, Any, Any]
 FORGOTTEN: Remembered = (-1, None, None)
@@ -69,6 +121,7 @@ class ExecutedPolicy:
         policy: the policy.
         mean: returns μ(o), shape (n_u,) [N·m], for inputs o of shape (n_o,); of a policy that
             remembers former steps, in a first one.
+        steps: how many steps, with the newest, it reads; 0: it remembers nothing.
         remembered: what it remembers.
     """
 
@@ -77,25 +130,26 @@ class ExecutedPolicy:
         self.mean: Callable[[Array], Array] = (
             _CompiledMean(policy) if isinstance(policy, GaussianPolicy) else policy.mean
         )
-        self._answer = getattr(policy, "answer", None)  # of one that may remember
+        # Of one that may remember: RememberingPolicy, or a network of others.
+        self._remembering: Any = policy if hasattr(policy, "answer") else None
+        self.steps: int = getattr(policy, "steps", 0)
         self.remembered: Remembered = FORGOTTEN
 
     def forget(self) -> None:
         """Begins anew: the next state is a first one."""
         self.remembered = FORGOTTEN
 
-    def recall(self, action: Array) -> None:
-        """Takes an action (1, n_a) for that of the newest state, as one that was recorded."""
+    def recall(self, control: Array, inputs: Array) -> None:
+        """Takes a control (n_u,) for the answer to the newest state, as one that was recorded."""
         stamp, memory, before = self.remembered
+        action = self._remembering.actions_of(control[None], inputs[None])
         self.remembered = (stamp, memory._replace(action=action), before)
 
-    def _mean(self, inputs: Array, stamp: int) -> Array:
-        if self._answer is None:
-            return self.mean(inputs)
+    def _answered(self, inputs: Array, stamp: int, noise: Array | float) -> Array:
         newest, memory, before = self.remembered
         if stamp != newest:  # a state that comes twice gets the same answer twice
             before = memory if stamp > newest else None
-        controls, memory = self._answer(inputs[None], before)
+        controls, memory = self._remembering.answer(inputs[None], before, noise)
         self.remembered = (stamp, memory, before)
         return np.asarray(controls[0])
 
@@ -106,13 +160,16 @@ class ExecutedPolicy:
         time of the state, `stamp` [ns], so that recorded torques can be checked. A policy that
         remembers begins anew where time goes back.
         """
-        mean = self._mean(inputs, stamp)
-        if seed is None:
-            return mean
-        rng = generator(
-            seed, Stream.EXECUTION, stamp % 2**64
-        )  # an untrusted bag may have times below 0
-        return mean + self.policy.noise_std * rng.standard_normal(len(mean))
+        noise: Array | float = 0.0
+        if seed is not None:
+            rng = generator(
+                seed, Stream.EXECUTION, stamp % 2**64
+            )  # an untrusted bag may have times below 0
+            std = self.policy.noise_std
+            noise = std * rng.standard_normal(len(std))
+        if self._remembering:
+            return self._answered(inputs, stamp, noise)
+        return self.mean(inputs) if seed is None else self.mean(inputs) + noise
 
 
 CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int]

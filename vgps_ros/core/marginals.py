@@ -22,6 +22,8 @@ from vgps_ros.core.settings import setting
 
 # A linearisation means nothing for states spread beyond it [m, rad, m/s, rad/s].
 STD_BOUND = 1e6
+# Where a coordinate is exact, or follows from the others, an inverse needs some spread.
+_LEAST_STD, _LEAST_CORRELATION = 1e-9, 1e-6
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,91 @@ def sample_joint_deviations(
     deviations = sample_deviations(distribution, count, rng)
     noise = _in_pairs(covariance_roots(distribution.control_covariances), count, rng)
     return deviations, _applied(distribution.gains, deviations) + noise
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Deviations of former steps, drawn jointly with those of q(x_t).
+
+    Attributes:
+        states: δx_t, δx_{t−1} … δx_{t−L}, shape (L+1, count, T, n_dx). Before x_1 all are δx_1.
+        controls: δu_{t−1}, with π_G's noise, shape (count, T, n_u); of no meaning at t = 1.
+    """
+
+    states: Array
+    controls: Array
+
+
+def sample_histories(
+    distribution: TrajectoryDistribution, count: int, length: int, rng: np.random.Generator
+) -> Histories:
+    """Draws (δx_{t−L}, …, δx_t) from q for each t = 1 … T, in pairs ± as `sample_deviations` does.
+
+    A motion of L steps begins in the marginal of x_{t−L}, and follows q's linear dynamics and
+    gains. Where a limit has narrowed a marginal on the way, the motion is narrowed alike.
+    """
+    q, f = distribution, distribution.linear_dynamics
+    horizon, roots = q.mean.horizon, covariance_roots(distribution.control_covariances)
+    narrowing, steps = _narrowing(q), np.arange(q.mean.horizon)
+    start = np.maximum(steps - length, 0)
+    found = [_in_pairs(q.state_roots[start], count, rng)]
+    controls = np.zeros((count, horizon, f.f_u.shape[2]))
+    for lag in range(length, 0, -1):
+        i = np.maximum(steps - lag, 0)
+        acted = _applied(q.gains[i], found[-1]) + _in_pairs(roots[i], count, rng)
+        after = _applied(f.f_x[i], found[-1]) + _applied(f.f_u[i], acted)
+        moves = (steps >= lag)[:, None]
+        controls = np.where(moves, acted, controls)
+        scale = np.where(moves, narrowing[i], 1.0)
+        found = [scale * each for each in (*found, np.where(moves, after, found[-1]))]
+    return Histories(np.stack(found[::-1]), controls)
+
+
+def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Array, Array]:
+    """Returns what a state tells of former steps under q, to first order.
+
+    Returns:
+        G with E[δx_{t−l} | δx_t] = G δx_t for l = 1 … L, shape (L, T, n_dx, n_dx), and the same of
+        δu_{t−1}, shape (T, n_u, n_dx); the latter is zero at t = 1.
+    """
+    q, f = distribution, distribution.linear_dynamics
+    steps, narrowing = np.arange(q.mean.horizon), _narrowing(q)
+    sigma, closed = q.state_covariances, f.f_x + f.f_u @ q.gains
+    std = np.maximum(np.sqrt(np.diagonal(sigma[:-1], axis1=1, axis2=2)), _LEAST_STD)
+    correlations = sigma[:-1] / (std[:, :, None] * std[:, None])
+    widened = correlations + _LEAST_CORRELATION * np.eye(std.shape[1])
+
+    def given(crossed: Array) -> Array:
+        """Returns C Σ_t⁻¹ for covariances with x_t, shape (T, m, n_dx)."""
+        scaled = np.swapaxes(crossed / std[:, None], 1, 2)
+        return np.asarray(np.swapaxes(np.linalg.solve(widened, scaled), 1, 2) / std[:, None])
+
+    found = []
+    for ago in range(1, length + 1):
+        crossed = sigma[np.maximum(steps - ago, 0)]
+        for lag in range(ago, 0, -1):
+            i = np.maximum(steps - lag, 0)
+            after = crossed @ np.swapaxes(closed[i], 1, 2)
+            after *= narrowing[i][:, :, None] * narrowing[i][:, None]
+            crossed = np.where((steps >= lag)[:, None, None], after, crossed)
+        found.append(given(crossed))
+    i = np.maximum(steps - 1, 0)
+    crossed = q.gains[i] @ sigma[i] @ np.swapaxes(closed[i], 1, 2)
+    crossed += q.control_covariances[i] @ np.swapaxes(f.f_u[i], 1, 2)
+    acted = given(crossed * narrowing[i][:, None])
+    acted[0] = 0.0
+    return np.stack(found), acted
+
+
+def _narrowing(q: TrajectoryDistribution) -> Array:
+    """Returns by how much a limit has narrowed each coordinate after steps 1 … T, (T, n_dx)."""
+    f, sigma = q.linear_dynamics, q.state_covariances
+    closed = f.f_x + f.f_u @ q.gains
+    after = closed @ sigma[:-1] @ np.swapaxes(closed, 1, 2)
+    after += f.f_u @ q.control_covariances @ np.swapaxes(f.f_u, 1, 2)
+    squares = [np.diagonal(each, axis1=1, axis2=2) for each in (sigma[1:], after)]
+    ratio = squares[0] / np.maximum(squares[1], _LEAST_STD**2)
+    return np.asarray(np.sqrt(np.minimum(ratio, 1.0)))
 
 
 def sample_rollout_noise(

@@ -33,8 +33,15 @@ import torch
 
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
-from vgps_ros.core.marginals import control_means, sample_deviations, sample_rollout_noise
-from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
+from vgps_ros.core.marginals import control_means, sample_rollout_noise
+from vgps_ros.core.observation import (
+    LOWEST_STD,
+    NO_CONTEXT,
+    Observation,
+    observed_marginals,
+    sample_inputs,
+    widened,
+)
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
@@ -70,7 +77,7 @@ def draw_targets(
     """
     parts = []
     for q in distributions:
-        deviations = sample_deviations(q, samples_per_step, rng)
+        deviations, inputs = sample_inputs(q, observation, samples_per_step, rng)
         means = control_means(q, deviations)
         variances = np.broadcast_to(
             np.diagonal(q.control_covariances, axis1=1, axis2=2), means.shape
@@ -78,8 +85,6 @@ def draw_targets(
         if form == "sampled":
             means = means + sample_rollout_noise(q, samples_per_step, rng)
             variances = np.zeros_like(means)
-        states = observation.space.add(q.mean.states[:-1], deviations)
-        inputs = observation.within(q.context)(states)
         if late:
             inputs, means = _late(q, observation, deviations, inputs, means, late, rng)
         pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
@@ -100,7 +105,7 @@ def _late(
 
     Such a sample reads h(x_t) where x_{t+1} has come already: its control is that of x_{t+1}, to
     which the linear dynamics and q's gains lead, δx_{t+1} = (f_x + f_u K) δx_t. What it is told is
-    of t + 1, since commands and clock are no readings.
+    of t + 1, since commands and clock are no readings. Its last action is that of t.
     """
     f = q.linear_dynamics
     after = np.einsum("txy,sty->stx", f.f_x + f.f_u @ q.gains, deviations)[:, :-1]
@@ -109,6 +114,9 @@ def _late(
     if observation.told:
         told = len(observation.told)
         read[..., -told:] = inputs[:, 1:, -told:]
+    if observation.past and (acted := len(observation.past.actions)):
+        last = read.shape[2] - len(observation.told)
+        read[..., last - acted : last] = np.clip(means[:, :-1], *observation.past.limits)
     is_late = rng.uniform(size=read.shape[:2])[..., None] < share
     inputs, means = inputs.copy(), means.copy()
     inputs[:, :-1] = np.where(is_late, read, inputs[:, :-1])
@@ -274,7 +282,11 @@ MOST_CANDIDATES = 500  # steps of a motion with all of which a state is compared
 
 
 def visited_targets(
-    q: TrajectoryDistribution, observation: Observation, visited: Array, limit: float
+    q: TrajectoryDistribution,
+    observation: Observation,
+    visited: Array,
+    limit: float,
+    controls: Array = NO_CONTEXT,
 ) -> Targets:
     """Returns what q would do in states of rollouts, up to where each of them leaves q.
 
@@ -284,11 +296,13 @@ def visited_targets(
         visited: states of the rollouts, shape (N, T, n_x), NaN where one has diverged.
         limit: largest distance from q at the step τ, as the root mean square of a state's
             deviations in standard deviations of the marginal.
+        controls: controls of the rollouts, shape (N, T, n_u), which a policy may remember.
     """
     count, length, n_x = visited.shape
-    states, inputs = visited.reshape(-1, n_x), observation.within(q.context)(visited)
-    inputs = inputs.reshape(len(states), -1)
-    step, distance = likeliest_steps(q, observation, inputs)
+    states, here = visited.reshape(-1, n_x), observation.within(q.context)
+    inputs = here.along(visited, controls).reshape(len(states), -1)
+    now = here.now(visited).reshape(len(states), -1) if here.past else inputs
+    step, distance = likeliest_steps(q, observation, now)
     is_near = distance <= limit  # false where it is NaN
     kept = np.logical_and.accumulate(is_near.reshape(count, length), axis=1).ravel()
     states, inputs, step = states[kept], inputs[kept], step[kept]
@@ -311,7 +325,7 @@ def likeliest_steps(
     Args:
         q: the distribution.
         observation: h.
-        inputs: o, shape (N, n_o).
+        inputs: o without what is remembered, shape (N, n_o).
     """
     means, covariances = observed_marginals(q, observation)
     variances, axes = np.linalg.eigh(widened(covariances))
@@ -336,7 +350,13 @@ def likeliest_steps(
 
 
 def _is_read(q: TrajectoryDistribution, observation: Observation) -> Array:
-    """Returns whether each coordinate of a deviation changes what the policy reads, (n_dx,)."""
+    """Returns whether each coordinate of a deviation changes what the policy reads, (n_dx,).
+
+    Readings of two steps tell of what changes the second ones.
+    """
     n_o, states = len(observation.names), q.mean.states[:-1]
     h_x = observation.pull_back(np.broadcast_to(np.eye(n_o), (len(states), n_o, n_o)), states)
-    return np.asarray((h_x != 0.0).any(axis=(0, 1)))
+    is_read = (h_x != 0.0).any(axis=(0, 1))
+    if observation.past and observation.past.history:
+        is_read |= (h_x[1:] @ q.linear_dynamics.f_x[:-1] != 0.0).any(axis=(0, 1))
+    return np.asarray(is_read)

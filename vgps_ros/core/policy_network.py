@@ -52,9 +52,8 @@ class Standardization:
         distributions: Sequence[TrajectoryDistribution],
     ) -> "Standardization":
         """Returns the units that suit the observations and controls of distributions."""
-        marginals = [observed_marginals(q, observation) for q in distributions]
-        inputs = np.concatenate([means for means, _ in marginals])
-        spread = np.concatenate([np.diagonal(c, axis1=1, axis2=2) for _, c in marginals])
+        marginals = [_input_marginals(q, observation) for q in distributions]
+        inputs, spread = (np.concatenate(parts) for parts in zip(*marginals, strict=True))
         controls = np.concatenate([q.mean.controls for q in distributions])
         first_bias = architecture.hidden_bias if architecture.hidden_units else False
         shift_in, shift_out = float(first_bias), float(architecture.output_bias)
@@ -99,6 +98,22 @@ class Standardization:
     def controls(self, controls: Array) -> torch.Tensor:
         """Returns N controls (..., n_u), standardised, shape (n_u, N)."""
         return _columns((controls - self.output_shift) / self.output_scale)
+
+
+def _input_marginals(q: TrajectoryDistribution, observation: Observation) -> tuple[Array, Array]:
+    """Returns the means and the variances of the inputs at t = 1 … T, shape (T, n_o) each."""
+    means, covariances = observed_marginals(q, observation)
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    if not (past := observation.past):
+        return means, variances
+    here = observation.within(q.context)
+    means = here.along(q.mean.states[:-1], q.mean.controls)
+    controls = q.gains @ q.state_covariances[:-1] @ np.swapaxes(q.gains, 1, 2)
+    controls = np.diagonal(controls + q.control_covariances, axis1=1, axis2=2)
+    r = len(observation.readings.names)
+    acted = controls[:, : len(past.actions)]
+    parts = [*[variances[:, :r]] * (1 + past.history), acted, variances[:, r:]]
+    return means, np.concatenate(parts, axis=1)
 
 
 def minimize_lbfgs(

@@ -23,13 +23,13 @@ Action a_i asks joint i for p_0 + s a_i, or the torque s a_i where it has no sti
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.checks import finite_array, nearest, one_of
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
 from vgps_ros.policies.onnx_file import names_of, numbers_of
 
@@ -61,13 +61,6 @@ _READ = {
 _OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
 _LONGEST = 1000  # history, in steps
 _MOST = 100_000  # numbers that a network reads
-
-
-class Memory(NamedTuple):
-    """What N robots side by side remember: actions (N, n_a), and frames (N, L, n_f)."""
-
-    action: Array
-    frames: Array
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ package `onnx` (requirements/onnx.txt) is imported only when a file is read or w
 The graph of a policy of ours maps `obs`, shape (batch, n_o), to
 
     mean     μ_θ(o), shape (batch, n_u)
-    actions  the mean within the robot's limits, from the origin, shape (batch, n_u)
+    actions  the mean within the robot's limits, from the origin, shape (batch, n_u); the last
+             ones are read from there, too
     std      σ, shape (n_u,)
 
 all in the units of the robot. `obs` and the outputs are float32 or float64. Between them all is
@@ -28,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 
@@ -310,6 +312,11 @@ def _graph(exported: ExportedPolicy) -> Any:
     shape, last = policy.architecture, len(policy.layers) - 1
     build.constant("one", 1.0)
     a = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
+    acted = [name.startswith(f"{LAST_ACTION}/") for name in shape.observed]
+    if any(acted) and any(exported.origin):
+        shift = np.zeros(len(acted))
+        shift[acted] = exported.origin
+        a = build.node("Add", a, build.constant("last_origin", shift))
     for i, (weight, bias) in enumerate(policy.layers):
         inputs = [a, build.constant(f"weight_{i}", weight)]
         if shape.biased[i]:
@@ -339,7 +346,7 @@ def _read(model: Any, name: str) -> ExportedPolicy:
     elements = {name: _Builder(name).element(np.dtype(kind)) for name, kind in PRECISIONS.items()}
     layers = sum(key.startswith("weight_") for key in arrays)
     shape = Architecture(
-        names_of(metadata, "observation_names", name),
+        names_of(metadata, "observed" if "observed" in metadata else "observation_names", name),
         tuple(arrays[f"weight_{i}"].shape[0] for i in range(layers - 1)),
         len(arrays["noise_std"]),
         activation=metadata["activation"],

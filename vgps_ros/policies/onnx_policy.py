@@ -9,7 +9,6 @@ control period, which stiff loops do not bear (`tasks.driver.in_closed_loops`).
 
 import re
 import threading
-from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -19,8 +18,9 @@ import numpy as np
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
-from vgps_ros.policies.contract import Contract, Memory, nearest_term
+from vgps_ros.policies.contract import Contract, nearest_term
 from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
@@ -90,6 +90,11 @@ class OnnxPolicy:
             self._check(self._outputs(np.zeros((1, len(contract.places))), options))
 
     @property
+    def steps(self) -> int:
+        """How many steps, with the newest, the network reads; 0: it remembers nothing."""
+        return self.contract.steps if self.contract.remembers else 0
+
+    @property
     def control_dim(self) -> int:
         """n_u."""
         return len(self._order)
@@ -102,28 +107,21 @@ class OnnxPolicy:
         controls, _ = self.answer(inputs.reshape(-1, inputs.shape[-1]), None)
         return controls.reshape(*inputs.shape[:-1], self.control_dim)
 
-    def started(self) -> Callable[[Array], Array]:
-        """Returns μ of a run of N robots: called step after step with o (N, n_o), it remembers."""
-        memory: Memory | None = None
-
-        def mean(inputs: Array) -> Array:
-            nonlocal memory
-            controls, memory = self.answer(inputs, memory)
-            return controls
-
-        return mean
-
-    def answer(self, inputs: Array, memory: Memory | None) -> tuple[Array, Memory | None]:
+    def answer(
+        self, inputs: Array, memory: Memory | None, noise: Array | float = 0.0
+    ) -> tuple[Array, Memory | None]:
         """Returns controls (N, n_u) for inputs o (N, n_o), and what N robots remember of the step.
 
         Args:
             inputs: what was observed.
             memory: what they remember of the step before; None: this is the first.
+            noise: added to the controls; the actions that are remembered are without.
         """
         found = self.contract.remembered(inputs, memory)
         actions = self.actions(self.contract.read(found))
         controls = self.controls(actions, inputs)
-        return controls, found._replace(action=actions) if self.contract.remembers else None
+        remembered = found._replace(action=actions) if self.contract.remembers else None
+        return controls + noise, remembered
 
     def actions(self, read: Array) -> Array:
         """Returns the network's actions, shape (N, n_a), for what it reads, shape (N, n)."""

@@ -72,29 +72,31 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
     import numpy as np
 
     from vgps_ros.core.controls import ControlKind
+    from vgps_ros.core.memory import terms_of
     from vgps_ros.policies.onnx_file import with_commas
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
 
     controls, states = task.controls, state_names(task.dynamics.model)
+    terms = terms_of(policy.observed)
     joints = list(controls.names)
     positions = [f"{joint}/position" for joint in joints]
     start = [float(task.initial_state[states.index(p)]) if p in states else 0.0 for p in positions]
     # What the actions of a servo start from; the positions of other joints are for standing up.
     held = controls.at_joints(controls.resting(task.initial_state))
     start = np.where(controls.are(ControlKind.POSITION), held, start).tolist()
-    return {
+    found = {
         "run_path": str(path),
         "joint_names": with_commas(joints),
         "joint_stiffness": with_commas(controls.stiffness.tolist()),
         "joint_damping": with_commas(controls.damping.tolist()),
         "default_joint_pos": with_commas(start),
         "command_names": with_commas([command.name for command in task.signals.commands]),
-        "observation_names": with_commas(policy.observed),
-        "observation_terms_scale": with_commas([1.0] * len(policy.observed)),
-        "observation_terms_clip": with_commas(["-inf;inf"] * len(policy.observed)),
-        "observation_terms_history_length": with_commas([0] * len(policy.observed)),
-        "observation_terms_flatten_history_dim": with_commas([1] * len(policy.observed)),
+        "observation_names": with_commas([name for name, _ in terms]),
+        "observation_terms_scale": with_commas([1.0] * len(terms)),
+        "observation_terms_clip": with_commas(["-inf;inf"] * len(terms)),
+        "observation_terms_history_length": with_commas([0] * len(terms)),
+        "observation_terms_flatten_history_dim": with_commas([1] * len(terms)),
         "action_scale": with_commas(controls.scale.tolist()),
         "action_kind": with_commas([str(kind) for kind in controls.kinds]),
         "action_unit": with_commas(list(controls.units)),
@@ -104,3 +106,7 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
         "mjcf_sha256": hashlib.sha256(task.mjcf.encode()).hexdigest(),
         "vgps_ros_commit": commit(),
     }
+    if task.observation.past:
+        found["observation_terms_lags"] = with_commas([lag for _, lag in terms])
+        found["observed"] = with_commas(policy.observed)
+    return found

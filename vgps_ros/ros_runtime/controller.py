@@ -630,7 +630,13 @@ class TrainingResults:
                     "gains of its policy_file; start another one."
                 )
             file = PolicyFile("The policy", message.task, policy_from_msg(message))
-            self._drive_by(driver_of(self._task, file), message.iteration)
+            driver = driver_of(self._task, file)
+            if self._task.observation.past and not self._needs_policy:
+                raise InvalidInputError(
+                    "it remembers former steps, of which a plan knows nothing; leave out "
+                    "last_action and history of the task, or execute it by policy_executor."
+                )
+            self._drive_by(driver, message.iteration)
         except InvalidInputError as error:
             kept = "the one before stays" if self.policy else "there is none before it"
             self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")

@@ -63,6 +63,7 @@ class TrainingMarginals:
         control_dim: int,
         told_std: Array = NO_CONTEXT,
     ):
+        observation = observation.now  # what is remembered has no marginals of its own
         q, n, space = distribution, len(observation.names), observation.space
         if not q.mean.horizon:
             raise InvalidInputError("The distribution has no steps, but it must have at least 1.")

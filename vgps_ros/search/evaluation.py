@@ -121,11 +121,11 @@ def measure_driving(
     context = task.signals.held(task.signals.rest, steps)
     task = task.in_context(context)
 
-    policy = driver.started()
+    policy, n_u = driver.started(), task.dynamics.control_dim
 
     def control_law(t: int, x: Array) -> Array:
-        mean = policy(driver.observation.within(context[t])(x))
-        return mean + noise_std * rng.standard_normal(mean.shape) if stochastic else mean
+        noise = noise_std * rng.standard_normal((len(x), n_u)) if stochastic else 0.0
+        return policy(driver.observation.within(context[t])(x), noise)
 
     states, controls, _ = task.dynamics.rollouts(starts, control_law, steps)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)

@@ -25,6 +25,7 @@ from scipy.stats import binomtest
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.executed_control import RememberingPolicy
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
@@ -398,18 +399,20 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
     readings = Readings(task.dynamics.simulations, driver.observation.readings.names)
     observation = replace(observation, readings=readings)
     noise, lag, misread = rollouts.noise, rollouts.lag, rollouts.misread
+    if isinstance(policy, RememberingPolicy):
+        observation, policy = replace(observation, past=policy.past), policy.policy
     if isinstance(policy, GaussianPolicy):
         return task.dynamics.execute(
             policy, observation, rollouts.starts, noise, lag=lag, sensor_noise=misread
         )
-    told, past, mean = observation.values_told(), [], driver.started()
+    told, past, policy_law = observation.values_told(), [], driver.started()
 
     def law(t: int, x: Array) -> Array:
         past.append(readings(x))
         read = past[max(0, t - lag)]
         read = read if misread is None else read + misread[:, t]
         given = np.concatenate([read, told[:, t]], axis=1) if observation.told else read
-        return mean(given) + noise[:, t]
+        return policy_law(given, noise[:, t])
 
     states, controls, _ = task.dynamics.rollouts(rollouts.starts, law, noise.shape[1])
     return states, controls

@@ -74,6 +74,11 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
     settings = with_preset(settings, task)
     if seed < 0:
         raise InvalidInputError(f"seed is {seed}, but it must be at least 0.")
+    if task.observation.past and method != "vgps":
+        raise InvalidInputError(
+            f"The policies of {task.name} read former steps, which {method} does not draw; leave "
+            "out last_action and history of the task, or use vgps."
+        )
     architecture(task, settings)  # a policy that is too large is refused before the first solve
     chosen.check(task, settings)
     check_situations(task, settings, seed)

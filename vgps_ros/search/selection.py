@@ -76,7 +76,7 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
     if settings.renew.push:
         before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
-    found = behaviours(task, Driver(policy, task.observation), pushes, trials)
+    found = behaviours(task, Driver.of(task, policy), pushes, trials)
     commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
     if commands and not found.counts.any():

@@ -17,7 +17,7 @@ from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.executed_control import ExecutedPolicy
-from vgps_ros.core.marginals import sample_deviations, state_covariances
+from vgps_ros.core.marginals import state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
@@ -91,9 +91,8 @@ def optimize(
     if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
-        deviations = sample_deviations(request.previous, task.optimizer.policy_samples, rng)
-        policy, gains = request.policy, request.previous.gains
-        cost = PolicyCost(scaled, policy, task.observation, deviations, gains)
+        q, count = request.previous, task.optimizer.policy_samples
+        cost = PolicyCost.of(scaled, request.policy, task.observation, q, count, rng)
         tolerance = task.optimizer.bound_tolerance
     else:
         least = max(ddp.cost_tolerance, task.optimizer.first_tolerance)

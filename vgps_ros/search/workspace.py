@@ -88,7 +88,8 @@ def roll_out_policy(
     starts, dynamics = _starts(task, count, rng), task.dynamics
     noise = policy.noise_std * rng.standard_normal((count, task.horizon, len(policy.noise_std)))
     states, controls = dynamics.execute(policy, task.observation, starts, noise)
-    drawn = policy.mean(task.observation(np.nan_to_num(states[:, :-1]))) + noise
+    executed = np.nan_to_num(states[:, :-1]), np.nan_to_num(controls)
+    drawn = policy.mean(task.observation.along(*executed)) + noise
     steps = int(np.isfinite(states[:, :-1]).all(axis=2).sum()) * dynamics.substeps
     return _scored(task, states, controls, drawn), steps
 
@@ -282,7 +283,7 @@ class Workspace:
             return []
         draws = self.sample_policy(policy, self.settings.policy_rollouts, k)
         return [
-            visited_targets(q, here.observation, rollouts.states, limit)
+            visited_targets(q, here.observation, rollouts.states, limit, rollouts.controls)
             for q, here, rollouts in zip(scored, self.tasks, draws, strict=True)
         ]
 

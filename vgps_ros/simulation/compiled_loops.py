@@ -91,14 +91,18 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
 
 @compiled
 def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    sim, bounds, network, observation, lag, misread, told, noise, states, controls
+    sim, bounds, network, observation, history, resting, lag, misread, told, noise, states, controls
 ):
-    """Writes rollouts of u = μ_θ(h(x), z) + noise from states[:, 0], up to where they leave bounds.
+    """Writes rollouts of u = μ_θ(o) + noise from states[:, 0], up to where they leave bounds.
 
     The policy reads the state of `lag` steps before, with `misread` (N, T, r) added where it has
-    columns. `told` has z of each rollout and step, shape (N, T, c).
+    columns; what it read in the `history` steps before; the last control, which was `resting` in
+    the first step, where that has numbers. `told` has z of each rollout and step, shape (N, T, c).
     """
     n_read = len(observation.kinds)
+    n_past = history * n_read
+    memory = np.empty(n_past + len(resting))
+    n_known = n_read + len(memory)
     past = np.empty((lag + 1, n_read))
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
@@ -110,12 +114,19 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
             a[:n_read] = past[(t + 1) % (lag + 1) if t >= lag else 0]
             for i in range(misread.shape[2]):
                 a[i] += misread[rollout, t, i]
+            if t == 0:
+                for i in range(n_past):
+                    memory[i] = a[i % n_read]
+                memory[n_past:] = resting
+            a[n_read:n_known] = memory
+            memory[:n_past] = a[:n_past]
             for i in range(told.shape[2]):
-                a[n_read + i] = told[rollout, t, i]
+                a[n_known + i] = told[rollout, t, i]
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
                 sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
             controls[rollout, t] = sim.ctrl
+            memory[n_past:] = sim.ctrl[: len(resting)]
             if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
             states[rollout, t + 1] = x

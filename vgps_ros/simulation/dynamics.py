@@ -357,10 +357,13 @@ class Dynamics:
         told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
         told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))
         misread = np.empty((n, horizon, 0)) if sensor_noise is None else sensor_noise
+        past = observation.past
+        history, resting = (past.history, past.resting) if past else (0, np.empty(0))
+        resting = resting if past and past.actions else np.empty(0)
         self.simulations.in_threads(
             n,
             lambda sim, part: compiled_loops.execute(
-                *(sim, _BOUNDS, network, plan),
+                *(sim, _BOUNDS, network, plan, history, resting),
                 *(lag, misread[part], told[part], noise[part], states[part], controls[part]),
             ),
         )

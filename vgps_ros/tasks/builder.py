@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from vgps_ros.core.augmentation import Augmentation, Mirror
 from vgps_ros.core.checks import known, matching, quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import Dynamics
@@ -73,7 +75,8 @@ def load_task(path: Path, name: str) -> Task:
     steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context, document)
-    cost, observation = _cost(file, read), read.observation(file.observe)
+    start = start_state(file.start, model, document)
+    cost, observation = _cost(file, read), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
         name=name,
@@ -82,7 +85,7 @@ def load_task(path: Path, name: str) -> Task:
         cost=cost,
         horizon=steps[0],
         lookahead=steps[1],
-        initial_state=start_state(file.start, model, document),
+        initial_state=start,
         initial_std=read.by_coordinate(std, ("start", "std")),
         varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
         std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
@@ -150,9 +153,9 @@ class _Reader:
             high.append(beyond if limit.above is None else limit.above)
         return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
 
-    def observation(self, entries: Sequence[str | ObservedEntry]) -> Observation:
-        """Returns what the policy reads: of the state, and of commands and clock."""
-        names: list[str] = []
+    def observation(self, file: TaskFile, start: Array) -> Observation:
+        """Returns what the policy reads: of the state, of former steps, of commands and clock."""
+        entries, names = file.observe, list[str]()
         told = [
             name
             for entry in ("commands", "clock")
@@ -161,12 +164,12 @@ class _Reader:
         ]
         for i, entry in enumerate(entries):
             place = ("observe", i)
-            if entry in ("commands", "clock"):
+            if entry in ("commands", "clock", LAST_ACTION):
                 self.document.refuse(
                     entry in entries[:i], place, f"{entry} is read twice; leave it out."
                 )
                 self.document.refuse(
-                    not self._told(entry),
+                    entry != LAST_ACTION and not self._told(entry),
                     place,
                     f"the task has no {entry}; leave it out, or add it.",
                 )
@@ -190,29 +193,41 @@ class _Reader:
                 "a sensor of forces or accelerations depends on the control that the policy has "
                 "yet to choose; read positions and velocities.",
             )
-        return Observation.of(readings, told, self.signals.names).within(self.context)
+        observation = Observation.of(readings, told, self.signals.names).within(self.context)
+        if not (file.history or LAST_ACTION in entries):
+            return observation
+        controls = self.dynamics.controls
+        actions = controls.names if LAST_ACTION in entries else ()
+        rest, limits = controls.resting(start), controls.limits
+        past = PastInputs(tuple(names), file.history, tuple(actions), rest, limits)
+        return replace(observation, past=past)
 
     def augmentation(self, file: TaskFile, observation: Observation) -> Augmentation | None:
         """Returns the noise and the mirror of a file; None where it has neither."""
         if not file.sensor_noise and file.mirror is None:
             return None
         names, read = list(observation.names), list(observation.readings.names)
-        noise = np.zeros(len(names))
+        of_readings: dict[str, float] = {}
         for pattern, std in file.sensor_noise.items():
             with self.document.at(("sensor_noise", pattern)):
-                for name in matching("reading", pattern, read):
-                    noise[names.index(name)] = std
+                of_readings |= dict.fromkeys(matching("reading", pattern, read), std)
+        noise = np.array([of_readings.get(reading_of(name), 0.0) for name in names])
         return Augmentation(noise, self._mirror(file.mirror, names) if file.mirror else None)
 
     def _mirror(self, entry: MirrorEntry, names: list[str]) -> Mirror:
         """Returns the exchange of left and right of what is read, and of the actuators."""
         actuators = [self.model.actuator(i).name for i in range(self.model.nu)]
-        signs: dict[str, float] = dict.fromkeys([*names, *actuators], 1.0)
+        # What a number is of, by whose name it is flipped.
+        of = {name: reading_of(name) for name in [*names, *actuators]}
+        driven = zip(self.dynamics.controls.names, actuators, strict=True)
+        last = {f"{LAST_ACTION}/{joint}": actuator for joint, actuator in driven}
+        of |= {name: last[name] for name in names if name in last}
+        signs: dict[str, float] = dict.fromkeys(of, 1.0)
         for pattern in entry.flip:
             found = [
                 name
-                for name in signs
-                if fnmatchcase(name, pattern) or fnmatchcase(name.rpartition("/")[0], pattern)
+                for name, own in of.items()
+                if fnmatchcase(own, pattern) or fnmatchcase(own.rpartition("/")[0], pattern)
             ]
             self.document.refuse(
                 not found,
@@ -221,17 +236,17 @@ class _Reader:
             )
             signs |= dict.fromkeys(found, -1.0)
 
-        def places(of: list[str]) -> list[int]:
+        def places(among: list[str]) -> list[int]:
             found = []
-            for name in of:
+            for name in among:
                 other = _exchanged(name, entry.swap)
                 self.document.refuse(
-                    other not in of or signs[other] != signs[name],
+                    other not in among or signs[other] != signs[name],
                     ("mirror",),
                     f"the mirror image of {name} would be {other}, which is not there, or has "
                     "another sign.",
                 )
-                found.append(of.index(other))
+                found.append(among.index(other))
             return found
 
         return Mirror(

@@ -10,12 +10,13 @@ import numpy as np
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy as AnyPolicy
+from vgps_ros.core.executed_control import RememberingPolicy
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, TOLD, nearest_term
 from vgps_ros.policies.onnx_policy import OnnxPolicy
-from vgps_ros.policies.policy_file import Policy, PolicyFile
+from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics, Simulations
 from vgps_ros.simulation.model import compile_model
@@ -65,13 +66,32 @@ class Driver:
             read.
     """
 
-    policy: Policy
+    policy: GaussianPolicy | RememberingPolicy | OnnxPolicy
     observation: Observation
 
-    def started(self) -> Callable[[Array], Array]:
-        """Returns μ of a run of N robots, called step after step with o (N, n_o)."""
-        policy = self.policy
-        return policy.started() if isinstance(policy, OnnxPolicy) else policy.mean
+    @classmethod
+    def of(cls, task: Task, policy: GaussianPolicy) -> "Driver":
+        """Returns a policy that was learned for the task."""
+        if past := task.observation.past:
+            return cls(RememberingPolicy(policy, past), task.observation.now)
+        return cls(policy, task.observation)
+
+    def started(self) -> Callable[..., Array]:
+        """Returns the law of a run of N robots, which remembers what its policy does.
+
+        It is called step after step with o (N, n_o), and perhaps with noise (N, n_u).
+        """
+        policy, memory = self.policy, None
+        answer = getattr(policy, "answer", None)  # of one that may remember
+
+        def law(inputs: Array, noise: Array | float = 0.0) -> Array:
+            nonlocal memory
+            if answer is None:
+                return policy.mean(inputs) + noise
+            controls, memory = answer(inputs, memory, noise)
+            return np.asarray(controls)
+
+        return law
 
     def mean(self, states: Array) -> Array:
         """Returns the controls without noise in states (..., n_x), shape (..., n_u), [N·m].
@@ -128,10 +148,10 @@ def driver_of(task: Task, file: PolicyFile) -> Driver:
     Raises:
         InvalidInputError: the policy does not fit the robot.
     """
-    policy = file.policy(task.controls)
     if file.gaussian:
         file.gaussian.check_fits(task.observation.names, task.dynamics.control_dim)
-        return Driver(policy, task.observation)
+        return Driver.of(task, file.gaussian)
+    policy = file.policy(task.controls)
     observation = observation_of(policy, task.dynamics.simulations, task.signals, file.name)
     assert isinstance(policy, OnnxPolicy)
     periods = (policy.contract.period, task.dynamics.time_step, "control_period", "control period")

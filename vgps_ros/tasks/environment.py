@@ -17,6 +17,7 @@ from gymnasium.spaces import Box
 
 from vgps_ros.core.checks import positive
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
+from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import BUILT_IN, make_task
 
@@ -67,6 +68,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         self.action_space = Box(-1.0, 1.0, (n_u,), np.float64)
         self.state = self._task.initial_state.copy()
         self._t = 0
+        self._memory: Memory | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -78,7 +80,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
             task = self._task
             noise = self.np_random.standard_normal(task.initial_std.shape)
             self.state = task.dynamics.space.add(self.state, task.initial_std * noise)
-        self._t = 0
+        self._t, self._memory = 0, None
         return self._observed(), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -87,6 +89,8 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
         torques = self._torque_scale * np.asarray(action, dtype=float)
         torques = np.clip(torques, *task.dynamics.control_limits)
         cost = float(task.cost(self.state[None], torques[None], self._t)[0])
+        if self._memory is not None and task.observation.past:
+            self._memory = task.observation.past.acted(self._memory, torques[None])
         following = task.dynamics.step(self.state, torques)
         self._t += 1
         diverged = not np.all(np.abs(following) < DIVERGENCE_BOUND)
@@ -101,8 +105,12 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
     def _observed(self) -> Array:
         """Returns what a policy reads now, shape (n_o,)."""
         context = self._task.planned_context
-        now = context[min(self._t, len(context) - 1)]
-        return self._task.observation.within(now)(self.state)
+        observation = self._task.observation.within(context[min(self._t, len(context) - 1)])
+        if not (past := observation.past):
+            return observation(self.state)
+        read = observation.readings(self.state)
+        self._memory = past.following(self._memory, read[None])
+        return observation(self.state, past.numbers(self._memory)[0, len(read) :])
 
 
 _ENTRY_POINT = "vgps_ros.tasks.environment:TaskEnvironment"

@@ -623,11 +623,20 @@ class TaskFile(Record, frozen=True, kw_only=True):
         tuple[Name | ObservedEntry, ...],
         Meta(
             description="values that the policy reads: joint_positions, joint_velocities, "
-            "commands, clock, scalars by full name, or mappings",
+            "last_action, commands, clock, scalars by full name, or mappings",
             examples=[["joint_positions", "joint_velocities", {"sensor": "up"}]],
             min_length=1,
         ),
     ] = ("joint_positions", "joint_velocities")
+    history: Annotated[
+        int,
+        about(
+            "number of control steps before the newest one whose readings the policy reads again",
+            2,
+            ge=0,
+            le=100,
+        ),
+    ] = 0
     fallen: Annotated[
         tuple[Limit, ...],
         about("limits beyond which the robot has fallen", [{"sensor": "height/z", "below": 0.7}]),

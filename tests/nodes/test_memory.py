@@ -1,0 +1,86 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A policy of ours that remembers former steps drives through the graph, and is checked."""
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+
+from tests.bags.altered import without
+from tests.nodes.conftest import remember
+from vgps_ros.bags import BagReader
+from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.bags.episode import episodes
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.messages.conversions import policy_to_msg
+from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks import make_task
+
+STEPS = 30
+
+
+@pytest.fixture
+def task(told):
+    """The rotor that is told its angle, whose policy remembers two steps and its last action."""
+    remember(Path(told), 2)
+    return make_task(told)
+
+
+@pytest.fixture
+def policy(task):
+    shape = Architecture(task.observation.names, (5,), 1)
+    draw = np.random.default_rng(0).standard_normal
+    return GaussianPolicy(shape, 0.2 * draw(shape.num_parameters), np.full(1, 0.3))
+
+
+@pytest.mark.parametrize("stochastic", [False, True])
+def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
+    graph, task, policy, tmp_path, stochastic
+):
+    path, told = tmp_path / "policy.json", task.name
+    save_policy(policy, told, path)
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.start("simulation", task=told, start_paused=True)
+    graph.start("policy_executor", task=told, policy_file=path, stochastic=stochastic, seed=3)
+    for topic in ("joint_states", "joint_command"):
+        count = graph.node.count_subscribers
+        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
+    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 1)
+    program = graph.start("execute_policy", "--task", told, "--steps", str(STEPS))
+    graph.spin_until(lambda: not program.running)
+    assert program.wait() == 0, program.output
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    bag = tmp_path / "bag"
+    with BagReader(bag) as reader:
+        episode = episodes(reader, task.dynamics.model)[-1]
+    if not stochastic:
+        held = task.signals.held(task.signals.rest, STEPS)
+        _, controls = task.dynamics.execute(
+            policy,
+            task.observation.within(held),
+            episode.states[:1],
+            np.zeros((1, STEPS, 1)),
+        )
+        np.testing.assert_array_equal(episode.controls[1 : STEPS + 1], controls[0])
+    found = check_bag(bag, open_policy(path))
+    assert found.wrong == found.missing == found.unproved == []
+    assert found.counts["noisy" if stochastic else "mean"] >= STEPS
+    count = found.counts.total() - STEPS + 10
+    late = check_bag(without(bag, tmp_path / "late", "/joint_command", count), open_policy(path))
+    assert late.wrong == []
+    assert 1 <= late.counts["remembering"] <= 4
+    assert any("which a policy remembers" in sentence for sentence in late.missing)
+
+
+def test_mpc_refuses_such_a_policy(graph, task, policy):
+    graph.start("mpc", task=task.name)
+    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(policy, task.name, 1, Time()))
+    graph.diagnosis("mpc", DiagnosticStatus.ERROR, "it remembers former steps")
