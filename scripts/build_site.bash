@@ -8,6 +8,7 @@ cd "$root"
 source env.bash
 
 log=$root/log/setup/site.log
+mkdir -p "${log%/*}"
 if ! python -m pip install --progress-bar off --no-input -r requirements/docs.txt >"$log" 2>&1; then
   printf 'site: the packages of requirements/docs.txt cannot be installed; the end of %s:\n' "$log" >&2
   tail -n 30 "$log" >&2

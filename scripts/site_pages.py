@@ -18,6 +18,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 import vgps_ros
+from vgps_ros.programs import bag
 from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +27,7 @@ LIBRARY = ("core", "core/ddp", "simulation", "safety", "policies", "tasks", "sea
 SHOWN_AS = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "project/contributing.md",
+    "CHANGELOG.md": "project/changelog.md",
     "QUALITY_DECLARATION.md": "project/quality_declaration.md",
     "SECURITY.md": "project/security.md",
     "examples": "reference/examples.md",
@@ -95,7 +97,7 @@ def with_links_of_the_site(text: str, path: str, page: str) -> str:
 def interfaces() -> str:
     """Returns the page of all messages, services and actions."""
     lines = [
-        "# Interfaces",
+        "# Messages, services and actions",
         "",
         "The package `vgps_msgs` defines these types. The graph speaks standard ones beside them: "
         "`sensor_msgs`, `nav_msgs`, `tf2_msgs`, `std_msgs`, and `simulation_interfaces`; see "
@@ -111,14 +113,20 @@ def interfaces() -> str:
 def commands() -> str:
     """Returns the page of what each command's --help prints."""
     lines = ["# Commands", "", "This is what `vgps NAME --help` prints."]
-    for name, text in helps(COMMANDS, "vgps {}", 100).items():
+    names = [*COMMANDS, *(f"bag {action.__name__}" for action in bag.ACTIONS)]
+    for name, text in helps(sorted(names), "vgps {}", 100).items():
         lines += ["", f"## {name}", "", "```text", text.strip(), "```"]
     return "\n".join(lines)
 
 
 def parameters() -> str:
     """Returns the page of each node's parameters, from the tables that its --help prints."""
-    lines = ["# Parameters", "", "`vgps node NAME --help` prints the same."]
+    lines = [
+        "# Parameters of the nodes",
+        "",
+        "A parameter is given as `-p NAME:=VALUE` behind `--ros-args`, or in a file, as those in "
+        "`config/`. `vgps node NAME --help` prints the same tables.",
+    ]
     for name, text in helps(vgps_ros.NODES, "vgps node {}", 2000).items():
         about, heading, rows = re.split(r"^( +parameter .*)$", text, maxsplit=1, flags=re.M)
         columns = [match.start() for match in re.finditer(r"(?<=  )\S", heading)]

@@ -8,6 +8,7 @@ Run it in the repository's root after a change of `vgps_ros/tasks/schema.py`:
 
 import json
 import re
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +43,27 @@ def _finite(value: Any) -> Any:
 def page(text: str) -> str:
     """Returns the page of task files with its tables of keys."""
     records = msgspec.json.schema(TaskFile)["$defs"]
-    first, *others = sorted(records, key=lambda name: name != "TaskFile")
-    tables = [_table(name, records[name]) for name in (first, *others)]
+    places: dict[str, list[str]] = {"TaskFile": ["The whole file"]}
+    _find_places(records, "TaskFile", "", places)
+    tables = [_table(", ".join(places[name]), records[name]) for name in places]
     return _BLOCK.sub(lambda found: f"{found[1]}\n{chr(10).join(tables)}{found[2]}", text)
 
 
-def _table(name: str, record: dict[str, Any]) -> str:
-    rows = [f"### {name}", "", record["description"], ""]
+def _find_places(
+    records: dict[str, Any], name: str, prefix: str, places: dict[str, list[str]]
+) -> None:
+    """Finds under which keys each record stands, such as start.std, in the file's order."""
+    for key, value in records[name]["properties"].items():
+        for inner in dict.fromkeys(re.findall(r"#/\$defs/(\w+)", json.dumps(value))):
+            law = records[inner]["properties"].get("law")
+            place = f"{prefix}{key}" + (f" with law {law['enum'][0]}" if law else "")
+            places.setdefault(inner, []).append(place)
+            if len(places[inner]) == 1:
+                _find_places(records, inner, f"{place}.", places)
+
+
+def _table(title: str, record: dict[str, Any]) -> str:
+    rows = [f"### {title}", "", cleandoc(record["description"]), ""]
     rows += ["| key | meaning | default | example |", "| --- | --- | --- | --- |"]
     for key, value in record["properties"].items():
         if key == "law":

@@ -58,6 +58,7 @@ NOT_RUN = {
     r"eval |autoload": "completes words in a shell with a person before it",
     r"export (FASTRTPS|ROS_)": "is about other machines",
     r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one",
+    r"vgps import .*--contract": "needs files of other projects; tests/policies reads such",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
 
@@ -80,7 +81,7 @@ class Reader:
     """A reader of a page who types its commands into one shell after another.
 
     DIR stands for the folder that the command before wrote, at first that of a short training, BAG
-    for a copy of the sample.
+    for a copy of the sample, and TASK for the swimmer.
     """
 
     def __init__(self, folder, run, domain):
@@ -128,6 +129,7 @@ class Reader:
     def real(self, command):
         """Returns a command of a page with what its placeholders stand for."""
         command = re.sub(r"\bBAG\b(\.\.\.)?", "bag", command)
+        command = re.sub(r"\bTASK\b(?!=)", "swimmer", command)
         command = command.replace("make ", f"make -C {ROOT} ").replace(
             "OUTPUT=", f"OUTPUT={self.folder}/"
         )

@@ -78,7 +78,7 @@ class Setting:
             raise InvalidInputError(f"{self.name} is {value}, but it must be {self.range()}.")
 
     def range(self) -> str:
-        """Returns the valid range in words."""
+        """Returns the valid range in words, nothing where every value of the type is valid."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         low, high = (
@@ -89,7 +89,7 @@ class Setting:
             return f"from {low} to {high}"
         if self.minimum is not None:
             return f"at least {low}"
-        return "any value" if self.maximum is None else f"at most {high}"
+        return "" if self.maximum is None else f"at most {high}"
 
 
 def setting(default: Any, description: str, **limits: Any) -> Any:

@@ -2,7 +2,7 @@
 """What the numbers of a third-party network mean: the contract between it and a robot.
 
 It is written in the metadata of the ONNX file, by the keys that mjlab writes and some of our own
-(docs/how_to/export.md). A network reads the terms of an observation, one after another:
+(docs/how_to/import_a_policy.md). A network reads the terms of an observation, one after another:
 
 | term | numbers | others call it |
 | --- | --- | --- |

@@ -67,7 +67,8 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
     if "observation_names" not in content:
         raise InvalidInputError(
             f"'{path}' is neither a deploy.yaml of Unitree (joint_ids_map), nor a config.yaml of "
-            "rl_sar (rl_kp), nor holds metadata (observation_names); see docs/how_to/export.md."
+            "rl_sar (rl_kp), nor holds metadata (observation_names); see "
+            "docs/how_to/import_a_policy.md."
         )
     return _said(content)
 

@@ -180,7 +180,7 @@ def names_of(metadata: dict[str, str], key: str, name: str) -> tuple[str, ...]:
     if not words:
         raise InvalidInputError(
             f"{name} has no metadata {key!r}, so nothing tells what its numbers mean; add it, with "
-            "the names separated by commas (docs/how_to/export.md)."
+            "the names separated by commas (docs/how_to/import_a_policy.md)."
         )
     return words
 

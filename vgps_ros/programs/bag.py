@@ -185,10 +185,13 @@ def _say(sentence: str, file: TextIO | None = None) -> None:
     print(printable(sentence), file=file)
 
 
+ACTIONS = (info, check, rerun, table, reindex)
+
+
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     commands = parser.add_subparsers(metavar="COMMAND", dest="action", required=True)
-    for action in (info, check, rerun, table, reindex):
+    for action in ACTIONS:
         name, text = action.__name__, action.__doc__
         command = commands.add_parser(name, help=text, description=text, words=parser.words[1:])
         command.add_argument("bag", type=Path, help="folder of the bag")

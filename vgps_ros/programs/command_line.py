@@ -65,11 +65,9 @@ class Parser(argparse.ArgumentParser):
                 type=_parser(s),
                 nargs="+" if isinstance(s.default, tuple) else None,
                 default=argparse.SUPPRESS if unset else s.default,
-                metavar="{" + ",".join(s.choices) + "}"
-                if s.choices
-                else s.name.split(".")[-1].upper(),
+                metavar=s.name.split(".")[-1].upper(),
                 help=s.description
-                + ("" if s.choices else f"; {s.range()}")
+                + (f"; {s.range()}" if s.range() else "")
                 + (f"; default: {unset}" if unset else ""),
             )
             if s.name != "task":

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
+    parser.usage = "%(prog)s [-h] [--task TASK] [OPTION VALUE ...] --output OUTPUT"
     parser.add_argument(
         "--params-file",
         type=Path,

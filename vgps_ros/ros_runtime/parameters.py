@@ -60,7 +60,7 @@ def declare(
     default = list(setting.default) if isinstance(setting.default, tuple) else setting.default
     descriptor = ParameterDescriptor(
         name=setting.name,
-        description=f"{setting.description} ({setting.range()})",
+        description=setting.description + (f" ({setting.range()})" if setting.range() else ""),
         read_only=not may_change,
         integer_range=_range(setting, IntegerRange, int, _INTEGER_LIMIT),
         floating_point_range=_range(setting, FloatingPointRange, float, _FLOAT_LIMIT),

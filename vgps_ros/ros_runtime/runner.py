@@ -12,7 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -182,7 +182,8 @@ def _show_help(make_node: Callable[[], Node], name: str) -> None:
     The node is built with its defaults, in a graph that nobody discovers and in an empty folder.
     """
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
-    with TemporaryDirectory(prefix="vgps_ros_help_") as folder, chdir(folder):
+    with TemporaryDirectory(prefix="vgps_ros_help_", ignore_cleanup_errors=True) as folder:
+        os.chdir(folder)  # for good, since a writing thread may open its file later
         rclpy.init(
             args=["--ros-args", "--log-level", "fatal"],
             signal_handler_options=SignalHandlerOptions.NO,
