@@ -53,8 +53,8 @@ NOT_RUN = {
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "
     "workspace, which make test-all builds",
     r"rosdep": "needs a ROS installation, which the wheels are not",
-    r"ros2 (launch|service|action|topic|param|security)|.*--enclave": "the wheels have no ros2cli; "
-    "tests/nodes calls the same services, topics and parameters",
+    r"ros2 (launch|lifecycle|service|action|topic|param|security)|.*--enclave": "the wheels have "
+    "no ros2cli; tests/nodes calls the same services, topics and parameters",
     r"eval |autoload": "completes words in a shell with a person before it",
     r"export (FASTRTPS|ROS_)": "is about other machines",
     r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one",
