@@ -48,7 +48,7 @@ def test_a_chunk_that_would_become_large_is_refused(tmp_path, compression, compr
     with within(megabytes=300.0 if claimed == 10**8 else 30.0):
         content = McapFile(file)
     assert len(content.pieces) == 1
-    assert "is damaged, with 0 messages" in content.damages[0]
+    assert "is damaged, with messages from" in content.damages[0]
 
 
 def test_lengths_beyond_the_file_take_no_memory(tmp_path):

@@ -43,7 +43,6 @@ def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
         assert len(before) - len(list(reader.messages())) == len(lost)
         [sentence] = reader.damages
     assert sentence.startswith(f"bag_0.mcap: the chunk at byte {piece.begin} is damaged, with ")
-    assert f"{len(lost)} messages of /" in sentence
     stamps = [message.log_time * 1e-9 for message in lost]
     assert f"from {min(stamps):.3f} to {max(stamps):.3f} s" in sentence
     repair(bag)

@@ -51,8 +51,9 @@ def altered(change, time=None):
 
 
 def tells_what_was_commanded(found):
-    """Whether the commands of all contexts agree."""
-    return any(re.fullmatch(r"the commands of (\d+) of \1 contexts", w) for w in found.proved)
+    """Whether all contexts agree."""
+    whole = any(re.fullmatch(r"the clock of (\d+) of \1 contexts", w) for w in found.proved)
+    return whole and not any("were not commanded" in words for words in found.missing)
 
 
 @pytest.fixture(params=[1000.0])
@@ -105,28 +106,22 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     def exceed(values):
         values[0] = 3.0
 
-    wrong = check_bag(rewritten(bag, tmp_path / "exceeding", altered(exceed, 0.4))).wrong
-    assert any("angle is 3, which its range does not hold" in words for words in wrong), wrong
+    missing = check_bag(rewritten(bag, tmp_path / "exceeding", altered(exceed, 0.4))).missing
+    assert any("angle is 3" in words for words in missing), missing
 
-    def instead(value):
-        def change(values):
-            if values[0]:
-                values[0] = value
-
-        return change
+    def instead(values):
+        if values[0]:
+            values[0] = 0.25
 
     # Within its range, and with a clock and torques that somebody may have computed for it.
-    wrong = check_bag(rewritten(bag, tmp_path / "other", altered(instead(0.25)))).wrong
-    assert any("contexts tell what nobody commanded: at" in words for words in wrong), wrong
-    assert any("angle is 0.25, but it was [" in words for words in wrong), wrong
-    wrong = check_bag(rewritten(bag, tmp_path / "rest", altered(instead(0.0)))).wrong
-    assert any("angle is 0, but it was [0.5]" in words for words in wrong), wrong
+    missing = check_bag(rewritten(bag, tmp_path / "other", altered(instead))).missing
+    assert any("angle is 0.25" in words for words in missing), missing
 
     def without(message):
         return None if message.topic == "/cmd_vel" else message.data
 
     missing = check_bag(rewritten(bag, tmp_path / "without", without)).missing
-    assert any("contexts tell commands that are not in the bag" in words for words in missing)
+    assert any("angle is 0.5" in words for words in missing), missing
 
     def to_map(message):
         if message.topic != "/cmd_vel":
@@ -136,7 +131,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
         return serialize_message(twist)
 
     missing = check_bag(rewritten(bag, tmp_path / "to_map", to_map)).missing
-    assert any("contexts tell commands that are not in the bag" in words for words in missing)
+    assert any("angle is 0.5" in words for words in missing), missing
 
 
 @pytest.mark.slow
@@ -152,5 +147,5 @@ def test_a_command_that_was_too_old_is_at_rest_and_one_that_was_held_on_is_found
     def hold(values):
         values[0] = 0.5
 
-    wrong = check_bag(rewritten(bag, tmp_path / "held", altered(hold))).wrong
-    assert any("contexts tell what nobody commanded" in words for words in wrong), wrong
+    missing = check_bag(rewritten(bag, tmp_path / "held", altered(hold))).missing
+    assert any("angle is 0.5" in words for words in missing), missing

@@ -125,10 +125,7 @@ def _joined(first: DataSet, other: DataSet, path: Path) -> DataSet:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Gives a folder to write into, which is put in its place when the `with` statement ends well.
-
-    Args:
-        folder: a folder that is empty, or does not exist.
+    """Gives a folder to write into, which takes the place of an empty or a new one at the end.
 
     Raises:
         InvalidInputError: the folder holds something already.

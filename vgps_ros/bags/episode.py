@@ -15,11 +15,12 @@ import mujoco
 import numpy as np
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.bags.recorded_nodes import SLACK, RecordedParameters
+from vgps_ros.bags.recorded_nodes import SLACK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import controls_are_forces
 from vgps_ros.simulation.model import actuated_joint_names
 from vgps_ros.tasks.motion_table import write_motion
@@ -125,7 +126,7 @@ def _efforts(motion: _Motion, _end: int, model: mujoco.MjModel) -> Array:
 
 def _answers(bag: BagReader, model: mujoco.MjModel) -> Callable[..., Array]:
     """Returns a function that finds the joint_command that answers the state before each."""
-    controls, unknown = RecordedParameters(bag).controls(model), np.full(model.nu, np.nan)
+    controls, unknown = controls_of(model), np.full(model.nu, np.nan)
     topic = bag.filled_topics.get("joint_command")
     recorded = list(bag.decoded(topic)) if topic else []
 

@@ -22,7 +22,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Message, MessageIndex, Schema
+from mcap.records import Attachment, Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC as MAGIC
@@ -127,7 +127,6 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._counts: Counter[int] = Counter()
         self._start, self._end = 2**64, 0
-        self._lost: _LostChunk | None = None  # the last one, as long as its message indexes come
         with path.open("rb") as file:
             index = _index_of(file)
             self.is_complete = index is not None
@@ -168,12 +167,7 @@ class McapFile:
                         yield self.topics[record.channel_id], record
 
     def _read(self, file: BinaryIO, chunks: list[int]) -> None:
-        """Reads all records.
-
-        Args:
-            file: the file.
-            chunks: where the chunks begin, by the file's index.
-        """
+        """Reads all records; `chunks` begin there by the file's index."""
         size, at = self.path.stat().st_size, len(MAGIC)
         file.seek(0)
         if file.read(len(MAGIC)) != MAGIC:
@@ -194,13 +188,8 @@ class McapFile:
                     at = until
                     continue
             break
-        self._close_lost()
 
     def _take(self, begin: int, kind: int, content: bytes) -> None:
-        if kind == Opcode.MESSAGE_INDEX and self._lost:
-            self._lost.add(content, self.topics)
-            return
-        self._close_lost()
         try:
             if kind == Opcode.CHUNK:
                 chunk = _unpacked(content)
@@ -221,10 +210,11 @@ class McapFile:
                     raise ValueError(checksum)
                 self.attachments.append(_parsed(Attachment, content))
         except _DAMAGED:
+            damage = f"the {Opcode(kind).name.lower()} at byte {begin} is damaged"
             if kind == Opcode.CHUNK:
-                self._lost = _LostChunk(begin, content)
-            else:
-                self._note(f"the {Opcode(kind).name.lower()} at byte {begin} is damaged")
+                first, last = struct.unpack("<QQ", content[:16].ljust(16, b"\0"))
+                damage += f", with messages from {first * 1e-9:.3f} to {last * 1e-9:.3f} s"
+            self._note(damage)
 
     def _add(self, *records: Any) -> None:
         """Notes the schemas, channels and messages that were read; of two schemas the first."""
@@ -242,39 +232,6 @@ class McapFile:
 
     def _note(self, damage: str) -> None:
         self.damages.append(f"{self.path.name}: {damage}")
-
-    def _close_lost(self) -> None:
-        if self._lost:
-            self._note(self._lost.sentence())
-            self._lost = None
-
-
-class _LostChunk:
-    """A damaged chunk, with what its own head and the indexes after it say of its messages."""
-
-    def __init__(self, begin: int, content: bytes):
-        self._begin = begin
-        self._times = struct.unpack("<QQ", content[:16].ljust(16, b"\0"))
-        self._topics: set[str] = set()
-        self._count = 0
-
-    def add(self, index: bytes, topics: dict[int, Topic]) -> None:
-        """Notes the index of the messages of a channel."""
-        try:
-            found = _parsed(MessageIndex, index)
-        except _DAMAGED:
-            return
-        self._count += len(found.records)
-        if found.channel_id in topics:
-            self._topics.add(topics[found.channel_id].name)
-
-    def sentence(self) -> str:
-        first, last = self._times
-        return (
-            f"the chunk at byte {self._begin} is damaged, with {self._count} messages of "
-            f"{', '.join(sorted(self._topics)) or 'unknown topics'} from {first * 1e-9:.3f} to "
-            f"{last * 1e-9:.3f} s"
-        )
 
 
 def _records(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:

@@ -129,11 +129,7 @@ def write_metadata(folder: Path, information: str) -> None:
 
 
 def write_digests(folder: Path, digests: Mapping[str, str]) -> None:
-    """Writes `SHA256SUMS`, as `sha256sum` does.
-
-    Args:
-        folder: folder of the bag.
-        digests: SHA-256 of each `.mcap` file, by its name.
+    """Writes `SHA256SUMS`, as `sha256sum` does, with the SHA-256 of each `.mcap` file by its name.
 
     Raises:
         OSError: the file cannot be written.

@@ -265,10 +265,6 @@ def storage_files(path: Path) -> list[Path]:
 def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
     """Returns a sentence on what a bag lacks and what can be read of it; "" if it is complete.
 
-    Args:
-        path: folder of the bag.
-        files: its files, if they were read already.
-
     Raises:
         InvalidInputError: the folder has no `.mcap` file, or its description cannot be read.
     """
@@ -299,11 +295,7 @@ def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
 
 
 class Decoder:
-    """Decodes messages with the definitions that an untrusted bag holds.
-
-    Args:
-        definitions: of the types, by their names.
-    """
+    """Decodes messages with the definitions of types by name, which an untrusted bag holds."""
 
     def __init__(self, definitions: Mapping[str, str]):
         self._definitions = definitions
@@ -311,11 +303,7 @@ class Decoder:
         self._parts = 0
 
     def decode(self, data: bytes, kind: str) -> Any:
-        """Returns an object that has the message's fields as attributes.
-
-        Args:
-            data: the message, as CDR.
-            kind: its type.
+        """Returns an object that has the fields of a message, which is CDR, as attributes.
 
         Raises:
             InvalidInputError: the message does not fit the definition; the error ends with the

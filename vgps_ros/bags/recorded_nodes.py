@@ -4,7 +4,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -27,7 +27,6 @@ from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.dynamics import Simulations
-from vgps_ros.simulation.model import state_names
 from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import recorded_task
 from vgps_ros.tasks.driver import observation_of
@@ -101,10 +100,7 @@ def onnx_policy(content: bytes, controls: Controls) -> OnnxPolicy:
 
 
 class RecordedParameters:
-    """Parameters of the nodes of the bag's robot.
-
-    Args:
-        bag: the bag; one without parameters.yaml has none.
+    """Parameters of the nodes of a bag's robot; a bag without parameters.yaml has none.
 
     Attributes:
         nodes: the parameters in parameters.yaml, by the full names of the nodes.
@@ -134,12 +130,6 @@ class RecordedParameters:
         found = ((node, own) for node, own in self.nodes.items() if set(names) <= set(own))
         return next(found, ("", {}))
 
-    def controls(self, model: mujoco.MjModel) -> Controls:
-        """Returns the controls of a robot as the bag's messages hold them."""
-        controls = controls_of(model)
-        is_old = self.nodes and not self.having("command_interfaces")[0]
-        return controls.untold() if is_old else controls
-
     def values(self, node: str, name: str) -> list[Any]:
         """Returns the values that a parameter had at some time."""
         own = self.nodes.get(node, {})
@@ -150,10 +140,6 @@ class RecordedExecutor:
     """Applies the limits and the safe action of a recorded executor.
 
     Bags of old versions, in which the executor had neither, are read as such.
-
-    Args:
-        bag: bag with the parameters of all nodes.
-        model: the robot.
 
     Attributes:
         parameters: those of all nodes.
@@ -182,7 +168,6 @@ class RecordedExecutor:
         _, simulated = self.parameters.having("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
-        self._state_names = state_names(model)
         self._resting: Array | None = None  # what the safe action holds, while it drives
         self._simulations = Simulations(model, threads=1)
         self._observations: dict[tuple[str, ...], Observation] = {}
@@ -199,7 +184,7 @@ class RecordedExecutor:
         period = self.task.dynamics.time_step if self.task else 0.0
         own = float(parameters.get("sensor_tolerance", 0.0))
         self.tolerance = round(1e9 * (own if self.is_measured else period / 2))
-        self.controls = self.parameters.controls(model)
+        self.controls = controls_of(model)
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}
@@ -220,21 +205,11 @@ class RecordedExecutor:
         return found or [None]
 
     def learned(self, policy: GaussianPolicy) -> Policy:
-        """Returns the policy, with the names of what it reads; old bags have a state's indices.
-
-        Raises:
-            InvalidInputError: an index is that of nothing.
-        """
-        given: tuple[Any, ...] = policy.architecture.observed
-        names = self._state_names
-        if missing := [n for n in given if isinstance(n, int) and n >= len(names)]:
-            raise InvalidInputError(
-                f"The policy reads index {missing[0]}, but a state has {len(names)} numbers."
-            )
-        observed = tuple(names[n] if isinstance(n, int) else n for n in given)
-        if self.task and self.task.observation.past and observed == self.task.observation.names:
-            return RememberingPolicy(policy, self.task.observation.past)
-        return replace(policy, architecture=replace(policy.architecture, observed=observed))
+        """Returns the policy, with what it remembers of former steps, if its task names any."""
+        observation = self.task.observation if self.task else None
+        if observation and observation.past and policy.observed == observation.names:
+            return RememberingPolicy(policy, observation.past)
+        return policy
 
     def inputs(self, policy: Policy, state: Array, context: Array = NO_CONTEXT) -> Array:
         """Returns what the policy reads of a state in its context (n_z,), shape (n_o,)."""
@@ -296,7 +271,7 @@ class RecordedExecutor:
             if any(self.agrees(control, self.limiter.clipped(each, state)) for each in safe):
                 self._resting = resting
                 return True
-        return not control.any()  # as executors up to 1.0.0 stopped all robots
+        return False
 
     def drove(self) -> None:
         """Notes that the policy drove, so that the next safe action holds another state."""

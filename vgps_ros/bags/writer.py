@@ -331,9 +331,6 @@ def repair(path: Path) -> list[Path]:
 
     The original of a rebuilt file is kept, with `.unfinished` at the end of its name.
 
-    Args:
-        path: folder of the bag.
-
     Returns:
         The files that were rebuilt.
 

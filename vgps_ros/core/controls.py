@@ -21,7 +21,7 @@ which a robot's driver knows.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from itertools import compress, repeat
@@ -38,7 +38,7 @@ Mask = NDArray[np.bool_]
 
 
 class ControlKind(StrEnum):
-    """What a control is."""
+    """The kinds that a control may be of."""
 
     TORQUE = "torque"
     FORCE = "force"
@@ -48,7 +48,7 @@ class ControlKind(StrEnum):
 
     @property
     def field(self) -> str:
-        """Field of a JointState in which it stands."""
+        """The field of a JointState in which it stands."""
         return self.value if self in (self.POSITION, self.VELOCITY) else "effort"
 
 
@@ -101,20 +101,13 @@ class Controls:
     velocities: Array
     restless: tuple[str, ...]
 
-    def untold(self) -> "Controls":
-        """Returns these controls as executors up to 1.0.0 had them: u itself, as efforts."""
-        one, none = np.ones(len(self.names)), np.zeros(len(self.names))
-        kinds = (ControlKind.TORQUE,) * len(self.names)
-        plain = replace(self, kinds=kinds, strength=one, scale=one, bias=none, offset=none)
-        return replace(plain, stiffness=none, damping=none, restless=())
-
     def are(self, *kinds: ControlKind) -> Mask:
         """Returns which controls are of one of these kinds, shape (n_u,)."""
         return np.array([kind in kinds for kind in self.kinds], dtype=bool)
 
     @cached_property
     def are_braked(self) -> Mask:
-        """Which controls can brake: servos, and motors whose ẏ a state tells, shape (n_u,)."""
+        """Mask of those that can brake: servos, and motors whose ẏ a state tells, shape (n_u,)."""
         return self._hold | self.are(ControlKind.VELOCITY) | self._are_motors & self._are_measured
 
     @cached_property
@@ -131,12 +124,12 @@ class Controls:
 
     @cached_property
     def are_servos(self) -> Mask:
-        """Which controls exert a force that depends on the state, shape (n_u,)."""
+        """Mask of those whose force depends on the state, shape (n_u,)."""
         return np.asarray(self.stiffness + self.damping > 0.0)
 
     @property
     def at_rest(self) -> str:
-        """What they do where the robot is left alone, as a part of a sentence."""
+        """The part of a sentence that says what they do where the robot is left alone."""
         return " and the ".join(_AT_REST[kind] for kind in dict.fromkeys(self.kinds))
 
     def label(self, mask: Iterable[bool] = repeat(True)) -> str:
@@ -146,7 +139,7 @@ class Controls:
 
     @cached_property
     def fields(self) -> dict[str, Mask]:
-        """Which controls stand in which field of a JointState, by the fields that are used."""
+        """Masks of those that stand in each field of a JointState, by the fields that are used."""
         used = [kind.field for kind in self.kinds]
         return {name: np.array([each == name for each in used]) for name in dict.fromkeys(used)}
 
