@@ -36,7 +36,7 @@ SHORTER = {
     r"vgps node .*task:=quadruped": "-p task:=swimmer",  # whose policy stands for DIR's
     r"python -m benchmarks.figure1 run ": "--panels swimmer-5 --methods vgps --seeds 1 "
     "--iterations 1 --jobs 1",
-    r"vgps find-gait ": "--evaluations 8 --seconds 1",
+    r"python -m benchmarks.find_gait ": "--evaluations 8 --seconds 1",
     r"vgps execute-policy": "--steps 20",
     r"make demo": "ITERATIONS=1",
     r"make damages": "COUNT=2",

@@ -95,10 +95,10 @@ def test_every_command_and_node_is_an_executable_of_the_package_too(tmp_path):
     names = {command.replace("-", "_") for command in COMMANDS} - {"node"} | {*NODES}
     assert {file.name for file in (INSTALLED / "lib" / "vgps_ros").iterdir()} == names
     answer = subprocess.run(
-        [str(INSTALLED / "lib" / "vgps_ros" / "find_gait"), "--help"],
+        [str(INSTALLED / "lib" / "vgps_ros" / "execute_policy"), "--help"],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert answer.stdout.startswith("usage: vgps find-gait ")
+    assert answer.stdout.startswith("usage: vgps execute-policy ")
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,6 @@ with suppress(SystemExit):
             for words, marks in (
                 (["train", "--output", "nowhere", "--check"], [pytest.mark.slow]),
                 (["evaluate", "nowhere"], []),
-                (["find-gait", "--output", "/"], [pytest.mark.slow]),
             )
         ),
     ],

@@ -10,7 +10,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Gait, standing, walk
+from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, standing, walk
 from vgps_ros.tasks.walker.task import walking_from
 
 WALKER = make_task("walker")
@@ -90,10 +90,6 @@ def test_demonstration_goes_on_from_other_starts_too(rng):
     assert_array_equal(
         WALKER.begin(WALKER, start, 500, rng).trajectory.states, walking.states
     )  # not in mid-stride
-
-
-def test_gait_survives_its_vector():
-    assert Gait.from_vector(GAIT.to_vector()) == GAIT
 
 
 def follow(demonstration):

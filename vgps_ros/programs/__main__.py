@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if words and words[0] in NODES:  # as in `ros2 run vgps_ros simulation`
         words.insert(0, "node")
     if words and words[0] != "node":
-        words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros find_gait`
+        words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros execute_policy`
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1], words[2:])

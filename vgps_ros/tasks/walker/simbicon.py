@@ -11,7 +11,7 @@ the swing thigh's target with the distance d from stance ankle to hips and the h
 State 0 lasts a fixed time. State 1 ends when the swing foot bears a load, or after a time limit.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -55,7 +55,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Gait:
-    """The parameters that `find_gait` searches for.
+    """The parameters, which `benchmarks/find_gait.py` has searched for.
 
     Attributes:
         duration: duration of state 0 [s].
@@ -68,17 +68,6 @@ class Gait:
     torso: float
     torso_stiffness: float
     poses: tuple[Pose, Pose]
-
-    def to_vector(self) -> Array:
-        """Returns all parameters in the order of their declaration, shape (17,)."""
-        poses = [value for pose in self.poses for value in astuple(pose)]
-        return np.array([self.duration, self.torso, self.torso_stiffness, *poses])
-
-    @classmethod
-    def from_vector(cls, values: Array) -> "Gait":
-        """Returns the gait with these parameters; the inverse of `to_vector`."""
-        duration, torso, torso_stiffness, *poses = map(float, values)
-        return cls(duration, torso, torso_stiffness, (Pose(*poses[:7]), Pose(*poses[7:])))
 
 
 GAIT = Gait(
@@ -93,12 +82,7 @@ GAIT = Gait(
 
 
 class Simbicon:
-    """A state machine that turns states of the walker into torques.
-
-    Args:
-        gait: parameters of the controller.
-        time_step: time between two calls [s].
-    """
+    """A state machine that turns states of the walker into torques, once a time step [s]."""
 
     def __init__(self, gait: Gait, time_step: float):
         self.gait = gait
@@ -172,13 +156,7 @@ class FootLoads:
 
 
 def walk(dynamics: Dynamics, gait: Gait, steps: int) -> Trajectory:
-    """Walks from a stand; returns the trajectory, with NaN from where it diverges on.
-
-    Args:
-        dynamics: dynamics of the walker.
-        gait: parameters of the controller.
-        steps: T.
-    """
+    """Walks T = `steps` from a stand; the trajectory is NaN from where it diverges on."""
     return go_on(dynamics, Simbicon(gait, dynamics.time_step), standing(), steps)
 
 
