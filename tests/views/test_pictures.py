@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plots and rendered pictures show the figures that they are given."""
 
-import dataclasses
 import itertools
 import os
 import re
@@ -181,18 +180,6 @@ def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_ang
             assert_allclose([found.min(), found.max()], [mean - 2 * sd, mean + 2 * sd])
         lines = {line.get_label(): line for line in axes.lines}
         assert_allclose(lines["executed policy"].get_ydata(), run.executed_states[:, i])
-
-
-def test_a_line_stands_where_the_executed_motion_leaves_the_tube(run):
-    figure = trajectory(run)
-    assert not any("leaves" in axes.get_title(loc="left") for axes in figure.axes)
-    assert len(figure.axes[0].lines) == 2
-    late = dataclasses.replace(run, executed_states=run.executed_states.copy())
-    late.executed_states[10:, 3] += 9.0
-    figure = trajectory(late)
-    assert "q ± 2 sd at 0.2 s for another motion" in figure.axes[0].get_title(loc="left")
-    for axes in figure.axes:
-        assert_allclose(axes.lines[-1].get_xdata(), 0.2)
 
 
 def test_a_phase_portrait_draws_velocity_over_angle(run):

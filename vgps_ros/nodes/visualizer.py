@@ -6,7 +6,6 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.node import Node
 
@@ -16,7 +15,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
 from vgps_ros.views.recording import UnfinishedRecordingError
 
@@ -26,7 +25,6 @@ _STATES, _SOLVES = "joint_states", "iterations"
 _AWAITED = f"{_STATES} from simulation"
 _LATCHED = {GAINS, MJCF, URDF, "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
-_MAX_BACKLOG = 10**8  # that may wait for the disk; what comes beyond is not drawn [bytes]
 
 
 class Visualizer(Node):
@@ -38,7 +36,6 @@ class Visualizer(Node):
         self._health = Health(self)
         self._scene = GraphScene(path, self._report)
         self._health.wait_for(_AWAITED)
-        self._left_out = 0
         self._shown: set[str] = set()
         for topic, kind in DRAWN.items():
             if topic != _SOLVES:
@@ -55,13 +52,7 @@ class Visualizer(Node):
 
     def _listen(self, topic: str, kind: str) -> None:
         qos = LATCHED if topic in _LATCHED else STREAM
-        self.create_subscription(message_type(kind), topic, partial(self._show, topic), qos)
-
-    def _show(self, topic: str, message: Any) -> None:
-        if self._scene.recording.disk.backlog <= _MAX_BACKLOG:
-            self._scene.show(topic, message)
-        else:
-            self._left_out += 1
+        self.create_subscription(message_type(kind), topic, partial(self._scene.show, topic), qos)
 
     def _report(self, topic: str, sentence: str | None) -> None:
         self._health.report(topic, error=sentence or "")
@@ -70,9 +61,6 @@ class Visualizer(Node):
 
     def _look(self) -> None:
         self._scene.recording.send_due()
-        self._health.set_value("messages_left_out", self._left_out)
-        fault = self._scene.recording.disk.fault
-        self._health.report("disk", error=fault.sentence if fault else "")
         # Every optimizer of this namespace is listened to, whatever its name.
         for topic, kinds in self.get_topic_names_and_types():
             is_near = topic.startswith(f"{self.get_namespace().rstrip('/')}/")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from vgps_ros.core.records import Array
 
@@ -14,8 +14,6 @@ _LEARNED, _Q = "#1f5fbf", "#ff9f1c"  # they differ in grey, too
 _LARGEST = 1e100  # a cost beyond it is not drawn: its multiples may overflow
 _LONGEST_TITLE = 100  # characters
 _SHORT = 10  # iterations of a run in which each point is marked; a single one has no line
-_TICKS = np.array([1, 1.2, 1.5, 2, 3, 5, 7])  # of a decade on the axis of costs
-_MOST_TICKS = 6
 _CURVES = (
     # metric of an iteration, its label, colour, kind of line, width, marker
     ("stochastic_cost_mean", "stochastic policy", _LEARNED, "-", 1.8, "o"),
@@ -42,8 +40,12 @@ def learning_curve(result: dict[str, Any]) -> Figure:
     high = max(drawn, default=1.0)
     if high > 0 and len(drawn) == sum(np.isfinite(values).sum() for _, values, _ in curves):
         costs.set_yscale("log")  # early iterations cost many times what later ones do
-        costs.set_ylim(0.95 * min([1.0, *drawn]), 1.1 * max(1.0, high))
-        _set_few_ticks(costs)
+        low, top = costs.set_ylim(0.95 * min([1.0, *drawn]), 1.1 * max(1.0, high))
+        narrow = (1, 1.2, 1.5, 2, 3, 5, 7)
+        multiples = narrow if top < 7 * low else (1, 2, 5) if top < 300 * low else (1,)
+        costs.yaxis.set_major_locator(LogLocator(subs=multiples, numticks=8))
+        costs.yaxis.set_major_formatter("{x:g}")
+        costs.yaxis.set_minor_locator(NullLocator())
     costs.set_ylabel("cost ÷ initial DDP's")
     units = " + ".join(map(str, result["hidden_units"]))
     title = f"{result['task']}, {result['method']}, {units} hidden units, seed {result['seed']}"
@@ -119,20 +121,3 @@ def _draw_end(axes: Axes, k: Array, curves: list[tuple[str, Array, dict[str, Any
     inset.xaxis.set_major_locator(MaxNLocator(3, integer=True, steps=[1, 2, 5, 10]))
     inset.yaxis.set_major_locator(MaxNLocator(4))
     inset.tick_params(labelsize=8)
-
-
-def _set_few_ticks(axes: Axes) -> None:
-    """Labels a logarithmic axis at few round multiples, the initial solution's 1 among them."""
-    low, high = axes.get_ylim()
-    decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
-    ticks = np.concatenate([_TICKS * 10.0**decade for decade in decades])
-    ticks = ticks[(ticks >= low) & (ticks <= high)]
-    if len(ticks) > _MOST_TICKS:
-        ticks = ticks[
-            [any(np.isclose(tick / 10.0 ** np.floor(np.log10(tick)), (1, 2, 5))) for tick in ticks]
-        ]
-    if len(ticks) > _MOST_TICKS:
-        ticks = 10.0 ** decades[:: -(-len(decades) // _MOST_TICKS)]
-    axes.yaxis.set_major_locator(FixedLocator(ticks.tolist()))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -2,7 +2,6 @@
 """Pictures of a motion and of what it survives, for reading without a viewer."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,43 +22,12 @@ _LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
 _PHASE = ("position", "velocity")
 _POSES = 9  # drawn along a motion
 _LABELLED = 4  # one pose of so many has its time above it
-_WIDTH = 2.0  # half the width of the tube [sd]
-_LASTING = 0.1  # time for which an angle must be outside: touching the edge does not count [s]
-_WINDOW = 2.0  # time after it that is compared [s]
-_LONGEST_SHIFT = 0.5  # [s]
-_SAME = 0.5  # a shift explains it if no more than this share of the distance is left
 _SMOOTH = 0.3  # time over which what was driven is averaged, where no clock tells a period [s]
 _PANELS = 4  # beside each other
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
 _LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v")
 _COLOURS = ("#1f5fbf", "black", "tab:orange", "tab:green", "tab:red")
-
-
-@dataclass(frozen=True)
-class TubeExit:
-    """The place where an executed motion leaves the tube of q(ζ), mean ± 2 sd.
-
-    A policy sees no time. It may go on with the same gait a little earlier or later than q's mean,
-    which takes it out of the tube although nothing is wrong with it.
-
-    Attributes:
-        time: when the first coordinate leaves [s].
-        coordinate: which one it is, an index into the columns that were given.
-        delay: how much later the motion then is than q's mean [s], negative where it is earlier;
-            None if no shift explains why it left.
-    """
-
-    time: float
-    coordinate: int
-    delay: float | None
-
-    def __str__(self) -> str:
-        if self.delay is None:
-            return f"leaves q ± 2 sd at {self.time:.1f} s for another motion"
-        late = "later" if self.delay > 0 else "earlier"
-        same = f"for the same motion, {abs(self.delay):.2f} s {late}"
-        return f"leaves q ± 2 sd at {self.time:.1f} s {same}"
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -69,8 +37,6 @@ def save(figure: Figure, path: Path) -> None:
 
 def trajectory(run: RunRecord) -> Figure | None:
     """Draws each angle: q's mean and two standard deviations, and the executed one within.
-
-    A vertical line stands where the executed motion leaves the tube of an angle.
 
     Returns:
         The figure; None if neither is known, or the robot has no hinge.
@@ -89,23 +55,10 @@ def trajectory(run: RunRecord) -> Figure | None:
         _draw_angle(axes, run, i, i_dx)
         axes.set_ylabel(f"{name}\n[rad]")
         axes.margins(x=0)
-    if left := _tube_exit(run, in_x, in_dx):
-        for axes in rows:
-            axes.axvline(left.time, color="0.3", linewidth=1, linestyle=(0, (4, 3)))
-        rows[0].set_title(f"The executed policy {left}.", fontsize=9, loc="left")
     rows[-1].set_xlabel("time [s]")
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, ncols=3, loc="outside upper center")
     return figure
-
-
-def _tube_exit(run: RunRecord, in_x: list[int], in_dx: list[int]) -> TubeExit | None:
-    """Returns where the executed angles leave their tubes, if all of them are known."""
-    if run.mean_states is None or run.state_covariances is None or run.executed_states is None:
-        return None
-    deviations = np.sqrt(run.state_covariances[:, in_dx, in_dx].clip(0.0))
-    angles = run.executed_states[:, in_x], run.mean_states[:, in_x]
-    return find_tube_exit(*angles, deviations, run.time_step)
 
 
 def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
@@ -249,55 +202,10 @@ def driving(driven: Driven) -> Figure:
     return figure
 
 
-def find_tube_exit(
-    executed: Array, mean: Array, deviation: Array, time_step: float
-) -> TubeExit | None:
-    """Returns where the executed motion leaves mean ± 2 sd, or None if it stays within.
-
-    Args:
-        executed: coordinates of the executed motion, shape (N+1, m).
-        mean: those of q's mean, shape (T+1, m).
-        deviation: their standard deviations in q, shape (T+1, m).
-        time_step: time between two rows [s].
-    """
-    steps = min(len(executed), len(mean))
-    executed, mean, deviation = executed[:steps], mean[:steps], deviation[:steps]
-    outside = np.abs(executed - mean) > _WIDTH * deviation + 1e-9
-    lasting = max(1, round(_LASTING / time_step))
-    if steps < lasting:
-        return None
-    held = np.all(np.lib.stride_tricks.sliding_window_view(outside, lasting, axis=0), axis=-1)
-    if not held.any():
-        return None
-    first = int(held.any(axis=1).argmax())
-    after = slice(first, first + round(_WINDOW / time_step))
-    delay = _delay(executed[after], mean[after], round(_LONGEST_SHIFT / time_step))
-    return TubeExit(
-        first * time_step, int(held[first].argmax()), None if delay is None else delay * time_step
-    )
-
-
-def _delay(executed: Array, mean: Array, longest: int) -> int | None:
-    """Returns by how many steps `executed` lags behind `mean`, if that explains their distance."""
-    longest = min(longest, len(mean) // 2)
-    scale = mean.std(axis=0) + 1e-9
-
-    def distance(shift: int) -> float:
-        late, early = (executed[shift:], mean) if shift >= 0 else (executed, mean[-shift:])
-        shared = min(len(late), len(early))
-        return float(np.sqrt(np.mean(((late[:shared] - early[:shared]) / scale) ** 2)))
-
-    shifts = range(-longest, longest + 1)
-    best = min(shifts, key=distance, default=0)
-    return best if best and distance(best) < _SAME * distance(0) else None
-
-
 def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Figure:
-    """Draws a panel for each kind of disturbance.
+    """Draws a panel for each kind of disturbance, from the results of `robustness` by label.
 
-    Args:
-        found: the result of `robustness` for each policy, by its label.
-        rollouts: number of rollouts for each value, from which the bars of 95 % follow (Wilson).
+    From the number of rollouts for each value the bars of 95 % follow (Wilson).
     """
     kinds = [kind for kind in KINDS if any(kind in result for result in found.values())]
     rows = -(-len(kinds) // _PANELS)

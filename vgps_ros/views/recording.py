@@ -1,8 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes a Rerun recording to a file, without a screen and without opening a port."""
 
-import os
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -17,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
-from vgps_ros.storage.disk import Disk
 
 TIME = "time"  # timeline of message stamps as the robot's time, which begins at 0 s
 STAMP = "ros2_timestamp"  # the same as dates, named as in Rerun's own MCAP reader
@@ -47,8 +44,7 @@ def iterations(pairs: np.ndarray) -> list[rr.TimeColumn]:
 # the file is complete, so pieces should be large.
 _PERIOD = 5.0  # longest time between two pieces of an entity that has rows [s]
 _LONGEST = 2000  # largest number of rows in a piece
-
-_PIECE = 2**18  # largest number of bytes that is written to the disk at once
+_PATIENCE = 5.0  # for the disk, at the end [s]
 
 
 class UnfinishedRecordingError(VgpsError):
@@ -86,13 +82,12 @@ class _Rows:
 
 
 class Recording:
-    """A recording that is being written. A thread waits for the disk where it is slow or full.
+    """A recording that is being written, by a thread of Rerun's.
 
     Args:
         path: the file, which must not exist yet.
 
     Attributes:
-        disk: the disk, which says what waits for it and why nothing can be written now.
         logged: the entities to which something was logged.
 
     Raises:
@@ -111,21 +106,13 @@ class Recording:
             raise InvalidInputError(
                 f"The recording '{path}' cannot be written: {error}."
             ) from error
-        self.disk = Disk()
         self.logged: set[str] = set()
-        self._file = self.disk.open(path)
-        self._stream = rr.RecordingStream("vgps_ros")
+        self._path, self._stream = path, rr.RecordingStream("vgps_ros")
         self._rows: dict[tuple[str, Timeline], _Rows] = {}
         self._timeline: Timeline = robot_time
         self._time: int | tuple[int, int] = 0
-        # Rerun gives up a file at its first error and may then hang at the end, so it writes to a
-        # pipe, from which a thread reads for the disk.
-        source, sink = os.pipe()
-        self._stream.save(f"/proc/self/fd/{sink}")
-        os.close(sink)
+        self._stream.save(path)
         self._sent = time.monotonic()
-        self._pump = threading.Thread(target=self._take, args=[source], name="pump", daemon=True)
-        self._pump.start()
 
     def log(self, entity: str, kind: Any, *, style: Any = None, **values: ArrayLike) -> None:
         """Adds a row to an entity, at the time that was set last.
@@ -186,24 +173,16 @@ class Recording:
             UnfinishedRecordingError: the disk is full or does not respond.
         """
         self._send(*self._rows)
-        self._stream.flush()
-        self._stream.disconnect()
-        self._pump.join()
-        is_whole, fault = self.disk.drain(), self.disk.fault
-        self.disk.stop()
-        if not is_whole:
-            reason = f"{fault.reason}; {fault.next_step}" if fault else "the disk does not respond"
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE)
+        except RuntimeError as error:
             raise UnfinishedRecordingError(
-                f"The recording '{self._file.path}' lacks its end: {reason}."
-            )
+                f"The recording '{self._path}' lacks its end ({error}): make room on the disk, and "
+                "make it again from the bag (`vgps bag rerun`)."
+            ) from error
+        finally:
+            self._stream.disconnect()
 
     def _send(self, *keys: tuple[str, Timeline]) -> None:
         for key in keys:
             self._stream.send_columns(key[0], *self._rows.pop(key).columns())
-
-    def _take(self, source: int) -> None:
-        """Writes to the disk what Rerun writes to the pipe."""
-        with open(source, "rb", buffering=0) as pipe:
-            while piece := pipe.read(_PIECE):
-                self.disk.put(self._file.write, piece, size=len(piece))
-        self.disk.put(self._file.close)

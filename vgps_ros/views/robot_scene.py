@@ -46,10 +46,6 @@ class RobotScene:
         state_names, deviation_names: of each coordinate.
         controls: what its controls are.
 
-    Args:
-        recording: the recording to draw into.
-        mjcf: the robot's MJCF.
-
     Raises:
         InvalidInputError: the MJCF does not compile, or lacks the name of a joint.
     """
