@@ -18,7 +18,7 @@ from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Vector3, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -27,7 +27,6 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, Set
 from sensor_msgs.msg import JointState
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import (
-    Bounds,
     EntityCategory,
     EntityFilters,
     SimulationState,
@@ -152,7 +151,6 @@ FLOATING_ARGUMENTS = (
 FILTERS = EntityFilters(
     filter="^r",
     categories=[EntityCategory(category=EntityCategory.CATEGORY_ROBOT)],
-    bounds=Bounds(type=Bounds.TYPE_SPHERE, points=[Vector3(), Vector3(x=1.0)]),
 )
 
 

@@ -47,7 +47,8 @@ class ImuSettings:
     )
     imu_latency: float = setting(
         0.0,
-        "simulated time from the imu's measurement, whose time its stamp is, to the message [s]",
+        "simulated time from the imu's measurement, whose time its stamp is, to the message; it is "
+        "rounded up to control steps [s]",
         minimum=0.0,
         maximum=1.0,
     )
@@ -61,11 +62,6 @@ class _Sample(NamedTuple):
 
 class SimulatedImu:
     """Measures a robot with a free base; of any other there is no IMU.
-
-    Args:
-        node: the simulation.
-        states: the robot.
-        gravity: of the world, shape (3,) [m/s²].
 
     Raises:
         InvalidInputError: a parameter has another number of values than it must have.
@@ -93,8 +89,7 @@ class SimulatedImu:
         if not self._base:
             return
         self._take(state, stamp)
-        at = max(stamp - self._latency, self._samples[0].stamp)
-        values = self._measured(at)
+        at, values = self._samples[0].stamp, self._samples[0].values
         errors = self._bias
         if self._noise.any():
             draws = generator(self._seed, Stream.IMU, at).standard_normal(9)
@@ -126,17 +121,5 @@ class SimulatedImu:
         along = rotated(acceleration, rotation * BACK)
         values = np.concatenate([rotation, angular, along])
         self._samples.append(_Sample(stamp, state.copy(), values))
-        while len(self._samples) > 2 and self._samples[1].stamp <= stamp - self._latency:
+        while len(self._samples) > 1 and self._samples[1].stamp <= stamp - self._latency:
             self._samples.popleft()
-
-    def _measured(self, stamp: int) -> Array:
-        """Returns the values at a stamp [ns], of which some is between two states."""
-        later = next(i for i, sample in enumerate(self._samples) if sample.stamp >= stamp)
-        second = self._samples[later]
-        if second.stamp == stamp:
-            return second.values
-        first = self._samples[later - 1]
-        share = (stamp - first.stamp) / (second.stamp - first.stamp)
-        values = (1.0 - share) * first.values + share * second.values
-        values[:4] /= np.linalg.norm(values[:4])
-        return values

@@ -58,7 +58,6 @@ class RobotEntity:
         self.base: BodyJoint | None = bases[0] if bases else None
         joints = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE if bases else [True]
         self._root = int(model.body_rootid[model.jnt_bodyid[np.argmax(joints)]])
-        self._geoms = np.flatnonzero(model.body_rootid[model.geom_bodyid] == self._root)
         self.name = model.names.split(b"\0", 1)[0].decode()
         body = model.body(self._root).name or f"number {self._root}"
         self.info = EntityInfo(
@@ -75,7 +74,7 @@ class RobotEntity:
             stamp: time of the state.
         """
         model, data = self._model, self._data
-        self._place(x)
+        data.qpos[:], data.qvel[:], data.act[:] = np.split(x, [model.nq, model.nq + model.nv])
         data.ctrl[:] = control
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
@@ -127,52 +126,22 @@ class RobotEntity:
             raise RefusedError(Result.RESULT_OPERATION_FAILED, str(error)) from error
         return x
 
-    def passes(self, filters: EntityFilters, x: Array) -> bool:
-        """Returns whether the robot in a state x passes all filters.
+    def passes(self, filters: EntityFilters) -> bool:
+        """Returns whether the robot passes all filters.
 
         Raises:
             RefusedError: a filter is wrong, or of a kind that is not supported.
         """
-        if filters.tags.tags:
-            sentence = "Entities have no tags here: leave the filter's tags empty."
-            raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
+        for name, is_given in (
+            ("tags", filters.tags.tags),
+            ("bounds", filters.bounds.type != Bounds.TYPE_EMPTY),
+        ):
+            if is_given:
+                sentence = f"Entities are not filtered by {name} here: leave the filter's empty."
+                raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
         categories = [given.category for given in filters.categories]
         passes = not categories or self.info.category.category in categories
-        passes &= not filters.filter or _matches(filters.filter, self.name)
-        if filters.bounds.type != Bounds.TYPE_EMPTY:
-            passes &= self._overlaps(filters.bounds, x)
-        return passes
-
-    def _overlaps(self, bounds: Bounds, x: Array) -> bool:
-        """Returns whether the box of one of the robot's geoms overlaps a sphere."""
-        if bounds.type != Bounds.TYPE_SPHERE:
-            sentence = (
-                f"The type of the bounds is {bounds.type}, but only {Bounds.TYPE_SPHERE} (a "
-                f"sphere) and {Bounds.TYPE_EMPTY} (none) are supported."
-            )
-            raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
-        if len(bounds.points) != 2:
-            sentence = (
-                f"The bounds have {len(bounds.points)} points, but a sphere has 2: its centre, and "
-                "one whose x is the radius."
-            )
-            raise RefusedError(Result.RESULT_OPERATION_FAILED, sentence)
-        try:
-            centre = _array("centre of the bounds", bounds.points[0])
-            (radius,) = finite_array("radius of the bounds", [bounds.points[1].x], (1,))
-        except InvalidInputError as error:
-            raise RefusedError(Result.RESULT_OPERATION_FAILED, str(error)) from error
-        self._place(x)
-        mujoco.mj_kinematics(self._model, self._data)
-        middles, halves = np.split(self._model.geom_aabb.reshape(-1, 6)[self._geoms], 2, axis=1)
-        axes = self._data.geom_xmat[self._geoms].reshape(-1, 3, 3)
-        away = np.einsum("gji,gj->gi", axes, centre - self._data.geom_xpos[self._geoms])
-        gaps = np.maximum(np.abs(away - middles) - halves, 0.0)
-        return bool((np.linalg.norm(gaps, axis=1) <= radius).any())
-
-    def _place(self, x: Array) -> None:
-        model, data = self._model, self._data
-        data.qpos[:], data.qvel[:], data.act[:] = np.split(x, [model.nq, model.nq + model.nv])
+        return passes and (not filters.filter or _matches(filters.filter, self.name))
 
 
 def _matches(pattern: str, name: str) -> bool:

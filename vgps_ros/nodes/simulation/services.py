@@ -33,8 +33,7 @@ from vgps_ros.core.checks import quoted
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.nodes.simulation.robot_entity import RefusedError, RobotEntity
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.ros_runtime.services import answer_later
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import answer_later, steady_timer
 from vgps_ros.tasks import Task
 
 if TYPE_CHECKING:
@@ -208,7 +207,7 @@ class SimulationServices:
         response.features.features = sorted(_FEATURES + can_move)
         response.features.custom_info = (
             f"vgps_ros simulates the task {self._task.name} in MuJoCo {mujoco.__version__}. "
-            "Entities can be filtered by name, category and spheres."
+            "Entities can be filtered by name and category."
         )
 
     # The run of the simulation
@@ -294,7 +293,7 @@ class SimulationServices:
 
     def _list(self, request: Any, response: Any) -> None:
         """Answers GetEntities, and GetEntitiesStates with the states."""
-        if self._entity.passes(request.filters, self._robot.state):
+        if self._entity.passes(request.filters):
             response.entities = [self._entity.name]
             if isinstance(response, GetEntitiesStates.Response):
                 response.states = [self._entity_state()]
