@@ -33,8 +33,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.services import answered
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import answered, steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")
@@ -133,13 +132,7 @@ class Player(Node):
     def _add(
         self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
     ) -> None:
-        """Makes a publisher.
-
-        Args:
-            topic: its full name.
-            kind: its type, such as `sensor_msgs/msg/JointState`.
-            type_hash: RIHS01 hash of the recorded type, or nothing.
-            offered: profiles that its publishers offered, as a bag's metadata has them.
+        """Makes a publisher for a topic as the bag describes it.
 
         Raises:
             InvalidInputError: the type is not installed, or has other fields than it had.

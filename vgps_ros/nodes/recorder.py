@@ -40,8 +40,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.services import answered
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import answered, steady_timer
 from vgps_ros.storage.software import environment
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]

@@ -19,7 +19,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.ros_runtime.runner import run, streaming_executor
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 
 SILENCE = Setting(
     "silence",

@@ -13,47 +13,30 @@ Where its law must not drive, the safe action does; `safety.supervisor` decides.
 
 import time
 from abc import abstractmethod
-from array import array
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray, String, UInt8MultiArray
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals as SignalsMsg
-from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
-from vgps_ros.core.checks import one_of, quoted
-from vgps_ros.core.controls import CONTROL_BOUND, INTERFACES, Controls
+from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import NO_CONTEXT
-from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
-    command_to_msg,
-    distribution_from_msg,
-    distribution_to_msg,
     gains_to_msg,
     nanoseconds,
-    pack,
-    policy_from_msg,
-    policy_to_msg,
-    stamp_of,
 )
 from vgps_ros.messages.names import (
-    COMMANDS_SENT,
     EMERGENCY_STOP,
     GAINS,
     IS_ACTIVE,
     MJCF,
-    POLICY_OF_ITERATION,
     POSE,
     SAFE_ACTION,
 )
@@ -63,42 +46,25 @@ from vgps_ros.messages.robot_state import (
     StateMessages,
     readings_of_place,
 )
-from vgps_ros.policies.policy_file import PolicyFile, open_policy
+from vgps_ros.ros_runtime.command_sender import AnswerTimes, CommandSender
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import (
     COMMANDED,
-    LATCHED,
     LATEST,
     NEWEST,
     NEWEST_OF_SENSORS,
-    STREAM,
-    lively,
 )
 from vgps_ros.ros_runtime.runner import end_with
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
+from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.safety.poses import PoseMotion, PoseSettings, keyframe_state
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Answer, Supervisor
-from vgps_ros.safety.training_marginals import TrainingMarginals
-from vgps_ros.storage.run_folder import load_distributions
-from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.driver import Driver, driver_of, for_policy
+from vgps_ros.tasks import make_task
 from vgps_ros.tasks.registry import TASK
 
-POLICY_FILE = Setting(
-    "policy_file",
-    "",
-    "policy.json of a training, or an ONNX file, to load at configure; empty: wait for the topic "
-    "policy",
-)
-DISTRIBUTION_FILE = Setting(
-    "distribution_file",
-    "",
-    "distribution.npz of a training, to load at configure, for distance_limit, distance_warning "
-    "and feedback; empty: wait for the topic trajectory_distribution where they need it",
-)
 AUTOSTART = Setting("autostart", True, "whether to configure and activate once, at start")
 SETTLE_DURATION = Setting(
     "settle_duration",
@@ -107,22 +73,6 @@ SETTLE_DURATION = Setting(
     "which leaves the robot at rest [s]",
     minimum=0.0,
     maximum=60.0,
-)
-COMMAND_TYPE = Setting(
-    "command_type",
-    "joint_state",
-    "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
-    "float64_multi_array: std_msgs/Float64MultiArray, as the forward controllers of ros2_control "
-    "take it",
-    choices=("joint_state", "float64_multi_array"),
-)
-COMMAND_INTERFACES = Setting(
-    "command_interfaces",
-    "",
-    "names of position, velocity, effort, stiffness and damping, separated by commas, that a "
-    "float64_multi_array holds; one: of all joints on commands, as position and effort controllers "
-    "take it; several: of each joint on JOINT/commands, as multi-interface controllers take them; "
-    "empty: the one of the controls' kind",
 )
 STATE_QOS = Setting(
     "state_qos",
@@ -160,8 +110,6 @@ IMU_FRAME = Setting(
     "",
     "the model's site or body at which the IMU sits; empty: the one that the messages on imu name",
 )
-_POLICY = "policy from policy_learner"
-_DISTRIBUTION = "trajectory_distribution from trajectory_optimizer"
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
 _LOADED = {"task", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
@@ -170,9 +118,7 @@ _LOADED = {"task", "training", "_supervisor", "_states", "_collector", "_times",
 class Controller(LifecycleNode):
     """Answers each state with a command, while it is active.
 
-    Args:
-        name: name of the node.
-        needs_policy: whether no state is answered before there is a policy.
+    With `needs_policy` no state is answered before there is a policy.
 
     Attributes:
         task: the control problem.
@@ -185,8 +131,7 @@ class Controller(LifecycleNode):
         super().__init__(name)
         self.task = make_task(declare(self, TASK))
         self._needs_policy = needs_policy
-        self._plain = declare(self, COMMAND_TYPE) == "float64_multi_array"
-        interfaces = declare(self, COMMAND_INTERFACES)
+        self._sender = CommandSender(self, self.task.controls.names)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
         self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         for setting in (SENSOR_TOLERANCE, BASE_FROM):
@@ -204,17 +149,11 @@ class Controller(LifecycleNode):
         base_frame = StateMessages(self.task.dynamics.model, **self._frames).base_frame
         self.instructions = Instructions(self, self.task.signals, base_frame)
         self._told_of = self.task.signals, self.task.controls.names
-        topics = ["commands" if self._plain else "joint_command"]
-        if self._plain and "," in interfaces:
-            topics = [f"{name}/commands" for name in self.task.controls.names]
-        self.health = Health(self, owns=tuple(topics), when_alone=when_alone)
+        self.health = Health(self, owns=self._sender.topics, when_alone=when_alone)
         self.instructions.report_to(self.health)
         self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
         self._set_active(False)
-        self._sent = 0
-        self.health.set_value(COMMANDS_SENT, self._sent)  # for a check of the bag
-        kind = Float64MultiArray if self._plain else JointState
-        self._commands = [self.create_publisher(kind, name, lively(STREAM)) for name in topics]
+        self._sender.open(self.health)
         self._watchdog = steady_timer(self, self.task.dynamics.time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
         self._emergency = ""  # why nothing may move
@@ -288,7 +227,7 @@ class Controller(LifecycleNode):
             needs_distribution=settings.needs_distribution,
         )
         self._controls = controls = self.training.controls
-        self._interfaces = command_interfaces(value(self, COMMAND_INTERFACES), controls)
+        self._sender.configure(controls)
         broken, marginals = self.task.limits.broken, self.training.marginals
         self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
         # Of a real robot no other node of this project tells it, and a bag needs it.
@@ -519,18 +458,8 @@ class Controller(LifecycleNode):
                 self._report()
 
     def _send(self, command: Answer | None) -> None:
-        if not command:
-            return
-        self._sent += 1
-        self.health.set_value(COMMANDS_SENT, self._sent)
-        controls = self._controls
-        messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
-        if self._plain:
-            rows = controls.by_interface(command.control, self._interfaces)
-            several = rows.T if len(self._commands) > 1 else rows
-            messages = [Float64MultiArray(data=pack(values)) for values in several]
-        for publisher, message in zip(self._commands, messages, strict=True):
-            publisher.publish(message)
+        if command:
+            self._sender.send(command)
 
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
@@ -545,196 +474,3 @@ class Controller(LifecycleNode):
         self.health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
-
-
-def command_interfaces(names: str, controls: Controls) -> list[str]:
-    """Returns the names in a list that is separated by commas; of an empty one, the kinds'.
-
-    Raises:
-        InvalidInputError: a name is unknown, or what the controls are is not among them.
-    """
-    found = [name.strip() for name in names.split(",") if name.strip()] or list(controls.fields)
-    for name in found:
-        one_of("command_interfaces", name, INTERFACES)
-    if missing := [name for name in controls.fields if name not in found]:
-        raise InvalidInputError(
-            f"command_interfaces is {quoted(names)}, but the controls are {controls.label()}; name "
-            f"{missing[0]}, too."
-        )
-    return found
-
-
-class TrainingResults:
-    """Takes policies and trajectory distributions; a wrong one is refused and the old one stays.
-
-    What a file holds is published too, for the other nodes that follow the topic.
-
-    Args:
-        node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
-        task: the task that the results must be for.
-        health: the node's diagnostics.
-        needs_policy: whether the node waits for a policy, which may be a third-party ONNX policy.
-        needs_distribution: whether the node waits for a distribution.
-
-    Attributes:
-        policy: the latest one, ready to drive, or None.
-        observation: what it reads of a state.
-        marginals: the training marginals by trajectory index.
-        controls: what the robot's controls are, under the gains of a network in a file.
-
-    Raises:
-        InvalidInputError: a file that the node was started with is wrong.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        task: Task,
-        health: Health,
-        *,
-        needs_policy: bool,
-        needs_distribution: bool,
-    ):
-        self.policy: ExecutedPolicy | None = None
-        self.observation = task.observation
-        self._node, self._task, self._health = node, task, health
-        self.marginals: dict[int, TrainingMarginals] = {}
-        self.controls = task.controls
-        self._needs_policy, self._waits_for_distribution = needs_policy, needs_distribution
-        node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
-        if needs_distribution:
-            topic, take = "trajectory_distribution", self._take_distribution
-            node.create_subscription(TrajectoryDistributionMsg, topic, take, LATCHED)
-        if policy_file := value(node, POLICY_FILE):
-            self._publish_policy(Path(policy_file))
-        if distribution_file := value(node, DISTRIBUTION_FILE):
-            self._publish_distributions(Path(distribution_file))
-
-    def wait(self) -> None:
-        """Reports what is still missing."""
-        if self._needs_policy and self.policy is None:
-            self._health.wait_for(_POLICY)
-        if self._waits_for_distribution:
-            self._health.wait_for(_DISTRIBUTION)
-
-    def stop_waiting(self) -> None:
-        """Reports that nothing is needed for now."""
-        self._health.stop_waiting(_POLICY, _DISTRIBUTION)
-
-    def _take_policy(self, message: GaussianPolicyMsg) -> None:
-        try:
-            one_of("the policy's task", message.task, [self._task.name])
-            if self.controls is not self._task.controls:
-                raise InvalidInputError(
-                    "its controls are those of the task, but this node drives servos with the "
-                    "gains of its policy_file; start another one."
-                )
-            file = PolicyFile("The policy", message.task, policy_from_msg(message))
-            driver = driver_of(self._task, file)
-            if self._task.observation.past and not self._needs_policy:
-                raise InvalidInputError(
-                    "it remembers former steps, of which a plan knows nothing; leave out "
-                    "last_action and history of the task, or execute it by policy_executor."
-                )
-            self._drive_by(driver, message.iteration)
-        except InvalidInputError as error:
-            kept = "the one before stays" if self.policy else "there is none before it"
-            self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
-
-    def _drive_by(self, driver: Driver, iteration: int) -> None:
-        self.policy, self.observation = ExecutedPolicy(driver.policy), driver.observation
-        self._health.arrived(_POLICY)
-        self._health.clear("policy")
-        self._health.set_value(POLICY_OF_ITERATION, iteration)
-
-    def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
-        try:
-            self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
-        except InvalidInputError as error:
-            sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
-            self._health.report("distribution", error=sentence)
-        else:
-            self._health.clear("distribution")
-
-    def _publish_policy(self, path: Path) -> None:
-        file = open_policy(path)
-        if file.gaussian or file.task:
-            one_of("the policy's task", file.task, [self._task.name])
-        task = for_policy(self._task, file)
-        driver = driver_of(task, file)
-        if file.gaussian:
-            stamp = self._node.get_clock().now().to_msg()
-            publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
-            publisher.publish(policy_to_msg(file.gaussian, file.task, 0, stamp))
-        elif self._needs_policy:
-            if task is not self._task and self._waits_for_distribution:
-                raise InvalidInputError(
-                    f"{file.name} drives servos, but a trajectory_distribution is about this "
-                    "robot's motors; leave out distance_limit, distance_warning and "
-                    "safe_action:=feedback."
-                )
-            self.controls = task.controls
-            self._drive_by(driver, 0)
-            # For a check of the bag. No node takes it: ONNX policies come from files alone.
-            publisher = self._node.create_publisher(UInt8MultiArray, "onnx_policy", LATEST)
-            publisher.publish(UInt8MultiArray(data=array("B", file.content)))
-        else:
-            raise InvalidInputError(
-                f"{file.name} is a third-party ONNX policy, which only policy_executor can "
-                "execute; name the policy.json of a run."
-            )
-
-    def _publish_distributions(self, path: Path) -> None:
-        distributions, task = load_distributions(path)
-        publisher = self._node.create_publisher(
-            TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
-        )
-        for index, q in enumerate(distributions):
-            # Taken here too: the topic keeps the last few only.
-            self._prepare(index, q, task)
-            stamp = self._node.get_clock().now().to_msg()
-            publisher.publish(distribution_to_msg(q, self._task, index, 0, stamp))
-
-    def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
-        """Hands on the marginals of the steps that a policy is trained on."""
-        one_of("the distribution's task", task, [self._task.name])
-        trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
-        observation = self._task.observation
-        told = self._task.signals.spread(observation.told)
-        self.marginals[index] = TrainingMarginals(trained, observation, n_u, told)
-        self._waits_for_distribution = False
-        self._health.arrived(_DISTRIBUTION)
-
-
-class AnswerTimes:
-    """Shows on /diagnostics how often a controller answers, how fast, and what it missed.
-
-    The figures are those of ros2_control's controller_manager. A state is missed where the stamps
-    of the states that are answered have a gap; the control period is in seconds.
-    """
-
-    def __init__(self, health: Health, period: float):
-        self._health = health
-        self._period = round(period * 1e9)
-        self._stamp: int | None = None
-        self._missed = self._states = 0
-        self._begin()
-
-    def _begin(self) -> None:
-        self._since, self._count, self._spent, self._longest = time.monotonic(), 0, 0.0, 0.0
-
-    def answered(self, stamp: int, seconds: float) -> None:
-        """Notes the stamp [ns] of a state that was answered, and the time that it took [s]."""
-        gap = 0 if self._stamp is None else max(0, (stamp - self._stamp) // self._period - 1)
-        self._stamp = stamp
-        self._missed += gap
-        self._states += 1 + gap
-        self._count += 1
-        self._spent += seconds
-        self._longest = max(self._longest, seconds)
-        if (passed := time.monotonic() - self._since) > _PERIOD:
-            mean, longest = 1e3 * self._spent / self._count, 1e3 * self._longest
-            self._health.set_value("periodicity", f"{self._count / passed:.1f} Hz")
-            self._health.set_value("execution time", f"mean {mean:.2f}, longest {longest:.2f} ms")
-            self._health.set_value("missed deadlines", f"{self._missed} of {self._states}")
-            self._begin()

@@ -14,7 +14,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
 from vgps_ros.ros_runtime.qos import STREAM, is_lively
 from vgps_ros.ros_runtime.runner import end_with
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 
 HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 _PERIOD = 1.0  # between two diagnostics [s]

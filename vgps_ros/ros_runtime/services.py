@@ -1,15 +1,19 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Additions to what rclpy does for the services of a node."""
+"""Additions to what rclpy does for the services and the timers of a node."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.task import Future
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from vgps_ros.core.checks import printable
@@ -60,3 +64,11 @@ def answer_later(service: Service) -> Service:
 def answered(done: bool, yes: str, no: str) -> Trigger.Response:
     """Returns the response to an order that was carried out or not, with a sentence for each."""
     return Trigger.Response(success=done, message=yes if done else no)
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
+    """Calls back once a period [s] by the wall clock, whatever the system's time does.
+
+    Simulated time may stand still just when something is wrong.
+    """
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

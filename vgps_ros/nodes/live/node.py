@@ -34,7 +34,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
 from vgps_ros.ros_runtime.runner import run
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.simulation.model import compile_model
 

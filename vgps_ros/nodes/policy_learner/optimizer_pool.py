@@ -21,7 +21,7 @@ from vgps_ros.messages.optimization import SHUTTING_DOWN, request_to_msg, result
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import Liveness
-from vgps_ros.ros_runtime.steady_timer import steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.trajectory_optimization import Outcome
 from vgps_ros.tasks import Task

@@ -1,0 +1,139 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Sends the commands of a controller, and shows on /diagnostics how fast it answers states."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from vgps_ros.core.checks import one_of, quoted
+from vgps_ros.core.controls import INTERFACES, Controls
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
+from vgps_ros.messages.names import COMMANDS_SENT
+from vgps_ros.ros_runtime.health import Health
+from vgps_ros.ros_runtime.parameters import declare, value
+from vgps_ros.ros_runtime.qos import STREAM, lively
+from vgps_ros.safety.supervisor import Answer
+
+COMMAND_TYPE = Setting(
+    "command_type",
+    "joint_state",
+    "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
+    "float64_multi_array: std_msgs/Float64MultiArray, as the forward controllers of ros2_control "
+    "take it",
+    choices=("joint_state", "float64_multi_array"),
+)
+COMMAND_INTERFACES = Setting(
+    "command_interfaces",
+    "",
+    "names of position, velocity, effort, stiffness and damping, separated by commas, that a "
+    "float64_multi_array holds; one: of all joints on commands, as position and effort controllers "
+    "take it; several: of each joint on JOINT/commands, as multi-interface controllers take them; "
+    "empty: the one of the controls' kind",
+)
+_PERIOD = 1.0  # over which figures are taken [s]
+
+
+class CommandSender:
+    """Publishes commands as JointState, or as ros2_control's forward controllers take them.
+
+    Args:
+        node: the controller.
+        names: of the joints that the controls drive.
+
+    Attributes:
+        topics: of the commands.
+    """
+
+    def __init__(self, node: Node, names: Sequence[str]):
+        self._node, self._sent = node, 0
+        self._is_plain = declare(node, COMMAND_TYPE) == "float64_multi_array"
+        self.topics = ["commands" if self._is_plain else "joint_command"]
+        if "," in declare(node, COMMAND_INTERFACES) and self._is_plain:
+            self.topics = [f"{name}/commands" for name in names]
+
+    def open(self, health: Health) -> None:
+        """Makes the publishers; the number of commands is on /diagnostics, for a check of bags."""
+        kind: Any = Float64MultiArray if self._is_plain else JointState
+        make, qos = self._node.create_publisher, lively(STREAM)
+        self._publishers = [make(kind, topic, qos) for topic in self.topics]
+        self._health = health
+        health.set_value(COMMANDS_SENT, self._sent)
+
+    def configure(self, controls: Controls) -> None:
+        """Sets what the controls are.
+
+        Raises:
+            InvalidInputError: the parameter command_interfaces does not suit them.
+        """
+        self._controls = controls
+        self._interfaces = command_interfaces(value(self._node, COMMAND_INTERFACES), controls)
+
+    def send(self, command: Answer) -> None:
+        """Publishes a command."""
+        self._sent += 1
+        self._health.set_value(COMMANDS_SENT, self._sent)
+        controls = self._controls
+        messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
+        if self._is_plain:
+            rows = controls.by_interface(command.control, self._interfaces)
+            several = rows.T if len(self._publishers) > 1 else rows
+            messages = [Float64MultiArray(data=pack(values)) for values in several]
+        for publisher, message in zip(self._publishers, messages, strict=True):
+            publisher.publish(message)
+
+
+def command_interfaces(names: str, controls: Controls) -> list[str]:
+    """Returns the names in a list that is separated by commas; of an empty one, the kinds'.
+
+    Raises:
+        InvalidInputError: a name is unknown, or what the controls are is not among them.
+    """
+    found = [name.strip() for name in names.split(",") if name.strip()] or list(controls.fields)
+    for name in found:
+        one_of("command_interfaces", name, INTERFACES)
+    if missing := [name for name in controls.fields if name not in found]:
+        raise InvalidInputError(
+            f"command_interfaces is {quoted(names)}, but the controls are {controls.label()}; name "
+            f"{missing[0]}, too."
+        )
+    return found
+
+
+class AnswerTimes:
+    """Shows on /diagnostics how often a controller answers, how fast, and what it missed.
+
+    The figures are those of ros2_control's controller_manager. A state is missed where the stamps
+    of the states that are answered have a gap; the control period is in seconds.
+    """
+
+    def __init__(self, health: Health, period: float):
+        self._health = health
+        self._period = round(period * 1e9)
+        self._stamp: int | None = None
+        self._missed = self._states = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._since, self._count, self._spent, self._longest = time.monotonic(), 0, 0.0, 0.0
+
+    def answered(self, stamp: int, seconds: float) -> None:
+        """Notes the stamp [ns] of a state that was answered, and the time that it took [s]."""
+        gap = 0 if self._stamp is None else max(0, (stamp - self._stamp) // self._period - 1)
+        self._stamp = stamp
+        self._missed += gap
+        self._states += 1 + gap
+        self._count += 1
+        self._spent += seconds
+        self._longest = max(self._longest, seconds)
+        if (passed := time.monotonic() - self._since) > _PERIOD:
+            mean, longest = 1e3 * self._spent / self._count, 1e3 * self._longest
+            self._health.set_value("periodicity", f"{self._count / passed:.1f} Hz")
+            self._health.set_value("execution time", f"mean {mean:.2f}, longest {longest:.2f} ms")
+            self._health.set_value("missed deadlines", f"{self._missed} of {self._states}")
+            self._begin()
