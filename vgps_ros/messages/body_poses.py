@@ -168,11 +168,7 @@ def turn_on_base(
 ) -> Array:
     """Returns how a site or body that is fixed to the base is turned in it, as a quaternion (4,).
 
-    Args:
-        model: the robot.
-        base_frame: name of the base's frame in messages.
-        base: the base.
-        frame: name of the site or body; empty: the base itself.
+    It has no turn if its name is empty or that of the base's frame in messages.
 
     Raises:
         InvalidInputError: there is no such site or body, or it moves in the base.

@@ -348,10 +348,7 @@ class NewestMeasurements:
 def readings_of_place(base: BodyJoint, start: Array, *read: StateReadings) -> list[str]:
     """Returns the names of the readings that change with a free base's place or linear velocity.
 
-    Args:
-        base: the base.
-        start: a state, shape (n_x,), near which they are tried.
-        read: the readings.
+    They are tried near a state, shape (n_x,).
     """
     rng, found = np.random.default_rng(0), []
     for readings in read:

@@ -87,7 +87,8 @@ def check(arguments: argparse.Namespace) -> None:
 
     The last line says what is proved, and what is not.
     """
-    from vgps_ros.bags.bag_check import AGREEING, UNPROVED, check_bag
+    from vgps_ros.bags.bag_check import UNPROVED, check_bag
+    from vgps_ros.bags.torque_check import AGREEING
     from vgps_ros.policies.policy_file import open_policy
 
     trusted = open_policy(arguments.policy) if arguments.policy else None

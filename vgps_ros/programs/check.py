@@ -145,11 +145,7 @@ def examine_task(
 ) -> TaskCheck:
     """Looks a task over.
 
-    Args:
-        task: the task.
-        iterations: most iterations of DDP.
-        seed: seed of the first controls, where they are drawn.
-        on_iteration: called with the number of each iteration and the cost after it.
+    `on_iteration` is called with the number of each iteration and the cost after it.
 
     Raises:
         InvalidInputError: the task's settings of the policy search are out of range, or do not

@@ -46,12 +46,8 @@ _NO_EXECUTOR = "Is policy_executor running, active and with the same task?"
 class PolicyRun(Node):
     """One run of the simulation, from a reset on.
 
-    Args:
-        task: the simulation's task.
-        simulation: name of the simulation node.
-        timeout: how long to wait for anything that is missing [s].
-        namespace: in which the robot's nodes are.
-        course: what is commanded by cmd_vel along the way; None: nothing.
+    Anything that is missing is waited for up to the timeout [s]. A course is commanded by cmd_vel
+    along the way.
     """
 
     def __init__(

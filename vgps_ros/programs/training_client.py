@@ -33,10 +33,7 @@ _UNKNOWN = 3  # answers that a goal is unknown, until it counts as lost
 class TrainingClient(Node):
     """Sends a goal to the learner's action and follows it, through deaths of the learner.
 
-    Args:
-        learner: name of the learner node.
-        lost_timeout: longest time without a learner, once there was one [s].
-        namespace: in which the learner is.
+    It waits for another learner for at most `lost_timeout` [s].
     """
 
     def __init__(self, learner: str, lost_timeout: float, namespace: str | None):
@@ -143,10 +140,7 @@ class TrainingClient(Node):
     def _answer(self, future: Future, timeout: float, progress: TrainingProgress) -> Any:
         """Returns the learner's answer; None if it must be asked again.
 
-        Args:
-            future: the answer.
-            timeout: longest time to wait for a learner that is alive [s].
-            progress: shows when it is not.
+        A learner that is alive has the timeout [s].
 
         Raises:
             VgpsError: no learner is there for too long.

@@ -374,9 +374,7 @@ class Dynamics:
     ) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps.
 
-        Args:
-            trajectory: where to differentiate.
-            centred: whether all differences are centred; otherwise few are, where it matters.
+        All differences are centred if that is asked for; otherwise few are, where it matters.
         """
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))

@@ -24,11 +24,7 @@ class AppliedForce(NamedTuple):
 
 
 class BodyFrames:
-    """Turns what acts in the frames of a model's bodies, which move, to the world's axes.
-
-    Args:
-        model: the robot.
-    """
+    """Turns what acts in the frames of a model's bodies, which move, to the world's axes."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model, self._data = model, mujoco.MjData(model)
@@ -44,13 +40,9 @@ class BodyFrames:
         return self._bodies[known("body", name, list(self._bodies))]
 
     def applied(self, state: Array, body: int, force: Array, torque: Array) -> AppliedForce:
-        """Returns what a force at a body's origin and a torque come to in a state.
+        """Returns what a force at a body's origin and a torque come to in a state (n_x,).
 
-        Args:
-            state: x, shape (n_x,).
-            body: number of the body.
-            force: along the axes of the body's frame, shape (3,) [N].
-            torque: likewise, shape (3,) [N·m].
+        Both are along the axes of the body's frame, shape (3,) [N, N·m].
         """
         data = self._data
         data.qpos[:] = state[: self._model.nq]
@@ -78,9 +70,6 @@ class JointForces:
     """Forces on the hinges and slides, whatever the actuators are.
 
     Of a motor with gear 1 it is the control itself, within the motor's limits.
-
-    Args:
-        model: the robot.
     """
 
     def __init__(self, model: mujoco.MjModel):

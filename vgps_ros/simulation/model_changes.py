@@ -293,8 +293,7 @@ def _object(spec: mujoco.MjSpec, record: Values, place: Place) -> tuple[mujoco.m
 def self_contained(spec: mujoco.MjSpec) -> str:
     """Returns the MJCF of a model whose meshes stand in the text, and whose textures are left out.
 
-    Args:
-        spec: the model, which is changed by this.
+    The model is changed by this.
 
     Raises:
         InvalidInputError: the model needs a file of another kind.

@@ -38,9 +38,7 @@ class Readings:
         needs_controls: whether a reading depends on the control too, as a contact force does.
         plan: how compiled loops compute the readings.
 
-    Args:
-        simulations: simulations of the model.
-        names: names of the numbers; a name may come twice.
+    A name may come twice.
 
     Raises:
         InvalidInputError: a name is unknown.

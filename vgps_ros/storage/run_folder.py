@@ -112,7 +112,6 @@ def load_distributions(path: Path) -> tuple[list[TrajectoryDistribution], str]:
     try:
         file = read_archive(path)
         (count, horizon, n_u), n_x = file["controls"].shape, file["states"].shape[-1]
-        file.setdefault("context", np.empty((count, horizon, 0)))  # none before there were commands
         sizes = {"n_x": n_x, "n_dx": file["gains"].shape[-1], "n_u": n_u}
         sizes["n_z"] = file["context"].shape[-1]
         shapes = array_shapes(TrajectoryDistribution, T=horizon, **sizes)

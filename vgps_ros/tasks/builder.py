@@ -56,11 +56,7 @@ from vgps_ros.tasks.task_file import (
 
 
 def load_task(path: Path, name: str) -> Task:
-    """Returns the task that a file describes.
-
-    Args:
-        path: the file, or its folder.
-        name: what the task is called in messages and files.
+    """Returns the task that a file, or that in a folder, describes, under a name.
 
     Raises:
         InvalidInputError: an entry is wrong; the message has its line.

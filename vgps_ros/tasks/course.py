@@ -68,9 +68,7 @@ class Course:
 def figure_of_eight(speed: float, turn: float) -> Course:
     """Returns a circle to the left and one to the right, with a second of rest before and after.
 
-    Args:
-        speed: forward speed [m/s].
-        turn: turning speed [rad/s], positive.
+    The speeds are ahead [m/s] and about the vertical [rad/s].
     """
     velocities = np.zeros((4, len(FIELDS)))
     velocities[1:3, FIELDS.index("linear/x")] = speed

@@ -150,12 +150,7 @@ _OF_FLOOR = (
 
 
 def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
-    """Returns a robot's model with a disturbance's load, friction and ground.
-
-    Args:
-        mjcf: its MJCF.
-        body: name of the body that bears the payload.
-        disturbance: what changes.
+    """Returns the model of an MJCF with a disturbance's load on a body, friction and ground.
 
     Raises:
         InvalidInputError: ridges are wanted, but there is no level floor.

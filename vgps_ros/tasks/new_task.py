@@ -32,12 +32,9 @@ class _Robot:
 
 
 def first_task_file(reference: str, model: mujoco.MjModel, schema: str) -> str:
-    """Returns the text of a task file.
+    """Returns the text of a task file for a model, all of whose joints and actuators have names.
 
-    Args:
-        reference: the model, as the file names it.
-        model: the model, all of whose joints and actuators have names.
-        schema: path of the JSON schema, for editors.
+    The file names the model by the reference, and a JSON schema by its path, for editors.
     """
     robot = _robot(model)
     limits = control_range(model)[1]

@@ -19,7 +19,7 @@ refined by DDP; its first controls are executed, and the next plan starts where 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -94,21 +94,41 @@ def interpolation(steps: int, knots: int) -> Array:
     return np.maximum(1.0 - np.abs(at[:, None] - np.arange(knots)), 0.0)
 
 
-class PlanProblem(Protocol):
-    """The problem of which a plan is a part."""
+FALLEN = 1e6  # cost of a step in which the robot lies: a plan that falls later is better
+
+
+@dataclass(frozen=True)
+class Plans:
+    """The task as the problem of which a plan is a part."""
+
+    task: Task
+    ddp_iterations: int
 
     def simulate(self, start: Array, plans: Array) -> Array:
         """Returns states (N, H+1, n_x) of plans (N, H, n_u); NaN after one has diverged."""
+        return self.task.dynamics.replay(start, plans)
 
     def score(self, states: Array, plans: Array, first: int) -> Array:
         """Returns the cost of each plan, shape (N,); `first` is the place of its first step."""
+        costs = self.task.cost(states[:, :-1], plans, first).sum(axis=1)
+        costs += FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
+        return np.where(np.isfinite(states).all(axis=(1, 2)), costs, np.inf)
 
     def refine(self, motion: Trajectory, first: int) -> Array:
-        """Returns controls (H, n_u), within their limits, to try instead of a motion's."""
+        """Returns controls (H, n_u) that DDP finds; a motion's own where it makes that diverge."""
+        if self.ddp_iterations == 0:
+            return motion.controls
+        cost = self.task.cost.starting_at(first, motion.horizon)
+        settings = self.task.optimizer.ddp
+        try:
+            found = solve(self.task.dynamics, cost, motion, settings, self.ddp_iterations)
+        except DivergenceError:
+            return motion.controls
+        return found.trajectory.controls
 
 
 def receding_motion(
-    problem: PlanProblem,
+    problem: Plans,
     sampler: Sampler,
     start: Array,
     horizon: int,
@@ -144,7 +164,7 @@ def receding_motion(
 
 
 def replanned(
-    problem: PlanProblem,
+    problem: Plans,
     sampler: Sampler,
     plan: Array,
     x: Array,
@@ -171,39 +191,6 @@ def replanned(
         return plan
     refined = problem.refine(motion, first)
     return refined if cost(refined[None])[0] < least else plan
-
-
-FALLEN = 1e6  # cost of a step in which the robot lies: a plan that falls later is better
-
-
-@dataclass(frozen=True)
-class Plans:
-    """The task as a `PlanProblem`, which describes the methods."""
-
-    task: Task
-    ddp_iterations: int
-
-    def simulate(self, start: Array, plans: Array) -> Array:
-        """Runs plans on the task's dynamics."""
-        return self.task.dynamics.replay(start, plans)
-
-    def score(self, states: Array, plans: Array, first: int) -> Array:
-        """Scores plans by the task's cost, and each step in which the robot lies by `FALLEN`."""
-        costs = self.task.cost(states[:, :-1], plans, first).sum(axis=1)
-        costs += FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
-        return np.where(np.isfinite(states).all(axis=(1, 2)), costs, np.inf)
-
-    def refine(self, motion: Trajectory, first: int) -> Array:
-        """Refines a motion by DDP; one that it makes diverge is left as it is."""
-        if self.ddp_iterations == 0:
-            return motion.controls
-        cost = self.task.cost.starting_at(first, motion.horizon)
-        settings = self.task.optimizer.ddp
-        try:
-            found = solve(self.task.dynamics, cost, motion, settings, self.ddp_iterations)
-        except DivergenceError:
-            return motion.controls
-        return found.trajectory.controls
 
 
 @dataclass(frozen=True)

@@ -281,9 +281,7 @@ def task_digest(task: Task) -> str:
 def _plain(value: Any, *around: int) -> Any:
     """Returns a value as tuples whose text is the same in each process.
 
-    Args:
-        value: the value.
-        around: identities of the values that hold it, since a function may hold itself.
+    `around` are the identities of the values that hold it, since a function may hold itself.
     """
     if id(value) in around:
         return "itself"
