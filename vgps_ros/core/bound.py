@@ -44,13 +44,8 @@ def expected_divergence(
     """Returns Σ_t E_q(x_t)[KL(q(u_t|x_t) ‖ π_θ(u_t|x_t))], in nat.
 
     In a control that a limit clamps q has no noise, so only its distance from the policy counts.
-
-    Args:
-        q: the trajectory distribution.
-        policy: π_θ.
-        observation: h, what the policy reads of a state.
-        rng: turns the points over which the divergence is averaged; equal draws make the values of
-            several q and θ comparable.
+    The generator turns the points over which the divergence is averaged; equal draws make the
+    values of several q and θ comparable.
     """
     if observation.past:
         count = 2 * q.state_covariances.shape[1]

@@ -93,11 +93,7 @@ class Architecture:
         return sum(outputs * inputs + bias for outputs, inputs, bias in self._layers())
 
     def unpack(self, parameters: Any) -> list[tuple[Any, Any]]:
-        """Splits θ into (weight (n_out, n_in), bias (n_out,) or 0.0) of each layer.
-
-        Args:
-            parameters: shape (num_parameters,), a NumPy array or a torch tensor.
-        """
+        """Splits θ, an array or a tensor, into (weight (n_out, n_in), bias (n_out,) or 0.0)."""
         layers, start = [], 0
         for outputs, inputs, bias in self._layers():
             end = start + outputs * inputs
@@ -146,11 +142,7 @@ class GaussianPolicy:
             positive("policy.noise_std", std)
 
     def check_fits(self, observed: tuple[str, ...], control_dim: int) -> None:
-        """Checks that the policy can drive a robot.
-
-        Args:
-            observed: names of what a policy of its task reads.
-            control_dim: n_u.
+        """Checks that the policy reads what one of its task observes, and has n_u controls.
 
         Raises:
             InvalidInputError: it reads something else, or has other controls.

@@ -133,14 +133,7 @@ def joined(parts: Sequence[Targets]) -> Targets:
 def resampled(
     targets: Targets, probabilities: Array | None, count: int, rng: np.random.Generator
 ) -> Iterator[Targets]:
-    """Yields draws from a set of samples, without end.
-
-    Args:
-        targets: the set of samples.
-        probabilities: their probabilities, shape (N,); None if all are equal.
-        count: number of samples in each draw.
-        rng: source of the draws.
-    """
+    """Yields draws of `count` samples from a set, with probabilities or evenly, without end."""
     while True:
         chosen = rng.choice(len(targets.inputs), count, p=probabilities)
         yield Targets(targets.inputs[chosen], targets.means[chosen], targets.variances[chosen])

@@ -139,12 +139,7 @@ ACTIVATIONS: dict[str, tuple[Callable[..., torch.Tensor], Callable[..., torch.Te
 
 
 class Passes:
-    """The passes through the network at one θ, for N inputs.
-
-    Args:
-        architecture: shape of the network.
-        theta: θ, shape (num_parameters,).
-        inputs: shape (n_o, N).
+    """The passes through the network at one θ, for inputs of shape (n_o, N).
 
     Attributes:
         outputs: μ_θ, shape (n_u, N).

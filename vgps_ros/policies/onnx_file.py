@@ -84,9 +84,7 @@ def read_bytes(path: Path) -> bytes:
 def parsed(content: bytes, name: str) -> Any:
     """Returns the model in the bytes of an ONNX file, after it was found to be harmless.
 
-    Args:
-        content: the bytes.
-        name: what the sentence of an error calls the file.
+    An error calls the file by its name.
 
     Raises:
         InvalidInputError: the bytes are no ONNX model; or it keeps tensors in other files, or holds

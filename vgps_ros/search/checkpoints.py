@@ -21,10 +21,8 @@ import numpy as np
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import differences, values_of
-from vgps_ros.policies.policy_file import policy_digest
 from vgps_ros.search.iteration import SearchState
-from vgps_ros.search.optimization_request import check_distribution
-from vgps_ros.search.settings import SearchSettings, architecture
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.workspace import Update
 from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree, write_archive
 from vgps_ros.tasks import Task
@@ -88,11 +86,8 @@ class Checkpoints:
     def latest(self, run: Run, kind: type[Update]) -> SearchState | None:
         """Returns the state to go on from; None if there is none.
 
-        A file that is not whole is refused with a sentence, and the one before it is used.
-
-        Args:
-            run: the run that goes on.
-            kind: what its method's iterations end with.
+        A file that is not whole is refused with a sentence, and the one before it is used. The kind
+        is what the iterations of the run's method end with.
 
         Raises:
             InvalidInputError: there are only checkpoints of another run.
@@ -142,9 +137,7 @@ def _load(path: Path, run: Run, kind: type[Update]) -> SearchState:
     arrays = read_archive(path)
     content = json.loads(arrays.pop(_CONTENT).tobytes())
     _compare(content["run"], run.identity(), path)
-    state: SearchState = from_entries(SearchState, content["state"], arrays, last=kind | None)
-    _check(state, run)
-    return state
+    return from_entries(SearchState, content["state"], arrays, last=kind | None)
 
 
 def _compare(found: dict[str, Any], wanted: dict[str, Any], path: Path) -> None:
@@ -157,28 +150,3 @@ def _compare(found: dict[str, Any], wanted: dict[str, Any], path: Path) -> None:
             f"{since}'{path}' belongs to a training with {theirs}, but this one has {ours}; name "
             f"another folder, or remove '{path.parent}' to begin anew."
         )
-
-
-def _check(state: SearchState, run: Run) -> None:
-    """Checks that the arrays fit the run, and that numbers which must be finite are."""
-    if [figures.k for figures in state.history] != list(range(1, state.k + 1)) or (
-        state.k > run.settings.iterations or (state.last is None) != (state.k == 0)
-    ):
-        raise InvalidInputError(f"its history of {state.k} iterations is not whole.")
-    pairs = state.last.pairs if state.last else ()
-    for solutions in (state.initial_solutions, *(pair.solutions for pair in pairs)):
-        # Situations may have been left out at first, but none is later.
-        if not solutions or len(solutions) != len(state.initial_solutions):
-            raise InvalidInputError("it has not one solution for each situation.")
-        for each in solutions:
-            check_distribution("q", each.distribution, run.task, each.situation.initial_state)
-            if not np.array_equal(each.situation.context, each.distribution.context):
-                raise InvalidInputError("a solution is not the one of its situation's commands.")
-    policies = [p.policy for p in pairs] + ([state.best.policy] if state.best else [])
-    if any(p.architecture != architecture(run.task, run.settings) for p in policies):
-        raise InvalidInputError("its policy has another shape.")
-    if state.last:
-        before = state.history[-2].policy_digest if state.k > 1 else ""
-        if policy_digest(state.last.policy, before) != state.digest:
-            raise InvalidInputError("its policy is not the one of its chain of digests.")
-        state.last.check(run.task)

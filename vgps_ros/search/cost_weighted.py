@@ -23,14 +23,7 @@ from vgps_ros.search.workspace import Rollouts, Update, Workspace
 def cost_weighted(
     work: Workspace, last: Update | None, k: int, samples: int | None = None
 ) -> Update:
-    """Does iteration k of cost-weighted search.
-
-    Args:
-        work: problem and settings.
-        last: result of iteration k − 1; None at k = 1.
-        k: the iteration.
-        samples: rollouts per initial state and iteration; None for the number in the settings.
-    """
+    """Does iteration k of cost-weighted search, with so many rollouts, or as many as are set."""
     if last is None:
         return Update(work.supervised_policy(), work.initial_solutions)
     policy, settings = last.policy, work.settings
@@ -53,12 +46,7 @@ def weighted_targets(
 ) -> tuple[Targets, np.ndarray]:
     """Returns the controls of the rollouts, and the weight of each step; weights sum to 1.
 
-    All situations have the same weight.
-
-    Args:
-        draws: the rollouts in each situation.
-        observations: what the policy reads in each.
-        alpha: α.
+    All situations have the same weight; for each there are rollouts and an observation.
     """
     pairs = zip(draws, observations, strict=True)
     read = [_rows(observation(rollouts.states)) for rollouts, observation in pairs]

@@ -28,7 +28,6 @@ from functools import partial
 import numpy as np
 from scipy.special import softmax
 
-from vgps_ros.core.checks import check_array
 from vgps_ros.core.gaussians import squared_distance
 from vgps_ros.core.marginals import control_means, sample_deviations
 from vgps_ros.core.observation import Observation, observed_marginals, widened
@@ -53,12 +52,6 @@ class Imitation(Update):
 
     visited: tuple[Array, ...]
 
-    def check(self, task: Task) -> None:
-        """Checks the dataset, after it was read from a file."""
-        for states in self.visited:
-            shape = (len(states), task.horizon, task.dims["n_x"])
-            check_array("visited", np.nan_to_num(states), shape)
-
 
 def dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
     """Does iteration k of plain DAGGER."""
@@ -70,12 +63,8 @@ def imitate(
 ) -> Imitation:
     """Does iteration k of DAGGER or of one of its variants.
 
-    Args:
-        work: problem and settings.
-        last: result of iteration k − 1; None at k = 1.
-        k: the iteration.
-        log_weights: weighs the dataset's states; None if all have the same weight.
-        adapts: true if the DDP solutions are optimised anew against the policy (line 6).
+    The weights are those of the dataset's states, all the same where there are none. A variant that
+    adapts optimises the DDP solutions anew against the policy (line 6).
     """
     settings = work.settings
     if last is None:
@@ -110,11 +99,7 @@ def oracle_targets(
 ) -> tuple[Targets, Array | None]:
     """Returns the oracle's actions at the visited states, and weights, which sum to 1.
 
-    Args:
-        distributions: q of each initial state.
-        visited: states for each, shape (N, T, n_x), NaN after a rollout has diverged.
-        observation: what the policy reads of a state.
-        log_weights: weighs the states; None if all have the same weight.
+    The visited states of each q have shape (N, T, n_x), NaN after a rollout has diverged.
     """
     rows = []
     for q, states in zip(distributions, visited, strict=True):
@@ -156,10 +141,7 @@ def marginal_log_weights(
 ) -> Array:
     """Returns (log q(o_t) − log q(ō_t)) / n, shape (N, T), of the n numbers that a policy reads.
 
-    Args:
-        q: distribution whose marginals weigh the states.
-        inputs: o, what the policy reads of x_1 … x_T of each rollout, shape (N, T, n).
-        observation: what that is.
+    The inputs are o, what it reads of x_1 … x_T of each rollout, shape (N, T, n).
     """
     means, covariances = observed_marginals(q, observation)
     return -0.5 * squared_distance(inputs - means, widened(covariances)) / inputs.shape[-1]

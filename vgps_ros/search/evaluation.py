@@ -47,14 +47,10 @@ class Evaluation:
 def evaluate(
     tasks: Sequence[Task], policy: GaussianPolicy, rollouts: int, seed: int, iteration: int
 ) -> Evaluation:
-    """Rolls a policy out in each situation.
+    """Rolls a policy out in each situation, once without noise from its x_1.
 
-    Args:
-        tasks: the task in each; stochastic rollouts start from draws around its x_1.
-        policy: π_θ.
-        rollouts: number of stochastic rollouts in each situation.
-        seed: seed of the run.
-        iteration: k, the place of these draws in the run.
+    Further rollouts, stochastic ones, start from draws around x_1. What is drawn depends on the
+    seed of the run and on the iteration.
     """
     task = tasks[0]
     rng, space = generator(seed, Stream.EVALUATION, iteration), task.dynamics.space

@@ -40,7 +40,6 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Rollouts, Update, Workspace
-from vgps_ros.tasks import Task
 
 _STEP = 10.0  # factor by which w_r changes
 
@@ -103,12 +102,7 @@ def maximize(
 ) -> GaussianPolicy:
     """Returns the policy that LBFGS finds, started from `policy`; its Φ is never lower.
 
-    Args:
-        policy: policy from which LBFGS starts.
-        sets: the rollouts of each initial state.
-        regularization: w_r.
-        scaling: units of the optimisation.
-        iterations: iterations of LBFGS.
+    There is a set of rollouts for each initial state, and the regularization is w_r.
     """
     count = len(policy.parameters)
     theta = scaling.to_standard(policy.parameters)
@@ -205,12 +199,6 @@ class GuidedUpdate(Update):
     recent: Batches
     adapted: Batches
 
-    def check(self, task: Task) -> None:
-        """Checks the rollouts, after they were read from a file."""
-        for batches in (*self.guiding, *self.recent, *self.adapted):
-            for batch in batches:
-                batch.rollouts.check(task)
-
 
 def gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
     """Does iteration k of guided policy search, guided by rollouts of the initial solutions."""
@@ -230,13 +218,7 @@ def adaptive_gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUp
 def _guided_search(
     work: Workspace, last: GuidedUpdate | None, k: int, *, adapts: bool
 ) -> GuidedUpdate:
-    """Does iteration k of guided policy search or of its adaptive variant.
-
-    Args:
-        work: problem and settings.
-        last: result of iteration k − 1; None at k = 1.
-        k: the iteration.
-        adapts: true if the solutions are adapted at its end, and their rollouts guide too.
+    """Does iteration k of guided policy search, or of its variant that adapts the solutions.
 
     Raises:
         DivergenceError: all rollouts from an initial state diverged.

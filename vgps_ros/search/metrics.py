@@ -226,11 +226,7 @@ def bound_metrics(
 ) -> dict[str, float]:
     """Computes the metrics by name; all are means over some situations that stayed.
 
-    Args:
-        work: the run.
-        before: the state at the end of iteration k − 1.
-        theta: π_θ of iteration k.
-        update: the solutions of iteration k.
+    Iteration k led from the state before it to π_θ and the update's solutions.
     """
     task, alpha = work.task, work.settings.alpha(before.k + 1)
     solutions = before.last.solutions if before.last else before.initial_solutions
@@ -294,11 +290,6 @@ def coverage(task: "Task", q: TrajectoryDistribution, rng: np.random.Generator) 
     """Returns the share of the coordinates that lie within two sd of q's marginals, in [0, 1].
 
     Those of a rollout that diverged do not, and coordinates without any spread do not count.
-
-    Args:
-        task: the true dynamics.
-        q: the trajectory distribution, over the steps to compare.
-        rng: source of the starts and of the noise.
     """
     dynamics, space = task.dynamics, task.dynamics.space
     starts = space.add(q.mean.states[0], sample_deviations(q, _ROLLOUTS, rng)[:, 0])

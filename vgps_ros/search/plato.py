@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array
 from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
@@ -46,12 +45,6 @@ class Lessons(Update):
 
     states: Array
     actions: Array
-
-    def check(self, task: Task) -> None:
-        """Checks the dataset, after it was read from a file."""
-        count, dims = len(self.states), task.dims
-        check_array("states", self.states, (count, dims["n_x"]))
-        check_array("actions", self.actions, (count, dims["n_u"]))
 
 
 class Teacher:

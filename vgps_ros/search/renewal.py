@@ -60,13 +60,7 @@ def is_due(work: Workspace, k: int) -> bool:
 def renew(
     work: Workspace, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int
 ) -> tuple[tuple[OptimizationResult, ...], list[Targets]]:
-    """Replaces some situations by new ones; the first one stays.
-
-    Args:
-        work: problem and settings.
-        solutions: q(ζ) of the situations.
-        policy: π_θ, which shows where to begin.
-        k: the iteration.
+    """Replaces some situations by new ones, which begin where the policy goes; the first one stays.
 
     Returns:
         The solutions, and samples of each that was replaced.

@@ -53,15 +53,7 @@ def is_tried(settings: SearchSettings, k: int) -> bool:
 
 
 def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
-    """Tries the policy of iteration k; all are tried in the same rollouts.
-
-    Args:
-        task: the task.
-        settings: of the search.
-        seed: of the run.
-        policy: π_θ.
-        k: the iteration.
-    """
+    """Tries the policy of iteration k; all are tried in the same rollouts."""
     rng, space = generator(seed, Stream.JUDGEMENT, SELECTION), task.dynamics.space
     count, steps = settings.keep.rollouts, round(settings.keep.seconds / task.dynamics.time_step)
     starts = task.initial_std * rng.standard_normal((count, space.tangent_dim))

@@ -66,11 +66,7 @@ def optimize(
 ) -> OptimizationResult:
     """Optimises q(ζ) with the settings that the task names.
 
-    Args:
-        task: the control problem.
-        request: the solve to do.
-        on_iteration: called with the log of each iteration.
-        is_cancelled: asked between the parts of an iteration; true ends the solve.
+    Whether to end is asked between the parts of each iteration.
 
     Raises:
         InvalidInputError: a value of the request does not fit the task.

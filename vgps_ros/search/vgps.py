@@ -26,11 +26,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.renewal import is_due, renew
 from vgps_ros.search.workspace import Update, Workspace
-from vgps_ros.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -49,15 +47,6 @@ class Candidates(Update):
     def pairs(self) -> tuple[Update, ...]:
         """All candidates, the first one first."""
         return (self, *self.others)
-
-    def check(self, task: Task) -> None:
-        """Checks the samples, after they were read from a file."""
-        n_o, n_u = len(task.observation.names), task.dims["n_u"]
-        for samples in self.replay:
-            count = len(samples.inputs)
-            check_array("inputs", samples.inputs, (count, n_o))
-            check_array("means", samples.means, (count, n_u))
-            check_array("variances", samples.variances, (count, n_u))
 
 
 def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgps_ros.core.checks import check_array
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
@@ -43,17 +42,6 @@ class Rollouts:
     states: Array
     controls: Array
     costs: Array
-
-    def check(self, task: Task) -> None:
-        """Checks that sound rollouts fit the task.
-
-        Raises:
-            InvalidInputError: an array does not fit the task, or is not finite.
-        """
-        count, dims = len(self.states), task.dims
-        check_array("states", self.states, (count, task.horizon, dims["n_x"]))
-        check_array("controls", self.controls, (count, task.horizon, dims["n_u"]))
-        check_array("costs", self.costs, (count, task.horizon))
 
     def sound(self) -> "Rollouts":
         """Returns the rollouts that did not diverge."""
@@ -133,13 +121,6 @@ class Update:
     def pairs(self) -> tuple["Update", ...]:
         """All policies learned side by side, each with its own solutions; this one comes first."""
         return (self,)
-
-    def check(self, task: Task) -> None:
-        """Checks the fields that a method adds, after they were read from a file.
-
-        Raises:
-            InvalidInputError: an array does not fit the task, or is not finite.
-        """
 
 
 class Workspace:
@@ -252,11 +233,7 @@ class Workspace:
     ) -> GaussianPolicy:
         """Returns the policy that maximises L(q, θ), started from `policy` (line 4).
 
-        Args:
-            policy: π_θ.
-            solutions: q(ζ) of each situation.
-            k: the iteration.
-            replay: samples of further q(ζ), of situations that were renewed.
+        It learns from q(ζ) of each situation, and from samples of those that were renewed.
         """
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)

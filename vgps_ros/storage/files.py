@@ -124,11 +124,7 @@ _DEEPEST = 100  # nesting
 
 
 def read_yaml(text: str | bytes, what: str) -> Any:
-    """Returns the content of a YAML text, or of the bytes of one.
-
-    Args:
-        text: the text.
-        what: names it in the error.
+    """Returns the content of a YAML text, which an error calls `what`.
 
     Raises:
         InvalidInputError: it is no YAML, or would become much larger than it is.

@@ -30,12 +30,7 @@ def mean_derivatives(
 ) -> tuple[LinearDynamics, int]:
     """Returns the mean of f_x, f_u over samples of q, and the simulator steps that it took.
 
-    Args:
-        dynamics: x' = f(x, u); samples of the controls stay within their limits.
-        q: q(ζ).
-        count: number of samples of each step.
-        width: factor on the standard deviations of q.
-        rng: generator of the samples.
+    Each step has so many samples; the width is a factor on the standard deviations of q.
 
     Raises:
         DivergenceError: a derivative at a sample is not finite.

@@ -269,12 +269,7 @@ def improve(
 ) -> Improvement:
     """Improves a motion by one iteration, with one expansion of the dynamics and the cost.
 
-    Args:
-        dynamics: x' = f(x, u).
-        cost: c(x, u).
-        motion: the motion, which satisfies the dynamics.
-        settings: regularisation and line search.
-        is_cancelled: asked between the parts of the iteration; true ends it.
+    The motion satisfies the dynamics. Whether to end is asked between the parts of the iteration.
 
     Raises:
         DivergenceError: the motion's cost or a derivative is not finite, or Quu is indefinite
