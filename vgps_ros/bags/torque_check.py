@@ -301,6 +301,8 @@ def _policies(
         found.wrong.append(unreadable("policies", refused))
     if same:
         found.proved.append(f"{same} policies by the file")
+    elif trusted:
+        found.unproved.append("the policies, of which none is the file's")
     if not timeline.values:
         raise InvalidInputError(
             f"'{bag.path}' has no policy that its robot could use; record a run with a policy."
