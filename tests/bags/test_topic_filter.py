@@ -3,8 +3,8 @@
 
 import pytest
 
-from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.ros_runtime.parameters import TopicFilter
 
 
 def test_a_topic_is_wanted_if_a_pattern_includes_it_and_none_excludes_it():

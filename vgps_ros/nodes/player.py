@@ -25,12 +25,11 @@ from vgps_ros.bags.playback import (
     with_clock,
 )
 from vgps_ros.bags.reader import BagMessage, BagReader
-from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare, declare_settings
+from vgps_ros.ros_runtime.parameters import TopicFilter, declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered, steady_timer

@@ -31,13 +31,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.topic_filter import TopicFilter
 from vgps_ros.bags.writer import COMPRESSIONS, UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import setting
 from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare_settings
+from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import answered, steady_timer

@@ -7,7 +7,7 @@ whose key is not the node's name.
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -202,3 +202,33 @@ def _paths(content: object, *above: str) -> Iterator[tuple[str, ...]]:
             yield from _paths(inner, *above, str(key))
     else:
         yield above
+
+
+class TopicFilter:
+    """The topics that the parameters `include` and `exclude` of a node choose.
+
+    Args:
+        include: regular expressions, of which at least one must be found in a topic's name.
+        exclude: regular expressions, of which none may be found in a topic's name.
+
+    Raises:
+        InvalidInputError: an entry is not a regular expression.
+    """
+
+    def __init__(self, include: Sequence[str], exclude: Sequence[str]):
+        self._include = _patterns("include", include)
+        self._exclude = _patterns("exclude", exclude)
+
+    def wants(self, topic: str) -> bool:
+        """Returns True if a topic is taken, given its full name."""
+        included = any(pattern.search(topic) for pattern in self._include)
+        return included and not any(pattern.search(topic) for pattern in self._exclude)
+
+
+def _patterns(name: str, expressions: Sequence[str]) -> list[re.Pattern[str]]:
+    try:
+        return [re.compile(expression) for expression in expressions]
+    except re.error as error:
+        raise InvalidInputError(
+            f"{name} is {list(expressions)}, but each entry must be a regular expression: {error}."
+        ) from error
