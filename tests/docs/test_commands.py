@@ -58,6 +58,8 @@ NOT_RUN = {
     r"eval |autoload": "completes words in a shell with a person before it",
     r"export (FASTRTPS|ROS_)": "is about other machines",
     r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one",
+    r"vgps drive": "steers a task with commands, for which the swimmer stands here; "
+    "tests/nodes/test_drive.py steers one",
     r"vgps import .*--contract": "needs files of other projects; tests/policies reads such",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
