@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A robot whose sensors each have stamps of their own: what the executor makes of them."""
 
-import shutil
 from pathlib import Path
 
 import mujoco
@@ -15,7 +14,6 @@ from sensor_msgs.msg import Imu, JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals
 
-import vgps_ros.tasks
 from tests.nodes.conftest import executed
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -30,32 +28,22 @@ OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
 MS = 1_000_000  # [ns]
 PERIOD = 20 * MS
 REAL = {"state_qos": "sensor_data"}
-# A quadruped that reads its speed, which no IMU measures.
-SEEING = """
-model: quadruped.xml
-control_period: 0.02
-horizon: 0.4
-start: {keyframe: stand}
-sensors:
-  velocity: {type: velocimeter, site: imu}
-cost:
-  - {sensor: velocity, index: x, target: 0.2}
-  - {control: all, weight: 0.01}
-observe: [joint_positions, {sensor: velocity}]
-"""
+# Motors, so that what a policy of chance says needs no limit.
+BLIND = Path("tests/robots/quadruped_with_motors.yaml")
 
 
 @pytest.fixture(scope="module")
 def blind():
-    return make_task("quadruped")
+    return make_task(str(BLIND))
 
 
 @pytest.fixture(scope="module")
 def seeing(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("seeing")
-    shutil.copy(Path(vgps_ros.tasks.__file__).parent / "quadruped" / "quadruped.xml", folder)
-    (folder / "task.yaml").write_text(SEEING)
-    return make_task(str(folder / "task.yaml"))
+    """The same robot, whose policy reads its speed, which no IMU measures."""
+    text = BLIND.read_text().replace("../..", str(Path.cwd()))
+    file = tmp_path_factory.mktemp("seeing") / "task.yaml"
+    file.write_text(text.replace("observe: [", "observe: [{sensor: velocity}, "))
+    return make_task(str(file))
 
 
 def a_policy(task) -> GaussianPolicy:
@@ -288,17 +276,17 @@ def test_a_turned_imu_tells_the_same_as_one_along_the_axes_of_the_base(blind, rn
 def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torques(
     graph, blind, tmp_path, noise
 ):
-    save_policy(a_policy(blind), "quadruped", tmp_path / "policy.json")
+    save_policy(a_policy(blind), blind.name, tmp_path / "policy.json")
     recorder = graph.start("recorder", output=tmp_path / "bag")
     graph.spin_until_output(recorder, "Recording to")
-    graph.start("policy_executor", task="quadruped", policy_file=tmp_path / "policy.json")
-    graph.start("simulation", task="quadruped", start_paused=True, imu_noise=list(noise), seed=3)
+    graph.start("policy_executor", task=blind.name, policy_file=tmp_path / "policy.json")
+    graph.start("simulation", task=blind.name, start_paused=True, imu_noise=list(noise), seed=3)
     imus, odometry = graph.messages(Imu, "imu"), graph.messages(Odometry, "odom")
     graph.spin_until(lambda: imus and odometry)
     for topic in ("imu", "odom", "joint_states", "joint_command", "context", "policy"):
         graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
     graph.spin_for(1.0)
-    program = graph.start("execute_policy", "--task", "quadruped", "--steps", "40")
+    program = graph.start("execute_policy", "--task", blind.name, "--steps", "40")
     graph.spin_until(lambda: not program.running)
     assert program.wait() == 0, program.output
     graph.spin_for(1.2)

@@ -4,6 +4,7 @@
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -82,11 +83,13 @@ def test_quadruped_weighs_about_as_much_as_a_go1():
     assert model.body_subtreemass[0] == pytest.approx(12.7, abs=1.0)
 
 
-def test_quadruped_stands_where_a_law_holds_its_pose(rng):
+def test_quadruped_stands_where_its_servos_hold_its_pose(rng):
     task = make_task("quadruped")
-    held = task.begin(task, task.initial_state, task.planned_horizon, rng).trajectory
+    held = task.begin(task, task.initial_state, 250, rng).trajectory
     assert not task.fallen(held.states).any()
-    assert held.states[-1, 2] == pytest.approx(0.27, abs=0.03)
+    # Servos give way to its weight until they carry it.
+    assert held.states[-1, 2] == pytest.approx(0.21, abs=0.03)
+    assert np.abs(held.states[-1, -12:]).max() < 0.01
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
 
 
 @dataclass(frozen=True)
@@ -151,6 +151,9 @@ class DynamicsModel(Protocol):
             gaps: d of each, shape (T, n_dx), by which it stays short of the dynamics,
                 x_{t+1} = f(x_t, u_t) ⊕ (−d_t); None for none, as in a rollout of the robot.
         """
+
+    def bounds_along(self, states: Array) -> ControlBounds:
+        """Returns the controls that act in each step from states (T+1, n_x): limits, or less."""
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""

@@ -46,6 +46,19 @@ class LinearDynamics:
 
 
 @dataclass(frozen=True)
+class ControlBounds:
+    """The controls that act on the robot along a trajectory: lowest ≤ u ≤ highest.
+
+    Attributes:
+        slopes: derivatives of both bounds by the state; None where no bound depends on it.
+    """
+
+    lowest: Annotated[Array, Shape("T", "n_u")]
+    highest: Annotated[Array, Shape("T", "n_u")]
+    slopes: Annotated[Array, Shape("2", "T", "n_u", "n_dx")] | None = None
+
+
+@dataclass(frozen=True)
 class CostExpansion:
     """Value, gradient and Hessian of a cost along a trajectory (section 4)."""
 

@@ -261,11 +261,10 @@ def _stays_up(task: Task, motion: Trajectory) -> bool:
 
 
 def _still(task: Task) -> Trajectory:
-    """Returns the task's start, held without control; it need not be feasible."""
-    steps = task.planned_horizon
-    return Trajectory(
-        np.tile(task.initial_state, (steps + 1, 1)), np.zeros((steps, task.dynamics.control_dim))
-    )
+    """Returns the task's start, where it is left alone; it need not be feasible."""
+    steps, start = task.planned_horizon, task.initial_state
+    resting = task.controls.resting(start)
+    return Trajectory(np.tile(start, (steps + 1, 1)), np.tile(resting, (steps, 1)))
 
 
 def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:

@@ -26,7 +26,7 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of
@@ -139,6 +139,8 @@ _EPS = {False: 1e-7, True: 1e-8}
 KINK = 10.0
 # A rollout whose states or controls leave these bounds has diverged.
 _BOUNDS = (DIVERGENCE_BOUND, CONTROL_BOUND)
+_WAY = 0.5  # way of a joint in a step, as a share of what brings its servo from 0 to its limit
+_ANSWERING = 0.999  # share of a servo's greatest force up to which it answers to another target
 
 
 class Dynamics:
@@ -182,6 +184,14 @@ class Dynamics:
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = 2 * model.nv + model.na, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
+        # Servos whose force ends at a limit, and how the targets at which it does move with δ.
+        c, at_once = self.controls, model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
+        rates = c.stiffness[:, None] * c.positions + c.damping[:, None] * c.velocities
+        is_limited = c.servo_forces < CONTROL_BOUND
+        self._give_way = is_limited & at_once & c.are_servos & rates.any(axis=1)
+        self._servo_slopes = np.zeros((n_u, n_dx))
+        in_x, in_dx = self.space.plain
+        self._servo_slopes[:, in_dx] = rates[:, in_x] / c.strength[:, None]
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
         self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
@@ -194,6 +204,27 @@ class Dynamics:
     def warnings(self) -> Counter[str]:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""
         return self.simulations.warnings()
+
+    def bounds_along(self, states: Array) -> ControlBounds:
+        """Returns the controls that act in each of T steps from states (T+1, n_x).
+
+        A servo at its greatest force does not answer to a target that is farther away. So targets
+        end a little before that, where a finite difference still finds an answer; this bound moves
+        with the joint. A servo so stiff that one step takes it through much of the range in which
+        it answers keeps the limits of the model in that step.
+        """
+        controls, (low, high) = self.controls, self.control_limits
+        if not self._give_way.any():
+            shape = (len(states) - 1, self.control_dim)
+            return ControlBounds(np.broadcast_to(low, shape), np.broadcast_to(high, shape))
+        forces = np.where(self._give_way, _ANSWERING * controls.servo_forces, controls.largest)
+        ends = np.stack([controls.bounds(x, forces) for x in states[:-1]], axis=1)
+        way = np.abs(np.diff(states @ controls.positions.T, axis=0))
+        is_slow = controls.stiffness * way < _WAY * controls.servo_forces
+        ends = np.where(self._give_way & is_slow, ends, np.array([low, high])[:, None])
+        is_moving = self._give_way & is_slow & (ends > low) & (ends < high)
+        slopes = np.where(is_moving[..., None], self._servo_slopes, 0.0)
+        return ControlBounds(ends[0], ends[1], slopes)
 
     def step(self, state: Array, control: Array, applied: AppliedForce | None = None) -> Array:
         """Returns f(x, u) without the dynamics' own push, shape (n_x,).

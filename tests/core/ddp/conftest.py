@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, ControlBounds, CostExpansion, LinearDynamics, Trajectory
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,10 @@ class LqProblem:
     def control_limits(self) -> tuple[Array, Array]:
         limits = np.full(self.linear.f_u.shape[2], self.limit)
         return -limits, limits
+
+    def bounds_along(self, states) -> ControlBounds:
+        shape = (len(states) - 1, self.linear.f_u.shape[2])
+        return ControlBounds(*(np.broadcast_to(end, shape) for end in self.control_limits))
 
     @property
     def horizon(self) -> int:

@@ -39,7 +39,7 @@ def bounds_of(problem, low=-np.inf, high=np.inf):
     return np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy()
 
 
-def readable_backward_pass(linear, cost, mu, bounds, gaps):
+def readable_backward_pass(linear, cost, mu, bounds, gaps, slopes):
     """Executes the form that the module's docstring shows; returns its variables."""
     docstring = import_module("vgps_ros.core.ddp.backward_pass").__doc__
     code = textwrap.dedent(docstring.partition("reads:\n\n")[2])
@@ -47,6 +47,7 @@ def readable_backward_pass(linear, cost, mu, bounds, gaps):
     variables = vars(linear) | vars(cost)
     variables |= {"np": np, "horizon": horizon, "n_x": n_x, "n_u": n_u, "mu": mu}
     variables |= {"minimum": minimum, "low": bounds[0], "high": bounds[1], "gaps": gaps}
+    variables["slopes"] = slopes
     exec(code, variables)
     return variables
 
@@ -71,9 +72,10 @@ def test_compiled_pass_is_the_readable_one_of_the_docstring(lq_problem, rng, mu,
     expansion = problem.expand(problem.at_rest())
     bounds = bounds_of(problem, -limit, 2 * limit)
     gaps = (limit < np.inf) * rng.standard_normal(problem.linear.f_x.shape[:2])
-    policy = backward_pass(problem.linear, expansion, mu, bounds, gaps)
+    slopes = (limit < np.inf) * rng.standard_normal((2, *expansion.c_ux.shape))
+    policy = backward_pass(problem.linear, expansion, mu, bounds, gaps, slopes)
     assert policy.free.all() or limit < np.inf
-    found = readable_backward_pass(problem.linear, expansion, mu, bounds, gaps)
+    found = readable_backward_pass(problem.linear, expansion, mu, bounds, gaps, slopes)
     for name, value in vars(policy).items():
         if name != "complete":
             expected = found["k" if name == "feedforward" else name]

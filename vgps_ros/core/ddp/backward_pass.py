@@ -10,8 +10,9 @@ by the local policy δu = k + K δx. Quu, the Hessian of the cost to go in u, is
 maximum-entropy policy π_G(u|x) = N(ū + k + K δx, Quu⁻¹). The state regularisation μ penalises the
 next state's deviation when k and K are computed; the cost to go, V, is that of the policy which is
 really followed. A gap d is there where the trajectory does not satisfy the dynamics (`forward_pass`
-closes it). A control that its limit holds against the gradient is clamped: k takes it to the limit,
-its row of K is zero, and π_G has no noise in it; the others are those of the problem without it.
+closes it). A control that a bound holds against the gradient is clamped: k takes it to the bound,
+its row of K is the bound's derivative by the state (zero for a limit that stays where it is, but
+that of a servo's greatest force moves with its joint), and π_G has no noise in it.
 
 The k of one step is the solution of
 
@@ -39,7 +40,9 @@ In NumPy, with `minimum` for that problem, what is compiled below reads:
         regularized = q_uu[t] + mu * b.T @ b
         k[t] = minimum(regularized, q_u, low[t], high[t])
         f = free[t] = (low[t] < k[t]) & (k[t] < high[t])
-        gains[t, f] = -np.linalg.solve(regularized[f][:, f], (q_ux + mu * b.T @ a)[f])
+        gains[t, ~f] = np.where(k[t] <= low[t], slopes[0, t].T, slopes[1, t].T).T[~f]
+        coupled = q_ux + mu * b.T @ a + regularized[:, ~f] @ gains[t, ~f]
+        gains[t, f] = -np.linalg.solve(regularized[f][:, f], coupled[f])
         v_x = q_x + gains[t].T @ (q_u + q_uu[t] @ k[t]) + q_ux.T @ k[t]
         v_xx = q_xx + gains[t].T @ (q_ux + q_uu[t] @ gains[t]) + q_ux.T @ gains[t]
         slope += k[t] @ q_u
@@ -116,6 +119,7 @@ def backward_pass(
     regularization: float = 0.0,
     bounds: tuple[Array, Array] | None = None,
     gaps: Array | None = None,
+    slopes: Array | None = None,
 ) -> LocalPolicy:
     """Computes the local policy of a linear-quadratic model (section 4).
 
@@ -125,6 +129,7 @@ def backward_pass(
         regularization: μ, at least 0.
         bounds: the lowest and the highest k of each step, shapes (T, n_u); None for none.
         gaps: d of each step, shape (T, n_dx); None for none.
+        slopes: derivatives of both bounds by the state, shape (2, T, n_u, n_dx); None for zero.
     """
     shape = cost.c_u.shape
     low, high = bounds or (np.full(shape, -np.inf), np.full(shape, np.inf))
@@ -140,13 +145,14 @@ def backward_pass(
         low,
         high,
         np.empty((0, cost.c_x.shape[1])) if gaps is None else gaps,
+        np.empty((0, *cost.c_ux.shape)) if slopes is None else slopes,
     )
     return LocalPolicy(k, gains, q_uu, free, slope, curvature, complete)
 
 
 @compiled
 def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
-    f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps
+    f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps, slopes
 ):
     horizon, n_x, n_u = f_u.shape
     k = np.zeros((horizon, n_u))
@@ -215,8 +221,21 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
                 right[i, 0] = 0.0
                 for j in range(n_x):
                     right[i, 1 + j] = -(q_zz[row, j] + mu * ff[row, j])
+            for m in range(n_u if len(slopes) else 0):
+                if free[t, m]:
+                    continue
+                side = 0 if k[t, m] <= low[t, m] else 1
+                for j in range(n_x):
+                    gains[t, m, j] = slopes[side, t, m, j]
+                for i in range(n_u):
+                    for j in range(n_x):
+                        right[i, 1 + j] -= regularized[i, m] * gains[t, m, j]
             solve_free(regularized, free[t], left, right)
-            right[:, 0] = k[t]
+            for m in range(n_u):
+                right[m, 0] = k[t, m]
+                if not free[t, m]:
+                    for j in range(n_x):
+                        right[m, 1 + j] = gains[t, m, j]
         for i in range(n_u):
             k[t, i] = right[i, 0]
             for j in range(i + 1):

@@ -14,7 +14,13 @@ from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
-from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.records import (
+    Array,
+    ControlBounds,
+    CostExpansion,
+    LinearDynamics,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,7 @@ class Iterate:
         trajectory: x̄, ū.
         linear: f_x, f_u.
         expansion: the cost's values and derivatives.
+        bounds: the controls that act there.
         simulator_steps: simulator steps that the derivatives took.
         gaps: f(x̄, ū) ⊖ x̄' of each step, shape (T, n_dx); None if x̄, ū satisfies the dynamics.
     """
@@ -32,6 +39,7 @@ class Iterate:
     trajectory: Trajectory
     linear: LinearDynamics
     expansion: CostExpansion
+    bounds: ControlBounds
     simulator_steps: int
     gaps: Array | None = None
 
@@ -58,11 +66,16 @@ class Problem:
             )
 
     def local_policy(self, around: Iterate, regularization: float) -> LocalPolicy:
-        """Returns the local policy around an iterate, within the limits of the controls."""
-        low, high = self.dynamics.control_limits
-        controls = around.trajectory.controls
-        bounds = (low - controls, high - controls)
-        return backward_pass(around.linear, around.expansion, regularization, bounds, around.gaps)
+        """Returns the local policy around an iterate, within the bounds of the controls."""
+        controls, bounds = around.trajectory.controls, around.bounds
+        return backward_pass(
+            around.linear,
+            around.expansion,
+            regularization,
+            (bounds.lowest - controls, bounds.highest - controls),
+            around.gaps,
+            bounds.slopes,
+        )
 
     def around(
         self,
@@ -88,7 +101,8 @@ class Problem:
                         "the policy's parameters.",
                         "infinite_cost" if record is expansion else "diverged",
                     )
-        return Iterate(trajectory, linear, expansion, steps, gaps)
+        bounds = self.dynamics.bounds_along(trajectory.states)
+        return Iterate(trajectory, linear, expansion, bounds, steps, gaps)
 
 
 @dataclass(frozen=True)
