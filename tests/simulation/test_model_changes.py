@@ -10,7 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.checks import matching
+from vgps_ros.core.controls import ControlKind
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import scalar_names
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec
 from vgps_ros.simulation.sensor_types import SENSOR_TYPES
@@ -197,6 +199,18 @@ def test_a_motor_without_a_limit_has_none_whatever_the_model_s_defaults_are(comp
     assert_allclose(model.key("stand").ctrl, 0)
 
 
+def test_servos_are_added_as_mujoco_has_them(compiled):
+    servo = {"joint": "*", "stiffness": 30.0, "damping": 0.5, "limit": 24.0, "gear": 1.0}
+    model = compiled(remove_actuators=["*"], actuators={"hips": servo})
+    controls = controls_of(model)
+    assert controls.kinds == (ControlKind.POSITION,) * 2
+    assert_allclose([controls.stiffness, controls.damping], [[30.0] * 2, [0.5] * 2])
+    assert_allclose(controls.servo_forces, 24.0)
+    # Targets stay within the joint's range, where it has one, in rad.
+    assert model.actuator_ctrllimited.tolist() == [1, 0]
+    assert_allclose(model.actuator_ctrlrange[0], np.radians([-30, 30]))
+
+
 @pytest.mark.parametrize("kind", SENSOR_TYPES)
 def test_every_type_of_sensor_has_the_parts_that_its_names_tell(turtle, kind):
     objects = {
@@ -270,6 +284,7 @@ def test_what_mujoco_measures_at_sites_can_be_measured_at_a_bodys_frame(compiled
         ({"only_contacts": [["flor", "*"]]}, {}, r"only_contacts.0.0: .* Did you mean 'floor'"),
         ({"option": {"disable": ["contacts"]}}, {}, r"option.disable.0: .* Did you mean 'contact'"),
         ({"actuators": {"a": {"joint": "trunk_free"}}}, {}, "is neither a hinge nor a slide"),
+        ({"actuators": {"a": {"joint": "left_hip", "damping": 1}}}, {}, "a motor has none; name"),
         ({"actuators": {"servo": {"joint": "left_hip"}}}, {}, "has an actuator 'servo'; remove it"),
         ({"geoms": {"*": {"friction": [1, 1, 1, 1]}}}, {}, "it has 4 values, but at most 3"),
         ({}, {"s": {"type": "gyro", "site": "ium"}}, r"sensors.s.site: .* Did you mean 'imu'"),

@@ -194,7 +194,8 @@ def examine_task(
     costs = []
     for motion in (first, found.optimized or first):
         readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
-        controls = float((motion.controls**2 @ task.cost.control_weights).sum())
+        deviations = motion.controls - task.cost.control_targets
+        controls = float((deviations**2 @ task.cost.control_weights).sum())
         costs.append([*readings.tolist(), controls])
     found.parts = list(zip([*task.cost_names, "controls"], *costs, strict=True))
     if found.optimized:

@@ -201,8 +201,13 @@ def _restrict_contacts(spec: mujoco.MjSpec, pairs: Sequence[Sequence[str]]) -> N
 
 
 def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
-    """Adds a motor to a joint, or to each hinge and slide that a pattern matches."""
+    """Adds a motor or a servo to a joint, or to each hinge and slide that a pattern matches."""
     pattern, limit, place = motor["joint"], motor.get("limit"), ("changes", "actuators", key)
+    stiffness = motor.get("stiffness")
+    if stiffness is None and "damping" in motor:
+        raise InvalidChangeError(
+            (*place, "damping"), "a motor has none; name the stiffness of a servo, too."
+        )
     joints = [
         joint
         for joint in _matching(spec.joints, "joint", pattern, *place[1:], "joint")
@@ -222,11 +227,22 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
             )
         actuator = spec.add_actuator(name=name, target=joint.name)
         actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        actuator.set_to_motor()
-        actuator.gear = [motor.get("gear", 1.0), 0, 0, 0, 0, 0]
         # The model's defaults of actuators must not limit it.
-        actuator.ctrllimited, actuator.forcelimited = int(limit is not None), 0
-        actuator.ctrlrange = [-limit, limit] if limit is not None else [0, 0]
+        actuator.ctrllimited = actuator.forcelimited = 0
+        actuator.ctrlrange = actuator.forcerange = [0, 0]
+        ends = [-limit, limit] if limit is not None else None
+        if stiffness is None:
+            actuator.set_to_motor()
+            if ends:
+                actuator.ctrllimited, actuator.ctrlrange = 1, ends
+        else:
+            has_range = joint.range[0] < joint.range[1]
+            damping = motor.get("damping", 0.0)
+            actuator.set_to_position(kp=stiffness, kv=damping, inheritrange=has_range)
+            actuator.ctrllimited = int(has_range)
+            if ends:
+                actuator.forcelimited, actuator.forcerange = 1, ends
+        actuator.gear = [motor.get("gear", 1.0), 0, 0, 0, 0, 0]
 
 
 def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:

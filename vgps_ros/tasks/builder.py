@@ -72,7 +72,7 @@ def load_task(path: Path, name: str) -> Task:
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context, document)
     start = start_state(file.start, model, document)
-    cost, observation = _cost(file, read), read.observation(file, start)
+    cost, observation = _cost(file, read, start), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
         name=name,
@@ -297,7 +297,7 @@ def _exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
     return name
 
 
-def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
+def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
     """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
     steps = round((file.horizon + file.lookahead) / file.control_period)
     names: list[str] = []
@@ -307,7 +307,7 @@ def _cost(file: TaskFile, read: _Reader) -> FeatureCost:
     for i, term in enumerate(file.cost):
         place = ("cost", i)
         if term.control is not None:
-            _add_controls(controls, poses, term, read, place)
+            _add_controls(controls, poses, term, read, start, place)
             continue
         assert term.sensor is not None
         found = read.names(term.sensor, term.index, place)
@@ -385,7 +385,7 @@ def _following(target: float | Followed, read: _Reader, place: Place) -> tuple[A
 
 
 def _add_controls(
-    weights: Array, poses: Array, term: CostTerm, read: _Reader, place: Place
+    weights: Array, poses: Array, term: CostTerm, read: _Reader, start: Array, place: Place
 ) -> None:
     """Adds a term's weight of each control, and sets the pose from which it counts."""
     actuators = [read.model.actuator(i).name for i in range(read.model.nu)]
@@ -401,8 +401,10 @@ def _add_controls(
         weights[actuators.index(name)] += weight
     if term.pose is not None:
         data = mujoco.MjData(read.model)
-        number = keyframe(read.model, term.pose, read.document, (*place, "pose"))
-        mujoco.mj_resetDataKeyframe(read.model, data, number)
+        data.qpos[:] = start[: read.model.nq]
+        if term.pose != "start":
+            number = keyframe(read.model, term.pose, read.document, (*place, "pose"))
+            data.qpos[:] = read.model.key_qpos[number]
         mujoco.mj_forward(read.model, data)
         for name in chosen:
             poses[actuators.index(name)] = data.actuator_length[actuators.index(name)]

@@ -112,9 +112,9 @@ class CostTerm(Record, frozen=True, kw_only=True):
     pose: Annotated[
         Keyframe | None,
         about(
-            "with control, a keyframe: what counts is (u − u*)², where u* is the length of the "
-            "actuator in this pose, as a position servo's control",
-            "stand",
+            "with control, start or a keyframe: what counts is (u − u*)², where u* is the length "
+            "of the actuator in this pose, as a position servo's control",
+            "start",
         ),
     ] = None
 
@@ -303,7 +303,7 @@ class GeomChange(Record, frozen=True, kw_only=True):
 
 
 class Motor(Record, frozen=True, kw_only=True):
-    """A motor that is added."""
+    """A motor that is added, or with a stiffness a servo, whose control is a position [rad]."""
 
     joint: Annotated[
         Name,
@@ -315,8 +315,15 @@ class Motor(Record, frozen=True, kw_only=True):
     ]
     gear: Annotated[Number, about("torque for a control of 1 [N·m]", 1.0)] = 1.0
     limit: Annotated[
-        Positive | None, about("largest control either way; with a gear of 1 in [N·m]", 24.0)
+        Positive | None,
+        about(
+            "largest control of a motor either way, with a gear of 1 in [N·m]; largest force of a "
+            "servo, whose targets stay in the joint's range",
+            24.0,
+        ),
     ] = None
+    stiffness: Annotated[Positive | None, about("k_p of a servo [N·m/rad]", 30.0)] = None
+    damping: Annotated[NonNegative | None, about("k_d of a servo [N·m·s/rad]", 0.5)] = None
 
 
 class Changes(Record, frozen=True, kw_only=True):
