@@ -29,7 +29,7 @@ MS = 1_000_000  # [ns]
 PERIOD = 20 * MS
 REAL = {"state_qos": "sensor_data"}
 # Motors, so that what a policy of chance says needs no limit.
-BLIND = Path("tests/robots/quadruped_with_motors.yaml")
+BLIND = Path("tests/tasks/quadruped_with_motors.yaml")
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ SETTINGS = PoseSettings()
 
 @pytest.fixture(scope="module")
 def quadruped():
-    return make_task("tests/robots/quadruped_with_motors.yaml")
+    return make_task("tests/tasks/quadruped_with_motors.yaml")
 
 
 def run(task, pose, state, seconds):
