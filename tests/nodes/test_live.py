@@ -114,6 +114,11 @@ def test_without_viser_it_names_the_file_that_installs_it(domain_id):
         ),
         (
             "Running.",
+            {"commands sent": "3", "active": "True", "policy of iteration": "0"},
+            "the policy of a file. Running.",
+        ),
+        (
+            "Running.",
             {"commands sent": "3", "active": "True", "plan age": "0.02 s", "plan cost": "4"},
             "plans: plan age 0.02 s, plan cost 4. Running.",
         ),

@@ -63,7 +63,8 @@ def driver(message: str, values: Mapping[str, str]) -> str | None:
         keys = [key for key in (PLAN_AGE, PLAN_COST, PLAN_DURATION) if key in values]
         return f"plans: {', '.join(f'{key} {values[key]}' for key in keys)}. {message}"
     if POLICY_OF_ITERATION in values:
-        return f"the policy of iteration {values[POLICY_OF_ITERATION]}. {message}"
+        k = values[POLICY_OF_ITERATION]
+        return f"the policy of {'a file' if k == '0' else f'iteration {k}'}. {message}"
     return message
 
 
