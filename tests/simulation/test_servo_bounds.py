@@ -68,6 +68,7 @@ def test_a_servos_targets_end_where_its_force_does():
     [
         MOTOR,
         SERVO.format(40.0).replace('forcerange="-2 2"', ""),
+        '<velocity joint="hinge" kv="40" forcerange="-2 2" ctrlrange="-4 4"/>',
         '<general joint="hinge" dyntype="filter" dynprm="1" gainprm="40" biastype="affine" '
         'biasprm="0 -40" forcerange="-2 2" ctrlrange="-4 4"/>',  # whose force follows later
     ],

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import CONTROL_BOUND
+from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.observation import Observation
@@ -184,11 +184,12 @@ class Dynamics:
         self.time_step = model.opt.timestep * substeps
         n_dx, n_v, n_u = 2 * model.nv + model.na, model.nv, model.nu
         positions = np.setdiff1d(np.arange(n_v), cyclic_positions(model))
-        # Servos whose force ends at a limit, and how the targets at which it does move with δ.
+        # Servos of positions whose force ends, and how the targets at which it does move with δ.
         c, at_once = self.controls, model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
         rates = c.stiffness[:, None] * c.positions + c.damping[:, None] * c.velocities
         is_limited = c.servo_forces < CONTROL_BOUND
-        self._give_way = is_limited & at_once & c.are_servos & rates.any(axis=1)
+        holds = c.are(ControlKind.POSITION) & c.positions.any(axis=1)
+        self._give_way = holds & is_limited & at_once
         self._servo_slopes = np.zeros((n_u, n_dx))
         in_x, in_dx = self.space.plain
         self._servo_slopes[:, in_dx] = rates[:, in_x] / c.strength[:, None]
