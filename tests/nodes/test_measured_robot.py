@@ -42,7 +42,9 @@ def seeing(tmp_path_factory):
     """The same robot, whose policy reads its speed, which no IMU measures."""
     text = BLIND.read_text().replace("../..", str(Path.cwd()))
     file = tmp_path_factory.mktemp("seeing") / "task.yaml"
-    file.write_text(text.replace("observe: [", "observe: [{sensor: velocity}, "))
+    file.write_text(
+        text.partition("observe:")[0] + "observe: [joint_positions, {sensor: velocity}]"
+    )
     return make_task(str(file))
 
 

@@ -92,7 +92,6 @@ def test_a_lesson_ends_where_the_robot_falls(walker):
     assert 0 < len(lessons.states) < walker.horizon
     assert lessons.states.shape[1] == walker.dims["n_x"]
     assert not walker.fallen(lessons.states).any()
-    lessons.check(walker)
 
 
 def test_the_teacher_answers_a_push_that_it_does_not_know(walker):

@@ -11,6 +11,7 @@ from tests.simulation.robots import everything, random_states
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.marginals import Spread, state_covariances
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Trajectory, TrajectoryDistribution
@@ -157,7 +158,7 @@ def test_policy_derivatives_go_through_sensors(points, rng):
     policy = GaussianPolicy(
         architecture, rng.standard_normal(architecture.num_parameters), rng.uniform(0.5, 2, n_u)
     )
-    observation = Readings(dynamics.simulations, names)
+    observation = Observation(Readings(dynamics.simulations, names))
     state_cost = FeatureCost(
         Readings(dynamics.simulations, ["velocity/x", "centre/z", "hip/position"]),
         targets=rng.standard_normal((12, 3)),
