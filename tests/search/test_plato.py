@@ -91,6 +91,9 @@ def test_a_lesson_ends_where_the_robot_falls(walker):
     lessons = plato(work, first, 2)
     assert 0 < len(lessons.states) < walker.horizon
     assert lessons.states.shape[1] == walker.dims["n_x"]
+    assert lessons.actions.shape == (len(lessons.states), walker.dims["n_u"])
+    assert np.isfinite(lessons.states).all()
+    assert np.isfinite(lessons.actions).all()
     assert not walker.fallen(lessons.states).any()
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.told_rotor import write_task
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.programs.check import examine_task
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.environment import TaskEnvironment
 
@@ -47,6 +48,15 @@ def test_targets_follow_and_controls_count_from_a_pose(tmp_path):
     assert_allclose(task.cost(states, controls), expected)
     still = task.commanded(np.zeros(1)).cost(states, controls)
     assert_allclose(still - 0.25, expected - (1.0 - 2.5) ** 2)
+
+
+def test_controls_may_count_from_the_start_and_the_check_of_a_task_counts_so_too():
+    task = make_task("quadruped")
+    assert_allclose(task.cost.control_targets, task.initial_state[7:19])
+    found = examine_task(task, 1, 0, lambda *_: None)
+    parts = {name: first for name, first, _ in found.parts}
+    assert parts["controls"] == 0.0  # the first motion holds the start
+    assert_allclose(sum(optimized for *_, optimized in found.parts), found.costs[-1])
 
 
 def test_an_environment_tells_commands_and_clock_of_the_step(tmp_path):
