@@ -107,7 +107,9 @@ def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
     [
         (DEPLOY.replace("joint_pos_rel", "joint_pos_rl"), "Did you mean 'joint_pos_rel'"),
         (DEPLOY.replace("joint_pos_rel", "joint_pos"), "The term 'joint_pos' is none of"),
-        (DEPLOY.replace("[0, 2, 1, 3]", "[0, 2, 1]"), "it has 4: left_hip"),
+        (DEPLOY.replace("[0, 2, 1, 3]", "[0, 2, 1]"), "4 values, but 'joint_names' has 3 joints"),
+        (DEPLOY.replace("[0, 2, 1, 3]", "[0, 2, 1, 4]"), "it has 4: left_hip"),
+        (DEPLOY.replace("[0, 2, 1, 3]", "[0, 2, 2, 3]"), "it has 4: left_hip"),
         (DEPLOY.replace("offset: [-0.1", "offset: [0.1"), "must be its default_joint_pos"),
         (DEPLOY.replace("JointPosition", "JointVelocity"), "'JointVelocityAction'"),
         (DEPLOY.replace("step_dt: 0.02", ""), "lacks 'step_dt'"),

@@ -129,3 +129,56 @@ def test_a_name_of_nothing_is_refused_with_the_nearest(folder, joint, term, sent
     (folder / "deploy.yaml").write_text(text)
     with pytest.raises(SystemExit, match=sentence):
         imported()
+
+
+HEAD = """
+  <body pos=".2 0 0"><joint name="neck" axis="0 1 0" damping=".1"/><geom size=".03" mass=".5"
+    fromto="0 0 0 .2 0 0" type="capsule"/></body>
+  <body pos="-.2 0 0"><joint name="wrist" axis="0 1 0"/><geom size=".03" mass=".5"
+    fromto="0 0 0 -.2 0 0" type="capsule"/></body>
+</body></worldbody>"""
+STARTED = "\nstart: {keyframe: begin}"
+KEY = '<keyframe><key name="begin" qpos="0 0 .3 1 0 0 0 0 0 .3 -.4"/></keyframe></mujoco>'
+
+
+def with_a_head(folder, neck):
+    """A robot with two more joints, which the policy does not drive: a control and a servo."""
+    robot = ROBOT.replace("</body></worldbody>", HEAD).replace("</mujoco>", KEY)
+    more = f'{neck}<position joint="wrist" kp="30" kv="1"/></actuator>'
+    (folder / "robot.xml").write_text(robot.replace("</actuator>", more))
+    (folder / "task.yaml").write_text(TASK + STARTED)
+
+
+def test_joints_that_it_does_not_drive_are_held(folder, capsys):
+    with_a_head(folder, '<motor joint="neck"/>')
+    imported("--pose-stiffness", "40", "--pose-damping", "2")
+    shown = capsys.readouterr().out
+    for joint, place, k_p in (("neck", "0.3", "40"), ("wrist", "-0.4", "0")):
+        line = next(line for line in shown.splitlines() if joint in line)
+        cells = [cell.strip() for cell in line.split("│")[1:6]]
+        assert cells == ["held", joint, place, "0", k_p]
+    file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
+    task = for_policy(task, file)
+    driver = driver_of(task, file)
+    assert list(task.controls.stiffness) == [20.0, 30.0, 40.0, 30.0]
+    law, told = driver.started(), task.signals.held(task.signals.rest, 100)
+    observed = driver.observation.within
+    states = task.dynamics.rollout(task.initial_state, lambda t, x: law(observed(told[t])(x)), 100)
+    where = states.states[-1][9:11]
+    assert np.abs(where - [0.3, -0.4]).max() < 0.15  # by 40 and 30 N·m/rad, as the robot tumbles
+    asked = task.controls.at_joints(states.controls)
+    np.testing.assert_allclose(asked[:, 2:], [[0.3, -0.4]] * len(asked), atol=1e-12)
+    assert np.abs(np.diff(asked[:, :2], axis=0)).max() > 0
+
+
+def test_what_cannot_be_held_is_refused_by_name(folder):
+    with_a_head(folder, '<general joint="neck" biastype="affine" biasprm="0 9 0"/>')
+    with pytest.raises(SystemExit, match="does not drive neck, whose activation cannot hold it"):
+        imported()
+
+
+def test_a_file_that_leaves_a_joint_to_itself_is_refused(folder):
+    imported()
+    with_a_head(folder, '<motor joint="neck"/>')
+    with pytest.raises(SystemExit, match="does not drive neck, wrist; write it with `vgps import`"):
+        vgps(["evaluate", "whole.onnx", "--task", "task.yaml"])

@@ -19,15 +19,17 @@ Any other term is one number, by the name of a reading, a command or the clock. 
 then scaled. Of a term with a history the numbers of former steps come too; before the first step
 all were as in it. A term's history comes as a whole, or (`observation_order` is time) step by step.
 
-Action a_i asks joint i for p_0 + s a_i, or the torque s a_i where it has no stiffness.
+Action a_i asks joint i for p_0 + s a_i, or the torque s a_i where it has no stiffness. Joints that
+the network does not drive, `held_joint_names`, are held where `held_joint_pos` has them.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import finite_array, nearest, one_of
+from vgps_ros.core.checks import finite_array, nearest, one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
@@ -37,6 +39,7 @@ BASE = "the free base"  # stands for the name of its joint among what a network 
 _ROTATION = tuple(f"{BASE}/q{axis}" for axis in "wxyz")
 _VELOCITY = tuple(f"{BASE}/v{axis}" for axis in "xyz")
 VELOCITY_COMMANDS = ("cmd_vel/linear/x", "cmd_vel/linear/y", "cmd_vel/angular/z")
+HELD = "held_joint_names"
 TOLD = ("command/", "clock/", "cmd_vel/")
 # Each term with the other names of it; the joints' are `joint_pos`, `joint_vel`, `last_action`.
 TERMS: dict[str, tuple[str, ...]] = {
@@ -94,13 +97,16 @@ class Contract:
         name: what the sentence of an error calls the file.
 
     Attributes:
-        joints: the joints that its actions drive, in their order.
+        joints: the joints that its actions drive, in their order; there are n_a.
+        held: the joints that are held.
         terms: what it reads.
         observed: names of the numbers of which the terms are computed; those told come last.
         places: name, step before the newest one, and index of each number that the network reads.
-        origin, scale, stiffness, damping: p_0, s, k_p and k_d of each joint, shape (n_a,).
+        origin, scale, stiffness, damping: p_0, s, k_p and k_d of each joint, and then of each that
+            is held.
         action_clip: lowest and highest action, shapes (n_a,).
-        felt: places in it of the joints' positions and then velocities; empty without k_p and k_d.
+        looped: indices of the joints with k_p or k_d.
+        felt: places in `observed` of their positions and then velocities.
         steps: how many steps, with the newest, the network reads.
         remembers: whether the network reads anything of former steps.
         gait_period: time of a turn of its clock [s]; 0 if it says nothing of it.
@@ -112,17 +118,24 @@ class Contract:
 
     def __init__(self, metadata: dict[str, str], name: str):
         self.joints = names_of(metadata, "joint_names", name)
+        self.held = names_of(metadata, HELD, name) if metadata.get(HELD) else ()
         self._name, count = name, len(self.joints)
+        if twice := [each for each, n in Counter((*self.joints, *self.held)).items() if n > 1]:
+            raise InvalidInputError(
+                f"{name} names the joint {quoted(twice[0])} twice; name it once."
+            )
 
-        def of_joints(key: str, default: float) -> Array:
-            return numbers_of(metadata, key, default, count, name)
+        def of_joints(key: str, default: float, of_held: str = "") -> Array:
+            own = numbers_of(metadata, key, default, count, name)
+            held = (
+                numbers_of(metadata, of_held, 0.0, len(self.held), name, HELD) if of_held else 0.0
+            )
+            return np.concatenate([own, np.broadcast_to(held, len(self.held))])
 
-        self.origin, self.scale = (
-            of_joints("default_joint_pos", 0.0),
-            of_joints("action_scale", 1.0),
-        )
-        self.stiffness = of_joints("joint_stiffness", 0.0)
-        self.damping = of_joints("joint_damping", 0.0)
+        self.origin = of_joints("default_joint_pos", 0.0, "held_joint_pos")
+        self.scale = of_joints("action_scale", 1.0)
+        self.stiffness = of_joints("joint_stiffness", 0.0, "held_joint_stiffness")
+        self.damping = of_joints("joint_damping", 0.0, "held_joint_damping")
         self.action_clip = self._clips(metadata.get("action_clip", "-inf;inf"), count).T
         self.observation_clip = self._clips(metadata.get("observation_clip", "-inf;inf"), 1)[0]
         order = metadata.get("observation_order", "term")
@@ -130,8 +143,9 @@ class Contract:
         self.gait_period = float(self._listed(metadata, "gait_period", "0", 1)[0][0])
         self.period = float(self._listed(metadata, "control_period", "0", 1)[0][0])
         self.terms = self._terms(metadata, names_of(metadata, "observation_names", name))
-        felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in self.joints]
-        felt = felt if self.stiffness.any() or self.damping.any() else []
+        self.looped = np.flatnonzero((self.stiffness != 0.0) | (self.damping != 0.0))
+        looped = [self.all_joints[i] for i in self.looped]
+        felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in looped]
         read = dict.fromkeys([*(each for term in self.terms for each in term.read), *felt])
         self.observed = tuple(sorted(read, key=lambda each: each.startswith(TOLD)))
         places = {each: i for i, each in enumerate(self.observed)}
@@ -244,6 +258,11 @@ class Contract:
         return [number for row in rows for part in row for number in part]
 
     @property
+    def all_joints(self) -> tuple[str, ...]:
+        """Those that it drives, and then those that are held."""
+        return (*self.joints, *self.held)
+
+    @property
     def sizes(self) -> str:
         """How many numbers each term has, in words."""
         return ", ".join(f"{len(t.lags) * t.size} of {t.name}" for t in self.terms)
@@ -283,7 +302,7 @@ class Contract:
     def _value(self, kind: str, read: Array, action: Array) -> Array:
         """Returns a term's numbers, shape (N, size)."""
         if kind == "joint_pos":
-            return read - self.origin
+            return read - self.origin[: len(self.joints)]
         if kind == "last_action":
             return action
         if kind == "base_lin_vel":

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.checks import nearest, one_of, quoted
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.policies.onnx_file import with_commas
+from vgps_ros.core.records import Array
+from vgps_ros.policies.contract import HELD
+from vgps_ros.policies.onnx_file import names_of, with_commas
 from vgps_ros.storage.files import read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
@@ -71,6 +74,33 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
             "docs/how_to/import_a_policy.md."
         )
     return _said(content)
+
+
+def holding(
+    metadata: dict[str, str], controls: Controls, start: Array, stiffness: float, damping: float
+) -> dict[str, str]:
+    """Returns metadata by which the controls that a policy does not drive hold where a task starts.
+
+    Args:
+        metadata: of the policy.
+        controls: what the robot's controls are.
+        start: a state in that pose, shape (n_x,).
+        stiffness: of motors [N·m/rad]; servos have their own.
+        damping: of motors [N·m·s/rad].
+    """
+    driven = names_of(metadata, "joint_names", "The policy")
+    idle = [i for i, joint in enumerate(controls.names) if joint not in driven]
+    if HELD in metadata or not idle:
+        return {}
+    places, is_servo = controls.at_joints(controls.resting(start)), controls.are_servos
+    places = np.where(is_servo, places, controls.positions @ start)
+    gains = np.array([[stiffness], [damping]]) * ~is_servo
+    return {
+        HELD: with_commas([controls.names[i] for i in idle]),
+        "held_joint_pos": with_commas(places[idle].tolist()),
+        "held_joint_stiffness": with_commas(gains[0, idle].tolist()),
+        "held_joint_damping": with_commas(gains[1, idle].tolist()),
+    }
 
 
 def _yaml(path: Path) -> dict[str, Any]:
@@ -187,7 +217,7 @@ def _of_playground(joints: Sequence[str], home: Sequence[float]) -> dict[str, An
 
 
 def _order(mapping: Sequence[int], joints: Sequence[str]) -> list[int]:
-    if sorted(mapping) != [*range(len(joints))]:
+    if len({*mapping}) < len(mapping) or not {*mapping} <= {*range(len(joints))}:
         raise InvalidInputError(
             f"The policy's joints are numbers {list(mapping)} of the robot's, but it has "
             f"{len(joints)}: {', '.join(joints)}; use the policy of this robot."

@@ -183,7 +183,14 @@ def names_of(metadata: dict[str, str], key: str, name: str) -> tuple[str, ...]:
     return words
 
 
-def numbers_of(metadata: dict[str, str], key: str, default: float, count: int, name: str) -> Array:
+def numbers_of(
+    metadata: dict[str, str],
+    key: str,
+    default: float,
+    count: int,
+    name: str,
+    of: str = "joint_names",
+) -> Array:
     """Returns numbers that are separated by commas, shape (count,); one may stand for all.
 
     Raises:
@@ -193,7 +200,7 @@ def numbers_of(metadata: dict[str, str], key: str, default: float, count: int, n
     values = words * count if len(words) == 1 else words
     if len(values) != count:
         raise InvalidInputError(
-            f"The metadata {key!r} of {name} has {len(values)} values, but 'joint_names' has "
+            f"The metadata {key!r} of {name} has {len(values)} values, but '{of}' has "
             f"{count} joints; give a value for each of them, or one for all."
         )
     return finite_array(f"the metadata {key!r} of {name}", values, (count,))

@@ -20,7 +20,7 @@ from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
-from vgps_ros.policies.contract import Contract, nearest_term
+from vgps_ros.policies.contract import HELD, Contract, nearest_term
 from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
@@ -64,21 +64,33 @@ class OnnxPolicy:
         self.content, self.task = content, metadata.get("task", "")
         self._name = name
         self.contract = contract = Contract(metadata, name)
-        driven, joints = contract.joints, controls.names
-        if sorted(driven) != sorted(joints):
-            strange = next((joint for joint in driven if joint not in joints), "")
+        joints, named = controls.names, contract.all_joints
+        if strange := [joint for joint in named if joint not in joints]:
             raise InvalidInputError(
-                f"{name} drives {quoted(list(driven))}, but the robot's controls drive "
-                f"{', '.join(joints)}; use a policy of this robot.{nearest(strange, joints)}"
+                f"{name} drives {quoted(list(contract.joints))}, but the robot's controls drive "
+                f"{', '.join(joints)}; use a policy of this robot.{nearest(strange[0], joints)}"
             )
-        self._order = [driven.index(joint) for joint in joints]
-        self.observed = contract.observed
-        self.noise_std = np.zeros(len(joints))
+        if idle := [joint for joint in joints if joint not in named]:
+            raise InvalidInputError(
+                f"{name} does not drive {', '.join(idle)}; write it with `vgps import`, which has "
+                f"them held, or name them in its metadata {HELD!r}."
+            )
+        self._order = [named.index(joint) for joint in joints]
         self.stiffness = contract.stiffness[self._order]
         self.damping = contract.damping[self._order]
+        for i in map(joints.index, contract.held):
+            can_hold = controls.are_braked[i] and self.stiffness[i] > 0.0
+            if not (controls.are_servos[i] or can_hold):
+                raise InvalidInputError(
+                    f"{name} does not drive {joints[i]}, whose {controls.kinds[i]} cannot hold it: "
+                    "it is no servo, and a motor needs a joint whose position is measured and a "
+                    "'held_joint_stiffness' above 0; use a policy that drives it."
+                )
+        self.observed = contract.observed
+        self.noise_std = np.zeros(len(joints))
         self._controls = controls
         of_servos = controls.are(ControlKind.POSITION)[np.argsort(self._order)]
-        has_loop = (contract.stiffness != 0.0) | (contract.damping != 0.0)
+        has_loop = np.isin(np.arange(len(named)), contract.looped)
         self._origin = np.where(of_servos | (contract.stiffness != 0.0), contract.origin, 0.0)
         self._closed = has_loop & ~of_servos  # joints whose loops are closed here
         self._versions = _versions(model)
@@ -129,14 +141,15 @@ class OnnxPolicy:
             actions = self._outputs(read)
         else:
             one_by_one = [self._outputs(row) for row in read[:, None]]
-            actions = np.concatenate([*one_by_one, np.empty((0, self.control_dim))])
+            actions = np.concatenate([*one_by_one, np.empty((0, len(self.contract.joints)))])
         return np.asarray(np.clip(actions, *self.contract.action_clip))
 
     def controls(self, actions: Array, inputs: Array) -> Array:
         """Returns the controls of actions (N, n_a) for inputs o (N, n_o), shape (N, n_u)."""
-        values = self._origin + self.contract.scale * actions
+        unmoved = np.zeros((len(actions), len(self.contract.held)))
+        values = self._origin + self.contract.scale * np.concatenate([actions, unmoved], axis=1)
         if self._closed.any():
-            position, velocity = np.split(inputs[:, self.contract.felt], 2, axis=1)
+            position, velocity = self._felt(inputs)
             torques = self.contract.stiffness * (values - position)
             torques -= self.contract.damping * velocity
             values = np.where(self._closed, torques, values)
@@ -146,13 +159,19 @@ class OnnxPolicy:
         """Returns the actions (N, n_a) of controls (N, n_u): the inverse of `controls`."""
         values = self._controls.at_joints(controls)[:, np.argsort(self._order)]
         if self._closed.any():
-            position, velocity = np.split(inputs[:, self.contract.felt], 2, axis=1)
+            position, velocity = self._felt(inputs)
             stiffness = np.where(self.contract.stiffness, self.contract.stiffness, 1.0)
             held = position * (self.contract.stiffness != 0.0)
             targets = (values + self.contract.damping * velocity) / stiffness + held
             values = np.where(self._closed, targets, values)
         scale = np.where(self.contract.scale, self.contract.scale, 1.0)
-        return np.asarray((values - self._origin) / scale)
+        return np.asarray((values - self._origin) / scale)[:, : len(self.contract.joints)]
+
+    def _felt(self, inputs: Array) -> Array:
+        """Returns the positions and velocities of looped joints, shape (2, N, n_u); of others 0."""
+        found = np.zeros((2, len(inputs), self.control_dim))
+        found[..., self.contract.looped] = np.split(inputs[:, self.contract.felt], 2, axis=1)
+        return found
 
     def _opened(self) -> tuple[Any, Any, Any]:
         """Returns a session of onnxruntime, its input and its output.
@@ -214,10 +233,10 @@ class OnnxPolicy:
         return np.asarray(found, dtype=float).reshape(len(rows), -1)
 
     def _check(self, actions: Array) -> None:
-        if actions.size != self.control_dim:
+        if actions.size != (count := len(self.contract.joints)):
             raise InvalidInputError(
                 f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
-                f"{self.control_dim} joints; name one joint for each action."
+                f"{count} joints; name one joint for each action."
             )
         if not np.isfinite(actions).all():
             raise InvalidInputError(

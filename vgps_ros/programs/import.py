@@ -11,8 +11,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vgps_ros.core.settings import Setting
-from vgps_ros.programs.command_line import Parser, refuse_existing
+from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.programs.command_line import Parser, refuse_existing, settings_from
+from vgps_ros.safety.poses import PoseSettings
 from vgps_ros.tasks.registry import TASK
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from vgps_ros.tasks import Task
     from vgps_ros.tasks.driver import Driver
 
+HOLDING = ("pose_stiffness", "pose_damping")  # of motors that the policy does not drive
 STANDING = Setting(
     "standing",
     2.0,
@@ -40,7 +42,8 @@ def add_arguments(parser: Parser) -> None:
         "playground-go1: what MuJoCo Playground's Go1 reads; default: the file's own metadata",
     )
     parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
-    parser.add_settings(STANDING)
+    gains = [s for s in settings_of(PoseSettings()) if s.name in HOLDING]
+    parser.add_settings(STANDING, *gains)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -51,8 +54,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rich.table import Table
 
     from vgps_ros.policies.contract import BASE
-    from vgps_ros.policies.foreign import read_contract
-    from vgps_ros.policies.onnx_file import read_bytes, with_metadata
+    from vgps_ros.policies.foreign import holding, read_contract
+    from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
     from vgps_ros.storage.files import replacing
@@ -61,11 +64,16 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.views.console import table_console
 
     content, task = read_bytes(arguments.policy), make_task(arguments.task)
+    name = f"'{arguments.policy}'"
     if arguments.contract:
         joints = task.controls.names
         said = read_contract(arguments.contract, joints, _home(task, joints))
-        content = with_metadata(content, said, f"'{arguments.policy}'")
-    file = policy_of(content, f"'{arguments.policy}'")
+        content = with_metadata(content, said, name)
+    known, gains = metadata_of(parsed(content, name)), settings_from(arguments, PoseSettings())
+    pulling = gains.pose_stiffness, gains.pose_damping
+    held = holding(known, task.controls, task.initial_state, *pulling)
+    content = with_metadata(content, held, name) if held else content
+    file = policy_of(content, name)
     task = for_policy(task, file)
     driver = driver_of(task, file)
     console = table_console()
@@ -75,13 +83,11 @@ def run(arguments: argparse.Namespace) -> None:
     contract = driver.policy.contract
     read, actions = _standing(task, driver, arguments.standing)
     table = Table("action", "joint", "from", "times", "stiffness", "damping", "standing")
-    each = zip(
-        *(contract.joints, contract.origin, contract.scale, contract.stiffness, contract.damping),
-        strict=True,
-    )
+    columns = contract.origin, contract.scale, contract.stiffness, contract.damping
+    each = zip(contract.all_joints, *columns, strict=True)
     for i, (joint, *numbers) in enumerate(each):
-        cells = [f"{number:.4g}" for number in numbers]
-        table.add_row(str(i), joint, *cells, _range(actions[:, i]))
+        driven = (str(i), _range(actions[:, i])) if i < actions.shape[1] else ("held", "")
+        table.add_row(driven[0], joint, *(f"{number:.4g}" for number in numbers), driven[1])
     console.print(table)
     table = Table("inputs", "term", "steps before", "computed from", "times", "standing")
     terms, first = {term.name: term for term in contract.terms}, 0

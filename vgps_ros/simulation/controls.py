@@ -118,7 +118,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     """Returns a robot whose actuators close loops of positions, at the rate of the simulator.
 
     The control of each is the position that its joint should have. A motor keeps its limits of
-    torque. An actuator whose loop has these gains already, and a joint with no stiffness, stays.
+    torque. An actuator whose loop has these gains already, or that shall have none, stays.
 
     Args:
         mjcf: the robot; it is returned as it is where nothing changes.
@@ -134,7 +134,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     for i, actuator in enumerate(spec.actuators):
         k_p, k_d = float(stiffness[i]), float(damping[i])
         own = controls.stiffness[i], controls.damping[i]
-        if np.allclose((k_p, k_d), own, rtol=_SAME_GAIN, atol=0.0):
+        if not (k_p or k_d) or np.allclose((k_p, k_d), own, rtol=_SAME_GAIN, atol=0.0):
             continue
         is_driven = controls.kinds[i] in (ControlKind.TORQUE, ControlKind.FORCE)
         is_driven |= controls.kinds[i] is ControlKind.POSITION
