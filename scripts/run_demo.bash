@@ -46,11 +46,11 @@ run() {  # run PROGRAM ARGUMENTS...: waits for its end, but for a signal to this
   unset "pids[$1]"
   return "$code"
 }
-stop_all() {  # interrupts all processes; kills those that have not ended after ten seconds
+stop_all() {  # interrupts all processes; kills those that have not ended after 30 seconds, as on a busy machine
   local name pid code
   trap '' INT TERM
   for name in "${!pids[@]}"; do kill -INT "${pids[$name]}" 2>/dev/null || true; done
-  for _ in {1..50}; do
+  for _ in {1..150}; do
     [[ -n $(jobs -pr) ]] || break
     sleep 0.2
   done

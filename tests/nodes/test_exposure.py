@@ -12,9 +12,12 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.expand_topic_name import expand_topic_name
 from vgps_msgs.msg import LearningProgress
 
+from vgps_ros import NODES
 from vgps_ros.ros_runtime.qos import STREAM
 
 POLICY = Path(__file__).parents[2] / "config" / "security" / "policy.xml"
@@ -124,6 +127,37 @@ def test_each_node_is_allowed_what_it_uses_and_hardly_more(whole_graph):
 
 def test_the_policy_has_an_enclave_for_each_node_and_program_of_the_graph(whole_graph):
     assert {p.name for p in whole_graph.processes} == {path.strip("/") for path in enclaves()}
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_each_node_takes_all_of_its_own_parameters_as_they_are(whole_graph, name):
+    node = {"demonstration": "shown/", "mpc": "planned/", "watchdog": "watched/"}.get(
+        name, ""
+    ) + name
+    names = whole_graph.call(ListParameters, f"{node}/list_parameters").result.names
+    given = GetParameters.Request(names=names)
+    values = whole_graph.call(GetParameters, f"{node}/get_parameters", given).values
+    for i, value in enumerate(values):
+        if value.type == ParameterType.PARAMETER_DOUBLE and "e" in repr(value.double_value):
+            # as `ros2 param load` sends it
+            text = repr(value.double_value)
+            values[i] = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+    pairs = zip(names, values, strict=True)
+    given = SetParameters.Request(parameters=[Parameter(name=n, value=v) for n, v in pairs])
+    results = whole_graph.call(SetParameters, f"{node}/set_parameters", given).results
+    refused = [n for n, result in zip(names, results, strict=True) if not result.successful]
+    assert not refused
+    assert "start_type_description_service" in names
+    changed = Parameter(name="start_type_description_service", value=ParameterValue(type=1))
+    given = SetParameters.Request(parameters=[changed])
+    assert (
+        not whole_graph.call(SetParameters, f"{node}/set_parameters", given).results[0].successful
+    )
+
+
+@pytest.mark.parametrize("node", ["simulation", "policy_executor", "recorder", "live"])
+def test_diagnostics_name_the_computer(whole_graph, node):
+    assert whole_graph.diagnosis(node, None).hardware_id == socket.gethostname()
 
 
 def enclaves() -> dict[str, ElementTree.Element]:

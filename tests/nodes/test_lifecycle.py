@@ -267,3 +267,15 @@ def test_with_autostart_it_starts_once_and_never_by_itself_again(
     for _ in range(10):
         assert not answered()
     assert executor.running
+
+
+def test_without_autostart_it_says_how_to_start_it_and_a_refusal_at_the_start_is_told_once(
+    graph, tmp_path
+):
+    waiting = graph.start(
+        "policy_executor", "--ros-args", "-r", "__ns:=/a", "-p", "autostart:=false"
+    )
+    graph.spin_until_output(waiting, "ros2 lifecycle set /a/policy_executor configure")
+    refused = graph.start("policy_executor", policy_file=tmp_path / "absent.json")
+    assert refused.wait() == 1
+    assert refused.output.count("is not a readable policy file") == 1

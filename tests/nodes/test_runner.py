@@ -139,3 +139,14 @@ def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
     node.send(number)
     assert node.wait() == 0
     assert node.output.splitlines()[-1] == "closed"
+
+
+@pytest.mark.parametrize(
+    "lacks", [("-u", "HOME", "-u", "ROS_LOG_DIR"), ("ROS_LOG_DIR=/proc/none",)]
+)
+def test_a_node_that_cannot_write_a_log_file_says_so_and_runs(graph, lacks):
+    node = graph.start("watchdog", prefix=("env", *lacks))
+    graph.spin_until(lambda: "watchdog" in graph.node.get_node_names())
+    assert node.end() == 0
+    assert "ROS cannot write a log file" in node.output
+    assert "Traceback" not in node.output

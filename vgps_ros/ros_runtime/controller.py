@@ -140,7 +140,7 @@ class Controller(LifecycleNode):
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
             declare(self, setting, may_change=True)
         declare(self, SETTLE_DURATION)
-        when_alone = self._start if declare(self, AUTOSTART) else lambda: None
+        when_alone = self._start if declare(self, AUTOSTART) else self._tell_how_to_start
         limits = tuple(self.task.controls.largest.tolist())
         rate = max(limits) / _RISE if self._is_real and max(limits) < CONTROL_BOUND else 0.0
         settings = SafetySettings(torque_limits=limits, torque_rate_limit=rate)
@@ -157,6 +157,7 @@ class Controller(LifecycleNode):
         self._watchdog = steady_timer(self, self.task.dynamics.time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
         self._emergency = ""  # why nothing may move
+        self._is_starting = False  # True while it configures itself, and ends where it cannot
         self._since = 0.0  # when it was activated [s]
         stop = self._take_emergency_stop
         for qos in (LATEST, COMMANDED):  # whatever its sender guarantees
@@ -184,12 +185,20 @@ class Controller(LifecycleNode):
             InvalidInputError: the law must not drive now; the safe action does.
         """
 
+    def _tell_how_to_start(self) -> None:
+        command = f"ros2 lifecycle set {self.get_fully_qualified_name()}"
+        self.get_logger().info(
+            f"Waiting to be configured and activated: `{command} configure`, then `activate`."
+        )
+
     def _start(self) -> None:
         """Configures and activates the node at its start; what prevents it ends the node."""
+        self._is_starting = True
         if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
             end_with(VgpsError(self._refusal))
         elif not self._emergency:
             self.trigger_activate()
+        self._is_starting = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Loads the policy and the task, and listens to the robot's sensors."""
@@ -198,7 +207,8 @@ class Controller(LifecycleNode):
         except InvalidInputError as error:
             self._refusal = str(error)
             self._free()
-            self.health.report("configuration", error=f"Not configured: {error}")
+            if not self._is_starting:  # then it is the last that the node says
+                self.health.report("configuration", error=f"Not configured: {error}")
             return TransitionCallbackReturn.FAILURE
         self.health.clear("configuration")
         return super().on_configure(state)

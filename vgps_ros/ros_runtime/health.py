@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A node's diagnostics: its faults, its warnings, and what it is waiting for."""
 
+import platform
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -16,7 +17,6 @@ from vgps_ros.ros_runtime.qos import STREAM, is_lively
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.services import steady_timer
 
-HARDWARE_ID = "vgps_ros"  # marks the diagnostics of this project's nodes
 _PERIOD = 1.0  # between two diagnostics [s]
 _DISCOVERY = 1.2  # in which a new node discovers the others [s]
 _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
@@ -186,7 +186,7 @@ class Health:
             level=worst,
             name=self._node.get_fully_qualified_name(),
             message=" ".join(words for level, words in said if level != well or worst == well),
-            hardware_id=HARDWARE_ID,
+            hardware_id=platform.node(),  # the computer that the node runs on
             values=[KeyValue(key=k, value=v) for k, v in sorted(self._values.items())],
         )
         array = DiagnosticArray(status=[status])

@@ -11,15 +11,16 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from types import FrameType
 from typing import TypeVar
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logging_directory
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -58,7 +59,7 @@ def run(
         return code
     silence_mujoco()
     _on_signals(_interrupt_once)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    _initialise(sys.argv)
     executor, node, code = make_executor(), None, 0
     try:
         node = make_node()
@@ -89,6 +90,22 @@ def run(
     del node, executor
     gc.collect()  # a node whose constructor failed leaves the graph, too
     return code
+
+
+def _initialise(arguments: Sequence[str]) -> None:
+    """Initialises rclpy, which ends with a traceback where it cannot write a log file."""
+    try:
+        folder = get_logging_directory()
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except (RuntimeError, OSError) as error:  # without HOME, or in a folder of others
+        print(
+            f"ROS cannot write a log file ({error}), so the log is on the terminal alone: set "
+            "ROS_LOG_DIR to a folder that may be written.",
+            file=sys.stderr,
+        )
+        arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
 
 
 def _on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
@@ -122,7 +139,7 @@ def streaming_executor() -> Executor:
 @contextmanager
 def client_node(make_node: Callable[[], AnyNode]) -> Iterator[AnyNode]:
     """Makes the node of a program that asks other nodes for something; destroys it at the end."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    _initialise(sys.argv)
     node = None
     try:
         node = make_node()
@@ -184,10 +201,7 @@ def _show_help(make_node: Callable[[], Node], name: str) -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
     with TemporaryDirectory(prefix="vgps_ros_help_", ignore_cleanup_errors=True) as folder:
         os.chdir(folder)  # for good, since a writing thread may open its file later
-        rclpy.init(
-            args=["--ros-args", "--log-level", "fatal"],
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        _initialise(["--ros-args", "--log-level", "fatal"])
         with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
             make_node().destroy_node()
         rclpy.try_shutdown()

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock
@@ -23,25 +24,46 @@ _GUARDED = (SetParameters, SetParametersAtomically, ChangeState)
 
 
 def guard_services(node: Node) -> None:
-    """Lets a node refuse bad requests for parameters and transitions, which would end it."""
+    """Lets a node refuse bad requests for parameters and transitions, which would end it.
+
+    A read-only parameter may be set to the value that it has: `ros2 param load` does so with what
+    `ros2 param dump` of the same node wrote.
+    """
     for service in node.services:
         if service.srv_type in _GUARDED:
             service.callback = partial(_answer_or_refuse, node, service.callback)
 
 
 def _answer_or_refuse(node: Node, callback: Any, request: Any, response: Any) -> Any:
+    given = [] if isinstance(response, ChangeState.Response) else list(request.parameters)
     try:
-        return callback(request, response)
+        stand = [_stands(node, parameter) for parameter in given]
+        if given:
+            request.parameters = [p for p, stands in zip(given, stand, strict=True) if not stands]
+        response = callback(request, response)
+        if isinstance(response, SetParameters.Response):
+            results, stood = iter(response.results), SetParametersResult(successful=True)
+            response.results = [stood if stands else next(results) for stands in stand]
+        return response
     except Exception as error:
         line = printable(str(error).partition("\n")[0])[:300]
         reason = f"The request is refused: {line.strip().rstrip('.')}."
         node.get_logger().error(reason)
     refusal = SetParametersResult(successful=False, reason=reason)
     if isinstance(response, SetParameters.Response):
-        response.results = [refusal] * len(request.parameters)
+        response.results = [refusal] * len(given)
     elif isinstance(response, SetParametersAtomically.Response):
         response.result = refusal
     return response  # of a transition: without success
+
+
+def _stands(node: Node, given: ParameterMsg) -> bool:
+    """Returns whether a read-only parameter has this value already."""
+    if not (node.has_parameter(given.name) and node.describe_parameter(given.name).read_only):
+        return False
+    now = node.get_parameter(given.name)
+    # `ros2 param load` takes 1.0e-07, as it stands in the file, for text.
+    return given.value == now.get_parameter_value() or given.value.string_value == str(now.value)
 
 
 def answer_later(service: Service) -> Service:
