@@ -22,7 +22,6 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.judgement import SETTLING, command_grid
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import recorded_task
-from vgps_ros.tasks.driver import driver_of
 
 PERIOD = 0.02  # of both policies [s]
 LONG = 20.0  # of a rollout in which commands are obeyed [s]
@@ -79,7 +78,7 @@ class Ours:
     def __init__(self, run: Path, commands: Array, steps: int):
         file = open_policy(RunFolder(run).policy)
         task = recorded_task(file.task)
-        self._driver, signals = driver_of(task, file), task.signals
+        self._driver, signals = task.driver(file), task.signals
         self._contexts = np.array([signals.held(each, steps) for each in commands])
 
     def __call__(self, t: int, robots: list[mujoco.MjData]) -> Array:

@@ -23,6 +23,7 @@ from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import make_task
 
 _TIMEOUT = 0.5  # after which a command no longer holds, as in the node simulation [s]
@@ -39,7 +40,7 @@ class PushedRobot:
 
     def __init__(self, graph: Bench, task: str, seed: int):
         self._task = make_task(task)
-        self._states = StateMessages(self._task.dynamics.model)
+        self._states = StateMessages(state_layout(self._task.dynamics.model))
         self._robot = SimulatedRobot(self._task, self._states, self._task.initial_state)
         self._rng = np.random.default_rng(seed)
         self._publishers = {

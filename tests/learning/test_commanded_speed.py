@@ -9,12 +9,12 @@ import pytest
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import with_values
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import Trial, behaviour
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.solver_processes import SolverProcesses
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.driver import Driver
 
 RUNNER = str(Path(__file__).parents[2] / "config" / "commanded" / "half_cheetah.yaml")
 STEPS = 500  # 10 s

@@ -33,7 +33,7 @@ def same_bits(one, other):
 
 def test_a_distribution_crosses_bit_for_bit(random_distribution, swimmer):
     q = random_distribution()
-    message = distribution_to_msg(q, swimmer, 3, 7, Time(sec=5))
+    message = distribution_to_msg(q, swimmer.deployment, 3, 7, Time(sec=5))
     assert len(arrays_of(q)) == 8
     assert same_bits(distribution_from_msg(message), q)
     place = (message.task, message.trajectory_index, message.iteration, message.header.stamp.sec)
@@ -51,7 +51,7 @@ def test_a_distribution_crosses_bit_for_bit(random_distribution, swimmer):
 def test_a_distribution_that_does_not_fit_is_refused(
     random_distribution, swimmer, name, values, sentence
 ):
-    message = distribution_to_msg(random_distribution(), swimmer, 0, 0, Time())
+    message = distribution_to_msg(random_distribution(), swimmer.deployment, 0, 0, Time())
     setattr(message, name, list(values))
     with pytest.raises(InvalidInputError, match=re.escape(sentence)):
         distribution_from_msg(message)

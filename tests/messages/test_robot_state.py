@@ -19,10 +19,11 @@ from tests.simulation.robots import everything, random_states
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import StateCollector, StateMessages
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import make_task
 
-STATES = StateMessages(everything())
+STATES = StateMessages(state_layout(everything()))
 ALL = ["odom", "multi_dof_joint_states", "activations", "joint_states"]
 
 
@@ -88,7 +89,7 @@ def test_odometry_has_the_pose_in_the_world_and_the_twist_in_the_base():
 
 
 def test_a_robot_without_a_base_has_joint_states_alone(swimmer, rng):
-    states = StateMessages(swimmer.dynamics.model)
+    states = StateMessages(state_layout(swimmer.dynamics.model))
     assert list(states.topics) == ["joint_states"]
     state = rng.standard_normal(10)
     assert_array_equal(states.join(states.split(state, Time())), state)
@@ -102,7 +103,7 @@ def test_the_topics_are_those_that_the_robot_needs():
         <body name="parcel" pos="1 0 0"><freejoint/><geom size=".1"/></body>
         </worldbody></mujoco>"""
     )
-    states = StateMessages(two)
+    states = StateMessages(state_layout(two))
     assert list(states.topics) == ["odom", "multi_dof_joint_states", "joint_states"]
     state = np.r_[two.qpos0, np.arange(12.0)]
     messages = states.split(state, Time())
@@ -154,7 +155,7 @@ def measured(model: mujoco.MjModel, states: StateMessages, x: np.ndarray) -> dic
 def test_odometry_tells_what_the_joint_states_of_a_planar_robot_lack(name, rng):
     turned = mujoco.MjModel.from_xml_string(TURNED)
     model = turned if name == "turned" else make_task(name).dynamics.model
-    states = StateMessages(model)
+    states = StateMessages(state_layout(model))
     assert list(states.topics) == ["joint_states"]  # which have all in the simulation
     for _ in range(20):
         x = np.r_[model.qpos0 + rng.uniform(-3, 3, model.nq), rng.uniform(-3, 3, model.nv)]
@@ -165,7 +166,7 @@ def test_odometry_tells_what_the_joint_states_of_a_planar_robot_lack(name, rng):
 
 
 def test_odometry_does_not_change_what_complete_joint_states_say(swimmer, rng):
-    states, state = StateMessages(swimmer.dynamics.model), rng.standard_normal(10)
+    states, state = StateMessages(state_layout(swimmer.dynamics.model)), rng.standard_normal(10)
     messages = states.split(state, Time())
     assert states.is_complete(messages)
     assert states.join({"odom": Odometry(), **messages}).tobytes() == state.tobytes()
@@ -176,7 +177,10 @@ def test_odometry_broken_in_any_way_gives_a_finite_state_or_is_refused(data):
     model = mujoco.MjModel.from_xml_string(TURNED)
     for states, whole in (
         (STATES, STATES.split(a_state(), Time())),
-        (turned := StateMessages(model), measured(model, turned, np.r_[model.qpos0, np.ones(4)])),
+        (
+            turned := StateMessages(state_layout(model)),
+            measured(model, turned, np.r_[model.qpos0, np.ones(4)]),
+        ),
     ):
         odometry = data.draw(broken(whole["odom"]))
         with suppress(InvalidInputError):
@@ -185,7 +189,7 @@ def test_odometry_broken_in_any_way_gives_a_finite_state_or_is_refused(data):
 
 def test_a_robot_that_stands_on_a_motor_has_no_planar_base():
     for name in ("cart_pole", "arm", "rotor", "quadruped"):
-        states = StateMessages(make_task(name).dynamics.model)
+        states = StateMessages(state_layout(make_task(name).dynamics.model))
         assert states.sources == states.topics
 
 
@@ -272,4 +276,4 @@ def test_messages_that_never_become_a_state_take_bounded_memory():
 
 
 def test_a_rotor_needs_no_base():
-    assert StateMessages(make_task("rotor").dynamics.model).base is None
+    assert StateMessages(state_layout(make_task("rotor").dynamics.model)).base is None

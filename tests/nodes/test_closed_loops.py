@@ -17,7 +17,7 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.ros_runtime.qos import LATEST
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import driver_of, for_policy
+from vgps_ros.tasks.disturbed_task import for_policy
 
 STEPS = 150
 TARGET = np.array([-0.4, 0.2])  # of shoulder and elbow
@@ -54,7 +54,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
     np.testing.assert_allclose(commands[-1].position, TARGET)
 
     served = for_policy(task, open_policy(path))
-    law = driver_of(served, open_policy(path)).mean
+    law = served.driver(open_policy(path)).mean
     expected = served.dynamics.rollout(task.initial_state, lambda _, x: law(x), STEPS)
     with BagReader(tmp_path / "bag") as bag:
         episode = episodes(bag, compile_model(bag.mjcf()))[-1]

@@ -15,7 +15,6 @@ from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.messages.conversions import command_from_msg, stamp_of, state_to_msg
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.tasks.driver import driver_of
 
 
 @pytest.fixture
@@ -38,7 +37,7 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
 ):
     bag = drive(graph, tmp_path, path, limit=100.0)
     states, controls = motion_of(bag, swimmer)
-    driver = driver_of(swimmer, open_policy(path))
+    driver = swimmer.driver(open_policy(path))
     law = driver.started()
     inputs = driver.observation(states[:STEPS])
     expected = np.concatenate([law(row[None]) for row in inputs])
@@ -76,7 +75,7 @@ def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
     change(Transition.TRANSITION_ACTIVATE)
     for topic, count in (("joint_states", states.get_subscription_count), ("joint_command", None)):
         graph.spin_until(count or (lambda t=topic: graph.node.count_publishers(t)))
-    driver = driver_of(swimmer, open_policy(path))
+    driver = swimmer.driver(open_policy(path))
     inputs = driver.observation(np.ones((1, 10)))
     law = driver.started()
     for step in (1, 2, 3):

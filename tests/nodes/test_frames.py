@@ -19,7 +19,7 @@ from tests.simulation.robots import EVERYTHING
 from tests.simulation.urdf_kinematics import matrix, read
 from vgps_ros.messages.conversions import nanoseconds
 from vgps_ros.messages.robot_state import StateMessages
-from vgps_ros.simulation.frames import ROOT, frame_names
+from vgps_ros.simulation.frames import ROOT, frame_names, state_layout
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 
@@ -84,7 +84,7 @@ def in_the_root(name: str, tree: dict) -> np.ndarray:
 
 def test_the_frames_on_tf_are_mujocos(messages, task):
     model = task.dynamics.model
-    states, data = StateMessages(model), mujoco.MjData(model)
+    states, data = StateMessages(state_layout(model)), mujoco.MjData(model)
     [fixed] = messages["/tf_static"]
     tree = poses(fixed)
     assert tree.keys() == {"toe"}

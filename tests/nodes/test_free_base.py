@@ -23,6 +23,7 @@ from vgps_ros.core.records import Trajectory
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, policy_to_msg, stamp_of
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import make_task
 
 STEPS = 60
@@ -49,7 +50,7 @@ def robot(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def states(robot):
-    return StateMessages(robot.dynamics.model)
+    return StateMessages(state_layout(robot.dynamics.model))
 
 
 @pytest.fixture

@@ -107,7 +107,7 @@ FIRST = OptimizeTrajectory.Request(
     guess=[Trajectory(n_x=2, n_u=1, controls=pack(np.zeros(50)))],
 )
 SOLVED = optimize(ROTOR, request_from_msg(FIRST, ROTOR))
-DISTRIBUTION = distribution_to_msg(SOLVED.distribution, ROTOR, 0, 1, STAMP)
+DISTRIBUTION = distribution_to_msg(SOLVED.distribution, ROTOR.deployment, 0, 1, STAMP)
 NEXT = OptimizeTrajectory.Request(
     task="rotor",
     iteration=1,

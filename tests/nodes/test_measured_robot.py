@@ -16,11 +16,12 @@ from vgps_msgs.msg import Signals
 
 from tests.nodes.conftest import executed
 from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.core.bodies import product
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, policy_to_msg, stamp_of
 from vgps_ros.messages.robot_state import JOINTS, NewestMeasurements, StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.simulation.frames import product
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
@@ -82,11 +83,15 @@ class Robot:
         return space.add(self.task.initial_state, deviation)
 
     def send_joints(self, at):
-        messages = StateMessages(self.task.dynamics.model).split(self.state(at), stamp_of(at))
+        messages = StateMessages(state_layout(self.task.dynamics.model)).split(
+            self.state(at), stamp_of(at)
+        )
         self.send(JOINTS, messages[JOINTS])
 
     def send_odometry(self, at):
-        messages = StateMessages(self.task.dynamics.model).split(self.state(at), stamp_of(at))
+        messages = StateMessages(state_layout(self.task.dynamics.model)).split(
+            self.state(at), stamp_of(at)
+        )
         self.send("odom", messages["odom"])
 
     def send_imu(self, at, frame="imu", turn=(1.0, 0.0, 0.0, 0.0)):
@@ -106,7 +111,7 @@ class Robot:
         """Whether torques are the policy's for joints and a base within a tolerance [ns]."""
         [(topic, of_base)] = [(t, m) for t, m in self.sent.items() if t != JOINTS]
         messages_of = StateMessages(
-            self.task.dynamics.model, is_blind=topic == "imu", imu_frame=imu_frame
+            state_layout(self.task.dynamics.model), is_blind=topic == "imu", imu_frame=imu_frame
         )
         stamp = nanoseconds(command.header.stamp)
         told = [c.values for c in self.contexts if nanoseconds(c.header.stamp) == stamp]
@@ -249,10 +254,10 @@ def test_a_turned_imu_tells_the_same_as_one_along_the_axes_of_the_base(blind, rn
     site = model.site("imu").id
     turn = rng.standard_normal(4)
     model.site_quat[site] = turn / np.linalg.norm(turn)
-    states = StateMessages(model, is_blind=True)
+    states = StateMessages(state_layout(model), is_blind=True)
     space = blind.dynamics.space
     x = space.add(blind.initial_state, 0.5 * rng.standard_normal(space.tangent_dim))
-    messages = StateMessages(model).split(x, Time())
+    messages = StateMessages(state_layout(model)).split(x, Time())
     imu = Imu()
     imu.header.frame_id = "imu"
     data = mujoco.MjData(model)

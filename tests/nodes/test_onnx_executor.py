@@ -19,7 +19,6 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.storage.run_folder import save_policy
-from vgps_ros.tasks.driver import driver_of
 
 STEPS = 60
 
@@ -99,7 +98,7 @@ def test_a_network_of_others_drives_within_the_limits_and_its_bag_is_checked(
     path = foreign("policy.onnx")
     bag = drive(graph, tmp_path, path, limit=0.55)
     states, controls = motion_of(bag, swimmer)
-    expected = rollout(swimmer, driver_of(swimmer, open_policy(path)).mean, 0.55)
+    expected = rollout(swimmer, swimmer.driver(open_policy(path)).mean, 0.55)
     np.testing.assert_allclose(controls, expected.controls, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(states, expected.states, rtol=1e-6, atol=1e-6)
     found = check_bag(bag, open_policy(path))

@@ -29,6 +29,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.storage.run_folder import save_policy
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
@@ -300,7 +301,7 @@ def test_the_base_of_a_real_robot_comes_from_its_odometry(graph, swimmer, random
     odometry = graph.publisher(Odometry, "odom", qos_profile_sensor_data)
     controller.policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
     model = swimmer.dynamics.model
-    states, x = StateMessages(model), 0.5 * rng.standard_normal(10)
+    states, x = StateMessages(state_layout(model)), 0.5 * rng.standard_normal(10)
     robot = measured(model, states, x)
     assert len(robot["joint_states"].name) == 2
 

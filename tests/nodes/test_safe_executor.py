@@ -459,7 +459,7 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
 
     np.testing.assert_array_equal(robot.drive(near), mean(robot.policy, near))
     robot.diagnosis_while_driven(OK, "Running", near)
-    wrong = distribution_to_msg(q, robot.task, 0, 1, Time())
+    wrong = distribution_to_msg(q, robot.task.deployment, 0, 1, Time())
     wrong.task = "walker"
     distributions = graph.publisher(TrajectoryDistributionMsg, "trajectory_distribution", LATCHED)
     distributions.publish(wrong)

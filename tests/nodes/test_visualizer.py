@@ -103,7 +103,7 @@ def solution(swimmer, iteration: int) -> TrajectoryDistribution:
         state_covariances=covariances,
         context=np.empty((T, 0)),
     )
-    return distribution_to_msg(q, swimmer, 0, iteration, Time())
+    return distribution_to_msg(q, swimmer.deployment, 0, iteration, Time())
 
 
 def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_policy, tmp_path):

@@ -5,13 +5,13 @@ import numpy as np
 
 from tests.servo_arm import SERVOS
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.policies.driver import Driver, observation_of
 from vgps_ros.policies.onnx_file import parsed
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import Driver, driver_of, observation_of
 
 TASK = """
 model: arm.xml
@@ -44,11 +44,13 @@ def test_the_contract_in_its_metadata_gives_what_the_policy_reads(tmp_path, rng)
     content = path.read_bytes()
     foreign = OnnxPolicy(content, "The file", task.controls)
     assert foreign.steps == 3
-    observation = observation_of(foreign, task.dynamics.simulations, task.signals, "The file")
+    observation = observation_of(
+        foreign, task.deployment.layout, task.deployment.read, task.signals, "The file"
+    )
     states = rng.standard_normal((6, 1, 4))
     context = task.signals.held(task.signals.rest, 6)
-    laws = Driver(foreign, observation).started(), driver_of(task, open_policy(path)).started()
-    own = Driver.of(task, policy).observation
+    laws = Driver(foreign, observation).started(), task.driver(open_policy(path)).started()
+    own = Driver.of(task.observation, policy).observation
     for t in range(6):
         said, ours = (
             law(each.within(context[t])(states[t]))

@@ -23,7 +23,6 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import driver_of
 
 MJLABS = {"run_path", "joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"}
 MJLABS |= {"command_names", "observation_names", "action_scale"}
@@ -128,7 +127,7 @@ def test_a_network_of_others_drives_the_robot_and_is_evaluated(foreign, swimmer,
     path, layers = foreign
     states = swimmer.initial_state + 0.3 * rng.standard_normal((50, 10))
     expected = 20.0 * elu_mean(layers, swimmer.observation(states))[:, ::-1]
-    driver = driver_of(swimmer, open_policy(path))
+    driver = swimmer.driver(open_policy(path))
     np.testing.assert_allclose(driver.mean(states), expected, rtol=1e-5, atol=1e-5)
     result = json.loads(output_of(capsys, "evaluate", path, "--task", "swimmer", *ROLLOUTS))
     assert 0 < result["cost_per_step"]["mean"] < 10  # standing still costs 1
@@ -138,7 +137,7 @@ def test_a_training_starts_from_the_motion_of_a_policy(foreign, tmp_path, capsys
     path, _ = foreign
     flags = ["--task", "swimmer", "--demonstration", path]
     task = make_task("swimmer", str(path))
-    law = driver_of(make_task("swimmer"), open_policy(path)).mean
+    law = make_task("swimmer").driver(open_policy(path)).mean
     shown = task.dynamics.rollout(task.initial_state, lambda _, x: law(x), task.planned_horizon)
     begun = task.begin(task, task.initial_state, task.planned_horizon, None)
     np.testing.assert_array_equal(begun.trajectory.states, shown.states)

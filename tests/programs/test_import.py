@@ -12,7 +12,7 @@ from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import driver_of, for_policy
+from vgps_ros.tasks.disturbed_task import for_policy
 
 TASK = """
 model: robot.xml
@@ -78,7 +78,7 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     for place, term in (("0-5", "base_ang_vel"), ("6-11", "projected_gravity"), ("22-25", "last")):
         assert any(place in line and term in line for line in shown.splitlines())
     file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
-    driver = driver_of(served := for_policy(task, file), file)
+    driver = (served := for_policy(task, file)).driver(file)
     assert list(served.controls.stiffness) == [20.0, 30.0]
     rollouts = ["--seconds", "3", "--rollouts", "1", "--pushes", "0", "--json", "-"]
     vgps(["evaluate", "whole.onnx", "--task", "task.yaml", *rollouts])

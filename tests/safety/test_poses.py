@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.safety.poses import PoseMotion, PoseSettings, keyframe_state
+from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.tasks import make_task
 
@@ -79,12 +79,12 @@ def test_servos_go_from_the_measured_pose_to_the_goal():
 
 
 def test_a_keyframe_that_is_none_is_refused(quadruped):
-    model, start = quadruped.dynamics.model, quadruped.initial_state
-    assert keyframe_state(model, "sit_keyframe", "", start) is start
+    model, robot = quadruped.dynamics.model, quadruped.deployment
+    assert robot.pose("sit_keyframe", "") is quadruped.initial_state
     np.testing.assert_array_equal(
-        keyframe_state(model, "sit_keyframe", "stand", start)[: model.nq], model.key("stand").qpos
+        robot.pose("sit_keyframe", "stand")[: model.nq], model.key("stand").qpos
     )
     with pytest.raises(
         InvalidInputError, match="sit_keyframe is 'lie', but it must be one of stand"
     ):
-        keyframe_state(model, "sit_keyframe", "lie", start)
+        robot.pose("sit_keyframe", "lie")

@@ -12,6 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import (
     Trial,
     behaviour,
@@ -30,7 +31,6 @@ from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
-from vgps_ros.tasks.driver import Driver
 
 # A cart of 1 kg that nothing brakes. A force of GAIN (command − speed) lets its speed approach the
 # command by the factor 1 − GAIN Δt in each step, within two steps at GAIN 50.

@@ -21,12 +21,12 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.policy_fit import draw_targets
 from vgps_ros.core.records import CostExpansion, Trajectory
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.methods import check_search, search
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import Driver
 from vgps_ros.tasks.environment import TaskEnvironment
 from vgps_ros.tasks.registry import task_file_of
 
@@ -217,7 +217,7 @@ def test_every_executor_remembers_the_same(cart, rng, lag):
     states, controls = task.dynamics.execute(
         policy, task.observation, starts, noise, lag=lag, sensor_noise=misread
     )
-    driver = Driver.of(task, policy)
+    driver = Driver.of(task.observation, policy)
     assert driver.observation.names == ("slide/position",)
     law, read = driver.started(), []
 

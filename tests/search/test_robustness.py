@@ -8,10 +8,10 @@ import pytest
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.robustness import Trials, behaviours, robustness
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.driver import Driver
 
 # A block of 2 kg, which has fallen where it is faster than 1 m/s. Its friction bears 9.81 N.
 BLOCK = """

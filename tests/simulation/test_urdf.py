@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 
 from tests.simulation.robots import everything
 from tests.simulation.urdf_kinematics import largest_difference, read
-from vgps_ros.messages.body_poses import body_joints
-from vgps_ros.simulation.frames import ROOT, MovingLinks, frame_names, links
+from vgps_ros.simulation.frames import ROOT, MovingLinks, body_joints, frame_names, links
 from vgps_ros.tasks import BUILT_IN, make_task
 
 ODD = """

@@ -6,9 +6,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tests.simulation.robots import everything, random_states
+from vgps_ros.core.observation import Conditions
 from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.task import Conditions
 
 SIMULATIONS = Simulations(everything())
 

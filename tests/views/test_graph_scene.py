@@ -30,6 +30,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.search.mpc import Plan
 from vgps_ros.simulation.controls import closed_loops, controls_of
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
@@ -165,7 +166,7 @@ def test_an_old_bags_description_shows_the_robot_and_a_urdf_does_not(recorded):
 
 def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(recorded):
     model = everything()
-    states = StateMessages(model)
+    states = StateMessages(state_layout(model))
     recorded.scene.show("mjcf_description", String(data=EVERYTHING))
     drawn = random_states(model, np.random.default_rng(0), 3)
     for i, state in enumerate(drawn):
@@ -213,7 +214,7 @@ def test_a_distribution_of_another_robot_is_left_out(recorded, swimmer, random_d
     recorded.scene.show("mjcf_description", String(data=swimmer.mjcf))
     for wrong in ({"n_x": 9}, {"n_u": 3}):
         q = random_distribution(**{"n_x": 10, **wrong})
-        message = distribution_to_msg(q, swimmer, 0, 0, Time())
+        message = distribution_to_msg(q, swimmer.deployment, 0, 0, Time())
         recorded.scene.show("trajectory_distribution", message)
     assert [bool(text) for _, text in recorded.reports] == [False, True, True]
     recorded.close()

@@ -14,9 +14,9 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+from vgps_ros.core.signals import Command
 from vgps_ros.search.driven import Driven, planar_path
 from vgps_ros.search.run_record import RunRecord
-from vgps_ros.tasks.signals import Command
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
 from vgps_ros.views.plots import driving, motion, phase_portrait, save, trajectory

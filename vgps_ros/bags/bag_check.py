@@ -45,6 +45,7 @@ from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model, state_names
 
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
@@ -98,7 +99,7 @@ def check_bag(
 
 def _states(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[Stamped]:
     """Reads the states of which all messages have one stamp, in the order of their receipt."""
-    messages_of = StateMessages(executor.model, **executor.frames)
+    messages_of = StateMessages(state_layout(executor.model), **executor.frames)
     states, unusable = list[Stamped](), 0
     if executor.is_measured and not messages_of.topics.keys() <= bag.filled_topics.keys():
         return states  # of a robot without odometry
@@ -121,7 +122,7 @@ def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[Stamped]:
     """
     model = executor.model
     for is_blind, base in ((True, IMU), (False, ODOMETRY)):
-        messages_of = StateMessages(model, is_blind=is_blind, **executor.frames)
+        messages_of = StateMessages(state_layout(model), is_blind=is_blind, **executor.frames)
         if messages_of.sources.keys() != {base, JOINTS} or base not in bag.filled_topics:
             continue
         if base == ODOMETRY and not executor.is_measured:
@@ -213,7 +214,7 @@ def _commanded(bag: BagReader, executor: RecordedExecutor) -> list[Timeline]:
     signals = executor.signals
     given = [Timeline() for _ in signals.commands]
     topics = [bag.filled_topics[name] for name in (CMD_VEL, COMMAND) if name in bag.filled_topics]
-    base_frame = StateMessages(executor.model, **executor.frames).base_frame
+    base_frame = StateMessages(state_layout(executor.model), **executor.frames).base_frame
     for received, message in bag.decoded(*topics, refused=[]) if topics else ():
         with suppress(InvalidInputError):  # which the executor refused, too
             told = (

@@ -22,6 +22,7 @@ from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, na
 from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import controls_are_forces
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import actuated_joint_names
 from vgps_ros.tasks.motion_table import write_motion
 
@@ -72,7 +73,7 @@ def episodes(bag: BagReader, model: mujoco.MjModel) -> list[Episode]:
 
     Motions of fewer than two states are left out.
     """
-    robot_states = StateMessages(model)
+    robot_states = StateMessages(state_layout(model))
     states = [
         (received, nanoseconds(messages[JOINTS].header.stamp), messages)
         for received, messages in recorded_states(bag, robot_states)

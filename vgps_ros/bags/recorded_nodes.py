@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -20,17 +21,20 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
+from vgps_ros.core.signals import Signals
 from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.policies.deployment import Reader
+from vgps_ros.policies.driver import observation_of
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.dynamics import Simulations
+from vgps_ros.simulation.frames import state_layout
+from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import read_yaml
-from vgps_ros.tasks import recorded_task
-from vgps_ros.tasks.driver import observation_of
-from vgps_ros.tasks.signals import Signals
+from vgps_ros.tasks import DEPLOYMENT, make_deployment, recorded_task
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it
@@ -150,7 +154,8 @@ class RecordedExecutor:
         settings: safety settings of the executor.
         controls: what the robot's controls are.
         limiter: limits of the controls, which depend on those that were noted before.
-        task: its task; None if it is not known, as in bags of old versions.
+        task: its task; None if it is not known, as in bags of old versions, or was deployed.
+        deployment: what it knew of its task; None if that is not known.
         signals: the commands and the clock of its task.
         frames: its names of the base's and of the IMU's frame.
         is_measured: whether its sensors had stamps of their own.
@@ -169,19 +174,23 @@ class RecordedExecutor:
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
         self._resting: Array | None = None  # what the safe action holds, while it drives
-        self._simulations = Simulations(model, threads=1)
         self._observations: dict[tuple[str, ...], Observation] = {}
-        self.task = (
-            recorded_task(str(parameters["task"]))
-            if {"safe_action", "task"} <= set(parameters)
-            else None
-        )
-        self.signals = self.task.signals if self.task else Signals()
+        self.task, self.deployment = None, None
+        if {"safe_action", "task"} <= set(parameters):
+            reference = str(parameters["task"])
+            if not reference.endswith(DEPLOYMENT):
+                self.task = recorded_task(reference)
+            self.deployment = self.task.deployment if self.task else make_deployment(reference)
+        self._layout = self.deployment.layout if self.deployment else state_layout(model)
+        self._read: Reader = partial(Readings, Simulations(model, threads=1))
+        if self.deployment and not self.task:
+            self._read = self.deployment.read
+        self.signals = self.deployment.signals if self.deployment else Signals()
         self.frames: dict[str, Any] = {
             name: str(parameters.get(name, "")) for name in ("base_frame", "imu_frame")
         }
         self.is_measured = parameters.get("state_qos") == "sensor_data"
-        period = self.task.dynamics.time_step if self.task else 0.0
+        period = self.deployment.time_step if self.deployment else 0.0
         own = float(parameters.get("sensor_tolerance", 0.0))
         self.tolerance = round(1e9 * (own if self.is_measured else period / 2))
         self.controls = controls_of(model)
@@ -206,7 +215,7 @@ class RecordedExecutor:
 
     def learned(self, policy: GaussianPolicy) -> Policy:
         """Returns the policy, with what it remembers of former steps, if its task names any."""
-        observation = self.task.observation if self.task else None
+        observation = self.deployment.observation if self.deployment else None
         if observation and observation.past and policy.observed == observation.names:
             return RememberingPolicy(policy, observation.past)
         return policy
@@ -222,23 +231,28 @@ class RecordedExecutor:
             InvalidInputError: the robot lacks what it reads, or has another number of torques.
         """
         self._observation_of(policy)
-        wanted = len(self._simulations.model.actuator_ctrlrange)
+        wanted = len(self.controls.names)
         if (given := len(policy.noise_std)) != wanted:
             raise InvalidInputError(f"The policy has {given} torques, but the robot has {wanted}.")
 
     def _observation_of(self, policy: Policy) -> Observation:
         names = tuple(policy.observed)
         if names not in self._observations:
-            observation = observation_of(policy, self._simulations, self.signals, "The policy")
+            observation = observation_of(
+                policy, self._layout, self._read, self.signals, "The policy"
+            )
             self._observations[names] = observation
         return self._observations[names]
 
     def marginals(self, distribution: TrajectoryDistribution) -> TrainingMarginals:
         """Returns the training marginals that the executor computed from a distribution."""
-        assert self.task is not None
-        task, scored = self.task, distribution.first(self.task.horizon)
-        told = task.signals.spread(task.observation.told)
-        return TrainingMarginals(scored, task.observation, task.dynamics.control_dim, told)
+        assert self.deployment is not None
+        observation, scored = (
+            self.deployment.observation,
+            distribution.first(self.deployment.horizon),
+        )
+        told = self.signals.spread(observation.told)
+        return TrainingMarginals(scored, observation, len(self.controls.names), told)
 
     def is_safe(
         self,
@@ -255,7 +269,7 @@ class RecordedExecutor:
             marginals: the sets of training marginals that the executor may have had at the time.
             context: commands and clock in that state, shape (n_z,).
         """
-        if self.task is None:
+        if self.deployment is None:
             return False
         rests = [self.controls.resting(state)]
         if self._resting is not None:

@@ -21,7 +21,7 @@ which a robot's driver knows.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import compress, repeat
@@ -29,12 +29,14 @@ from itertools import compress, repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 
 # A control beyond it has diverged; MuJoCo replaces one beyond 1e10 by zero and would hide it.
 CONTROL_BOUND = 1e9
 
 Mask = NDArray[np.bool_]
+_SAME_GAIN = 1e-5  # relative difference of two gains that are the same but for their text
 
 
 class ControlKind(StrEnum):
@@ -160,6 +162,47 @@ class Controls:
         """Smallest |τ| within the limits of the model, shape (n_u,) [N·m, N]; of servos 0."""
         low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
         return np.where(self.are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
+
+    def in_closed_loops(self, stiffness: Array, damping: Array) -> "Controls":
+        """Returns the controls where loops of positions are closed with other gains.
+
+        A motor keeps its limits of torque. What has these gains already stays as it is.
+
+        Args:
+            stiffness: k_p at each joint, shape (n_u,) [N·m/rad, N/m].
+            damping: k_d at each joint, shape (n_u,) [N·m·s/rad, N·s/m].
+
+        Raises:
+            InvalidInputError: a gain does not suit its control.
+        """
+        gains, own = np.array([stiffness, damping]), np.array([self.stiffness, self.damping])
+        stays = np.isclose(gains, own, rtol=_SAME_GAIN, atol=0.0).all(axis=0)
+        fits = (self._are_motors | self._hold) & self._are_measured & (stiffness > 0.0)
+        for i in np.flatnonzero(~stays & ~(fits & (damping >= 0.0))):
+            raise InvalidInputError(
+                f"{self.names[i]} shall have a stiffness of {stiffness[i]:g} and a damping of "
+                f"{damping[i]:g}; but a loop needs a stiffness above 0, and a motor or servo of "
+                "positions; change joint_stiffness and joint_damping."
+            )
+        ends = np.sort([self.at_joints(end) for end in self.limits], axis=0)
+        ends = np.where(self._hold & np.isfinite(ends).all(axis=0), ends, [[-np.inf], [np.inf]])
+        low, high = np.where(stays, self.limits, ends)
+        turned = {"N·m": "rad", "N": "m"}
+        kinds = [k if s else ControlKind.POSITION for k, s in zip(self.kinds, stays, strict=True)]
+        units = [u if s else turned.get(u, u) for u, s in zip(self.units, stays, strict=True)]
+        return replace(
+            self,
+            kinds=tuple(kinds),
+            units=tuple(units),
+            limits=(low, high),
+            strength=np.where(stays, self.strength, stiffness),
+            bias=np.where(stays, self.bias, 0.0),
+            stiffness=np.where(stays, self.stiffness, stiffness),
+            damping=np.where(stays, self.damping, damping),
+            scale=np.where(stays, self.scale, 1.0),
+            offset=np.where(stays, self.offset, 0.0),
+            servo_forces=np.where(stays, self.servo_forces, self.largest),
+        )
 
     def at_joints(self, control: Array) -> Array:
         """Returns w, shape (..., n_u), of u."""

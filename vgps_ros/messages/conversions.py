@@ -37,11 +37,12 @@ from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
+from vgps_ros.core.signals import Command
 from vgps_ros.messages.names import CMD_VEL
+from vgps_ros.policies.deployment import Deployment
 from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
 from vgps_ros.search.mpc import Plan
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.signals import Command
 
 Kind = TypeVar("Kind")
 
@@ -119,15 +120,19 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
 
 
 def distribution_to_msg(
-    q: TrajectoryDistribution, task: Task, trajectory_index: int, iteration: int, stamp: Time
+    q: TrajectoryDistribution,
+    robot: Deployment,
+    trajectory_index: int,
+    iteration: int,
+    stamp: Time,
 ) -> TrajectoryDistributionMsg:
     """Returns q(ζ) as a message."""
     message = TrajectoryDistributionMsg(
         header=Header(stamp=stamp),
-        task=task.name,
+        task=robot.name,
         trajectory_index=trajectory_index,
         iteration=iteration,
-        time_step=task.dynamics.time_step,
+        time_step=robot.time_step,
         mean=TrajectoryMsg(n_x=q.mean.states.shape[1], n_u=q.mean.controls.shape[1]),
     )
     for name, values in arrays_of(q).items():

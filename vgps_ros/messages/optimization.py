@@ -44,7 +44,7 @@ def request_to_msg(
     request: OptimizationRequest, task: Task, stamp: Time
 ) -> OptimizeTrajectory.Request:
     """Returns the request as a message."""
-    n_x, n_u = task.dims["n_x"], task.dims["n_u"]
+    n_x, n_u, robot = task.dims["n_x"], task.dims["n_u"], task.deployment
     guess, states, k = request.guess, request.guess_states, request.iteration
     previous, policy = request.previous, request.policy
     place = (request.trajectory_index, max(k - 1, 0))
@@ -64,7 +64,7 @@ def request_to_msg(
                 controls=pack(guess),
             )
         ],
-        previous=[distribution_to_msg(previous, task, *place, stamp)] if previous else [],
+        previous=[distribution_to_msg(previous, robot, *place, stamp)] if previous else [],
         policy=[policy_to_msg(policy, task.name, k, stamp)] if policy else [],
     )
 
@@ -129,7 +129,7 @@ def result_to_msg(
             Parameter(s.name, value=s.default).to_parameter_msg()
             for s in settings_of(result.settings)
         ],
-        distribution=distribution_to_msg(result.distribution, task, *place, stamp),
+        distribution=distribution_to_msg(result.distribution, task.deployment, *place, stamp),
         iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
     )
 

@@ -20,30 +20,22 @@ messages say.
 """
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, Twist, Vector3
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import Imu, JointState, MultiDOFJointState
 
+from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotated
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_poses import (
-    BACK,
-    BodyJoint,
-    PlanarBase,
-    body_joints,
-    planar_base,
-    turn_on_base,
-)
+from vgps_ros.messages.body_poses import read_body, read_planar, write_body
 from vgps_ros.messages.conversions import (
     name_order,
     nanoseconds,
@@ -51,8 +43,6 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
-from vgps_ros.simulation.frames import product, rotated
-from vgps_ros.simulation.model import joint_names, state_names
 
 TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
@@ -74,38 +64,36 @@ class StateMessages:
             body's.
 
     Args:
-        model: the robot.
+        layout: what the numbers of the robot's state are.
         is_blind: whether `imu` tells of the free base, and not `odom`.
-        base_frame: name of the base's frame in messages; empty: the model's.
-        imu_frame: the model's site or body at which the IMU sits; empty: what its messages name.
+        base_frame: name of the base's frame in messages; empty: the layout's.
+        imu_frame: the site or body at which the IMU sits; empty: what its messages name.
+
+    Raises:
+        InvalidInputError: nothing that is fixed to the base has the name of the IMU's frame.
     """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        layout: StateLayout,
         *,
         is_blind: bool = False,
         base_frame: str = "",
         imu_frame: str = "",
     ):
-        names = state_names(model)
-        self.joint_names = joint_names(model)
-        self._joints = _places(names, self.joint_names)
-        self._state_dim, self._first_activation = len(names), model.nq + model.nv
-        self._actuators = [name.rpartition("/")[0] for name in names[self._first_activation :]]
-        bodies = body_joints(model)
-        bases = [body for body in bodies if body.is_free][:1]
-        self.base = bases[0] if bases else None
-        self._planar = None if bases else planar_base(model)
+        self._layout = layout
+        self.joint_names = list(layout.joints)
+        self._joints = layout.places(layout.joints)
+        activations = layout.names[layout.first_activation :]
+        self._actuators = [name.rpartition("/")[0] for name in activations]
+        self.base, self._planar = layout.base, layout.planar
         on_base = self._planar.joints if self._planar else ()
         self._limb_names = [name for name in self.joint_names if name not in on_base]
-        self._limbs = _places(names, self._limb_names)
-        self._bodies = [body for body in bodies if body is not self.base]
-        base = self.base or self._planar
-        first_body = model.body(min(1, model.nbody - 1)).name
-        self.base_frame = base_frame or (base.name if base else first_body)
+        self._limbs = layout.places(tuple(self._limb_names))
+        self._bodies = [body for body in layout.bodies if body is not self.base]
+        self.base_frame = base_frame or layout.base_frame
         needed = {
-            ODOMETRY: (Odometry, bool(bases)),
+            ODOMETRY: (Odometry, self.base is not None),
             BODIES: (MultiDOFJointState, bool(self._bodies)),
             ACTIVATIONS: (JointState, bool(self._actuators)),
             JOINTS: (JointState, True),
@@ -116,7 +104,6 @@ class StateMessages:
         self.needed = dict(replaced.get(topic, (topic, k)) for topic, k in self.topics.items())
         self.sources = ({ODOMETRY: Odometry} if self._planar else {}) | self.needed
         self._imu_frame = imu_frame
-        self._turn_of = lru_cache(maxsize=8)(partial(turn_on_base, model, self.base_frame, base))
         self._turn_of(imu_frame)  # which must be there
 
     def lacks_base(self, joints: Any) -> bool:
@@ -160,7 +147,7 @@ class StateMessages:
             odometry = messages[ODOMETRY]
             odometry.header.frame_id, odometry.child_frame_id = "odom", self.base.name
             pose, twist = odometry.pose.pose, odometry.twist.twist
-            self.base.write(x, pose.position, pose.orientation, twist)
+            write_body(self.base, x, pose.position, pose.orientation, twist)
         if self._bodies:
             several = messages[BODIES]
             several.joint_names = [body.name for body in self._bodies]
@@ -168,11 +155,11 @@ class StateMessages:
             several.twist = [Twist() for _ in self._bodies]
             for i, body in enumerate(self._bodies):
                 at = several.transforms[i]
-                body.write(x, at.translation, at.rotation, several.twist[i])
+                write_body(body, x, at.translation, at.rotation, several.twist[i])
         if self._actuators:
             activations = messages[ACTIVATIONS]
             activations.name = self._actuators
-            activations.position = pack(x[self._first_activation :])
+            activations.position = pack(x[self._layout.first_activation :])
         for message in messages.values():
             message.header.stamp = stamp
         return messages
@@ -186,7 +173,7 @@ class StateMessages:
         Raises:
             InvalidInputError: a name is missing, or a value is missing, not finite, or no rotation.
         """
-        x, joints = np.empty(self._state_dim), messages[JOINTS]
+        x, joints = np.empty(len(self._layout.names)), messages[JOINTS]
         base: BodyJoint | PlanarBase | None = self.base
         if ODOMETRY in messages and self.lacks_base(joints):
             base = self._planar
@@ -203,7 +190,8 @@ class StateMessages:
                     f"the robot's base, '{self.base_frame}'; base_frame tells its name."
                 )
             pose, twist = odometry.pose.pose, odometry.twist.twist
-            base.read(x, ODOMETRY, pose.position, pose.orientation, twist)
+            parts = x, ODOMETRY, pose.position, pose.orientation, twist
+            read_body(base, *parts) if isinstance(base, BodyJoint) else read_planar(base, *parts)
         if self._bodies:
             several = messages[BODIES]
             names = tuple(several.joint_names)
@@ -215,12 +203,12 @@ class StateMessages:
                 )
             for body, i in zip(self._bodies, order, strict=True):
                 at = several.transforms[i]
-                body.read(x, BODIES, at.translation, at.rotation, several.twist[i])
+                read_body(body, x, BODIES, at.translation, at.rotation, several.twist[i])
         if self._actuators:
             activations = messages[ACTIVATIONS]
             names = tuple(activations.name)
             values = finite_array("activations.position", activations.position, (len(names),))
-            x[self._first_activation :] = values[name_order(names, tuple(self._actuators))]
+            x[self._layout.first_activation :] = values[name_order(names, tuple(self._actuators))]
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
 
     def _read_imu(self, x: Array, imu: Any) -> None:
@@ -234,10 +222,23 @@ class StateMessages:
                 )
         turn = self._turn_of(self._imu_frame or imu.header.frame_id)
         twist = SimpleNamespace(linear=Vector3(), angular=imu.angular_velocity)
-        self.base.read(x, IMU, Vector3(), imu.orientation, twist)
+        read_body(self.base, x, IMU, Vector3(), imu.orientation, twist)
         _, rotation, _, angular = self.base.parts(x)
         rotation[:] = product(rotation, turn * BACK)
         angular[:] = rotated(angular, turn)
+
+    def _turn_of(self, frame: str) -> Array:
+        """Returns how a site or body on the base is turned in it; no turn: the base's own frame."""
+        if frame in ("", self.base_frame):
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        mounts = self._layout.mounts
+        if frame not in mounts:
+            raise InvalidInputError(
+                f"The frame of imu is {quoted(frame)}, but it must be that of the robot's base, "
+                f"'{self.base_frame}', or of what is fixed to it, {', '.join(mounts)}; set "
+                "imu_frame to the one at which the IMU sits."
+            )
+        return self._layout.turns[mounts.index(frame)]
 
 
 class StateCollector:
@@ -352,22 +353,17 @@ def readings_of_place(base: BodyJoint, start: Array, *read: StateReadings) -> li
     """
     rng, found = np.random.default_rng(0), []
     for readings in read:
-        deviations = rng.standard_normal((8, readings.space.tangent_dim))
-        here = readings.space.add(np.tile(start, (8, 1)), deviations)
+        here = start + rng.standard_normal((8, len(start)))
+        for first in readings.space.quaternions:
+            turns = here[:, first : first + 4]
+            turns /= np.linalg.norm(turns, axis=1, keepdims=True)
         there = here.copy()
-        for x in there:
-            place, _, velocity, _ = base.parts(x)
-            place += rng.uniform(-1.0, 1.0, 3)
-            velocity += rng.uniform(-1.0, 1.0, 3)
+        place, _, velocity, _ = base.parts(there)
+        place += rng.uniform(-1.0, 1.0, place.shape)
+        velocity += rng.uniform(-1.0, 1.0, velocity.shape)
         for name, before, after in zip(
             readings.names, readings(here).T, readings(there).T, strict=True
         ):
             if not np.allclose(before, after, rtol=1e-9, atol=1e-9):
                 found.append(name)
     return found
-
-
-def _places(names: list[str], joints: list[str]) -> NDArray[np.intp]:
-    """Returns where x has the positions of joints, and then their velocities."""
-    places = [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in joints]
-    return np.array([names.index(place) for place in places], dtype=np.intp)

@@ -59,7 +59,7 @@ class Mpc(Controller):
 
     def prepare_law(self) -> None:
         """Declares the parameters of the plans, and makes the first one before any peer waits."""
-        task = make_task(value(self, TASK))  # of its own, since it is used in another thread
+        self._task = task = make_task(value(self, TASK))
         settings = declare_settings(self, MpcSettings(ddp=task.optimizer.ddp))
         every, seed = declare(self, PLAN_EVERY), declare(self, SEED)
         prepare(task)
@@ -74,7 +74,7 @@ class Mpc(Controller):
         Raises:
             InvalidInputError: the newest plan is too old.
         """
-        step = round(stamp * 1e-9 / self.task.dynamics.time_step)
+        step = round(stamp * 1e-9 / self.robot.time_step)
         executed = self.training.policy
         policy = executed.policy if executed else None
         assert policy is None or isinstance(policy, GaussianPolicy)  # others are refused
@@ -84,7 +84,7 @@ class Mpc(Controller):
         finally:
             trouble = self._horizon.trouble
             self.health.report("plan", warning=f"At step {step} {trouble}" if trouble else "")
-        self.health.set_value(PLAN_AGE, f"{age * self.task.dynamics.time_step:.3f} s")
+        self.health.set_value(PLAN_AGE, f"{age * self.robot.time_step:.3f} s")
         return torques
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -105,8 +105,8 @@ class Mpc(Controller):
             self._since, self._count = time.monotonic(), 0
         self.health.set_value(PLAN_COST, f"{plan.cost:.4g}")
         self.health.set_value(PLAN_DURATION, f"{1e3 * seconds:.1f} ms")
-        stamp = stamp_of(round(plan.start * self.task.dynamics.time_step * 1e9))
-        self._plans.publish(plan_to_msg(plan, self.task, seconds, stamp))
+        stamp = stamp_of(round(plan.start * self.robot.time_step * 1e9))
+        self._plans.publish(plan_to_msg(plan, self._task, seconds, stamp))
 
 
 def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:

@@ -27,8 +27,8 @@ from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
+    from vgps_ros.policies.driver import Driver
     from vgps_ros.tasks import Task
-    from vgps_ros.tasks.driver import Driver
 
 OWN = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
 # Lengths and numbers of rollouts where none are given, of tasks with commands and of others.
@@ -272,7 +272,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.evaluation import measure_driving
     from vgps_ros.search.judgement import judge_controller
     from vgps_ros.tasks import make_task, recorded_task
-    from vgps_ros.tasks.driver import driver_of, for_policy
+    from vgps_ros.tasks.disturbed_task import for_policy
 
     task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     commanded = bool(task.signals.commands)
@@ -280,7 +280,7 @@ def run(arguments: argparse.Namespace) -> None:
         vars(arguments).setdefault(name, value)
     own = {name: getattr(arguments, name) for name in OWN}
     task = for_policy(task, file)
-    driver = driver_of(task, file)
+    driver = task.driver(file)
     if commanded:
         found = judge_controller(task, driver, **own)
         result = {"task": task.name, **own, **found}

@@ -18,8 +18,8 @@ from vgps_ros.tasks.registry import TASK
 
 if TYPE_CHECKING:
     from vgps_ros.core.records import Array
+    from vgps_ros.policies.driver import Driver
     from vgps_ros.tasks import Task
-    from vgps_ros.tasks.driver import Driver
 
 HOLDING = ("pose_stiffness", "pose_damping")  # of motors that the policy does not drive
 STANDING = Setting(
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.policies.policy_file import policy_of
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task
-    from vgps_ros.tasks.driver import driver_of, for_policy
+    from vgps_ros.tasks.disturbed_task import for_policy
     from vgps_ros.views.console import table_console
 
     content, task = read_bytes(arguments.policy), make_task(arguments.task)
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
     content = with_metadata(content, held, name) if held else content
     file = policy_of(content, name)
     task = for_policy(task, file)
-    driver = driver_of(task, file)
+    driver = task.driver(file)
     console = table_console()
     if not isinstance(driver.policy, OnnxPolicy):
         console.print("vgps_ros wrote this file; nothing is converted.")

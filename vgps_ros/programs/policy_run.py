@@ -32,9 +32,10 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import spin_once
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import Course
-from vgps_ros.tasks.driver import for_policy
+from vgps_ros.tasks.disturbed_task import for_policy
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2
@@ -71,7 +72,7 @@ class PolicyRun(Node):
         self._set_state = self.create_client(SetSimulationState, name)
         self._reset = self.create_client(ResetSimulation, f"{simulation}/reset_simulation")
         self._step = self.create_client(StepSimulation, f"{simulation}/step_simulation")
-        self._messages = StateMessages(task.dynamics.model)
+        self._messages = StateMessages(state_layout(task.dynamics.model))
         self._messages.subscribe(self.create_subscription, self._take_state, STREAM)
         self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
         if task.signals.names:

@@ -24,6 +24,7 @@ from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
+from vgps_ros.core.signals import SOURCE, Command, Signals
 from vgps_ros.messages.conversions import (
     commands_from_twist,
     signals_from_msg,
@@ -34,7 +35,6 @@ from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
-from vgps_ros.tasks.signals import SOURCE, Command, Signals
 
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",

@@ -13,6 +13,7 @@ Where its law must not drive, the safe action does; `safety.supervisor` decides.
 
 import time
 from abc import abstractmethod
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -59,12 +60,15 @@ from vgps_ros.ros_runtime.qos import (
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
-from vgps_ros.safety.poses import PoseMotion, PoseSettings, keyframe_state
+from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Answer, Supervisor
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import make_deployment
 from vgps_ros.tasks.registry import TASK
 
+DEPLOYED_TASK = replace(
+    TASK, description=f"{TASK.description}, or the file of 'vgps export --deployment'"
+)
 AUTOSTART = Setting("autostart", True, "whether to configure and activate once, at start")
 SETTLE_DURATION = Setting(
     "settle_duration",
@@ -112,7 +116,7 @@ IMU_FRAME = Setting(
 )
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
-_LOADED = {"task", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
+_LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
 
 
 class Controller(LifecycleNode):
@@ -121,7 +125,7 @@ class Controller(LifecycleNode):
     With `needs_policy` no state is answered before there is a policy.
 
     Attributes:
-        task: the control problem.
+        robot: what it has to know of the task.
         health: the node's diagnostics.
         instructions: what it is told as it runs, commands and a clock.
         training: the policy and the trajectory distributions of a training.
@@ -129,9 +133,9 @@ class Controller(LifecycleNode):
 
     def __init__(self, name: str, *, needs_policy: bool):
         super().__init__(name)
-        self.task = make_task(declare(self, TASK))
+        self.robot = make_deployment(declare(self, DEPLOYED_TASK))
         self._needs_policy = needs_policy
-        self._sender = CommandSender(self, self.task.controls.names)
+        self._sender = CommandSender(self, self.robot.controls.names)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
         self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         for setting in (SENSOR_TOLERANCE, BASE_FROM):
@@ -141,20 +145,20 @@ class Controller(LifecycleNode):
             declare(self, setting, may_change=True)
         declare(self, SETTLE_DURATION)
         when_alone = self._start if declare(self, AUTOSTART) else self._tell_how_to_start
-        limits = tuple(self.task.controls.largest.tolist())
+        limits = tuple(self.robot.controls.largest.tolist())
         rate = max(limits) / _RISE if self._is_real and max(limits) < CONTROL_BOUND else 0.0
         settings = SafetySettings(torque_limits=limits, torque_rate_limit=rate)
         self._settings = declare_settings(self, settings)
         self._poses = declare_settings(self, PoseSettings())
-        base_frame = StateMessages(self.task.dynamics.model, **self._frames).base_frame
-        self.instructions = Instructions(self, self.task.signals, base_frame)
-        self._told_of = self.task.signals, self.task.controls.names
+        base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
+        self.instructions = Instructions(self, self.robot.signals, base_frame)
+        self._told_of = self.robot.signals, self.robot.controls.names
         self.health = Health(self, owns=self._sender.topics, when_alone=when_alone)
         self.instructions.report_to(self.health)
         self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
         self._set_active(False)
         self._sender.open(self.health)
-        self._watchdog = steady_timer(self, self.task.dynamics.time_step, self._watch)
+        self._watchdog = steady_timer(self, self.robot.time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
         self._emergency = ""  # why nothing may move
         self._is_starting = False  # True while it configures itself, and ends where it cannot
@@ -215,36 +219,35 @@ class Controller(LifecycleNode):
 
     def _load(self) -> None:
         self._kept = {*self.subscriptions, *self.publishers}
-        if "task" not in vars(self):  # it was freed
-            self.task = make_task(value(self, TASK))
-            if (self.task.signals, self.task.controls.names) != self._told_of:
+        if "robot" not in vars(self):  # it was freed
+            self.robot = make_deployment(value(self, DEPLOYED_TASK))
+            if (self.robot.signals, self.robot.controls.names) != self._told_of:
                 raise InvalidInputError(
-                    f"The task {self.task.name} has other commands, clock or controls than at the "
+                    f"The task {self.robot.name} has other commands, clock or controls than at the "
                     "node's start, from which its parameters are: start the node again."
                 )
-        settings, dynamics = self._settings, self.task.dynamics
-        model, time_step = dynamics.model, dynamics.time_step
+        settings, poses, robot = self._settings, self._poses, self.robot
+        time_step = robot.time_step
         self._times = AnswerTimes(self.health, time_step)
-        start, poses = self.task.initial_state, self._poses
-        self._standing = keyframe_state(model, "stand_keyframe", poses.stand_keyframe, start)
-        self._sitting = keyframe_state(model, "sit_keyframe", poses.sit_keyframe, start)
+        self._standing = robot.pose("stand_keyframe", poses.stand_keyframe)
+        self._sitting = robot.pose("sit_keyframe", poses.sit_keyframe)
         # A policy that comes before activation is kept for it.
         self.training = TrainingResults(
             self,
-            self.task,
+            robot,
             self.health,
             needs_policy=self._needs_policy,
             needs_distribution=settings.needs_distribution,
         )
         self._controls = controls = self.training.controls
         self._sender.configure(controls)
-        broken, marginals = self.task.limits.broken, self.training.marginals
+        broken, marginals = robot.limits.broken, self.training.marginals
         self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
         # Of a real robot no other node of this project tells it, and a bag needs it.
-        self.create_publisher(String, MJCF, LATEST).publish(String(data=self.task.mjcf))
+        self.create_publisher(String, MJCF, LATEST).publish(String(data=robot.mjcf))
         gains = gains_to_msg(controls, self.get_clock().now().to_msg())
         self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
-        self._states = StateMessages(model, is_blind=self._is_blind(), **self._frames)
+        self._states = StateMessages(robot.layout, is_blind=self._is_blind(), **self._frames)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
         self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
         self._collector = (
@@ -389,13 +392,13 @@ class Controller(LifecycleNode):
         Raises:
             InvalidInputError: base_from says so, but something reads the base's place or velocity.
         """
-        wanted, base = value(self, BASE_FROM), StateMessages(self.task.dynamics.model).base
+        wanted, base = value(self, BASE_FROM), self.robot.layout.base
         if wanted == "odom" or base is None:
             return False
         place = ["plans"]  # which follow the whole state
         if self._needs_policy:
-            read = self.training.observation.readings, self.task.limits.readings
-            place = readings_of_place(base, self.task.initial_state, *read)
+            read = self.training.observation.readings, self.robot.limits.readings
+            place = readings_of_place(base, self.robot.initial_state, *read)
         if place and wanted == "imu":
             raise InvalidInputError(
                 f"base_from is imu, but {', '.join(place)} need the place or the velocity of the "

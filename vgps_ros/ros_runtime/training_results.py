@@ -2,6 +2,7 @@
 """The policy and the trajectory distributions that a controller takes, from topics and files."""
 
 from array import array
+from dataclasses import replace
 from pathlib import Path
 
 from rclpy.node import Node
@@ -21,14 +22,15 @@ from vgps_ros.messages.conversions import (
     policy_to_msg,
 )
 from vgps_ros.messages.names import POLICY_OF_ITERATION
+from vgps_ros.policies.deployment import Deployment
+from vgps_ros.policies.driver import Driver, driver_of
+from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST
 from vgps_ros.safety.training_marginals import TrainingMarginals
 from vgps_ros.storage.run_folder import load_distributions
-from vgps_ros.tasks import Task
-from vgps_ros.tasks.driver import Driver, driver_of, for_policy
 
 POLICY_FILE = Setting(
     "policy_file",
@@ -53,7 +55,7 @@ class TrainingResults:
 
     Args:
         node: the node, which has declared POLICY_FILE and DISTRIBUTION_FILE.
-        task: the task that the results must be for.
+        robot: what is known of the task that the results must be for.
         health: the node's diagnostics.
         needs_policy: whether the node waits for a policy, which may be a third-party ONNX policy.
         needs_distribution: whether the node waits for a distribution.
@@ -71,17 +73,17 @@ class TrainingResults:
     def __init__(
         self,
         node: Node,
-        task: Task,
+        robot: Deployment,
         health: Health,
         *,
         needs_policy: bool,
         needs_distribution: bool,
     ):
         self.policy: ExecutedPolicy | None = None
-        self.observation = task.observation
-        self._node, self._task, self._health = node, task, health
+        self.observation = robot.observation
+        self._node, self._robot, self._health = node, robot, health
         self.marginals: dict[int, TrainingMarginals] = {}
-        self.controls = task.controls
+        self.controls = robot.controls
         self._needs_policy, self._waits_for_distribution = needs_policy, needs_distribution
         node.create_subscription(GaussianPolicyMsg, "policy", self._take_policy, LATCHED)
         if needs_distribution:
@@ -105,15 +107,15 @@ class TrainingResults:
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
-            one_of("the policy's task", message.task, [self._task.name])
-            if self.controls is not self._task.controls:
+            one_of("the policy's task", message.task, [self._robot.name])
+            if self.controls is not self._robot.controls:
                 raise InvalidInputError(
                     "its controls are those of the task, but this node drives servos with the "
                     "gains of its policy_file; start another one."
                 )
             file = PolicyFile("The policy", message.task, policy_from_msg(message))
-            driver = driver_of(self._task, file)
-            if self._task.observation.past and not self._needs_policy:
+            driver = driver_of(self._robot, file)
+            if self._robot.observation.past and not self._needs_policy:
                 raise InvalidInputError(
                     "it remembers former steps, of which a plan knows nothing; leave out "
                     "last_action and history of the task, or execute it by policy_executor."
@@ -141,21 +143,24 @@ class TrainingResults:
     def _publish_policy(self, path: Path) -> None:
         file = open_policy(path)
         if file.gaussian or file.task:
-            one_of("the policy's task", file.task, [self._task.name])
-        task = for_policy(self._task, file)
-        driver = driver_of(task, file)
+            one_of("the policy's task", file.task, [self._robot.name])
+        driver = driver_of(self._robot, file)
+        policy, controls = driver.policy, self.controls
+        if isinstance(policy, OnnxPolicy) and policy.stiffness.any():
+            controls = controls.in_closed_loops(policy.stiffness, policy.damping)
+            driver = driver_of(replace(self._robot, controls=controls), file)
         if file.gaussian:
             stamp = self._node.get_clock().now().to_msg()
             publisher = self._node.create_publisher(GaussianPolicyMsg, "policy", LATEST)
             publisher.publish(policy_to_msg(file.gaussian, file.task, 0, stamp))
         elif self._needs_policy:
-            if task is not self._task and self._waits_for_distribution:
+            if controls is not self.controls and self._waits_for_distribution:
                 raise InvalidInputError(
                     f"{file.name} drives servos, but a trajectory_distribution is about this "
                     "robot's motors; leave out distance_limit, distance_warning and "
                     "safe_action:=feedback."
                 )
-            self.controls = task.controls
+            self.controls = controls
             self._drive_by(driver, 0)
             # For a check of the bag. No node takes it: ONNX policies come from files alone.
             publisher = self._node.create_publisher(UInt8MultiArray, "onnx_policy", LATEST)
@@ -175,14 +180,14 @@ class TrainingResults:
             # Taken here too: the topic keeps the last few only.
             self._prepare(index, q, task)
             stamp = self._node.get_clock().now().to_msg()
-            publisher.publish(distribution_to_msg(q, self._task, index, 0, stamp))
+            publisher.publish(distribution_to_msg(q, self._robot, index, 0, stamp))
 
     def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
         """Hands on the marginals of the steps that a policy is trained on."""
-        one_of("the distribution's task", task, [self._task.name])
-        trained, n_u = q.first(self._task.horizon), self._task.dynamics.control_dim
-        observation = self._task.observation
-        told = self._task.signals.spread(observation.told)
+        one_of("the distribution's task", task, [self._robot.name])
+        trained, n_u = q.first(self._robot.horizon), len(self._robot.controls.names)
+        observation = self._robot.observation
+        told = self._robot.signals.spread(observation.told)
         self.marginals[index] = TrainingMarginals(trained, observation, n_u, told)
         self._waits_for_distribution = False
         self._health.arrived(_DISTRIBUTION)

@@ -3,10 +3,6 @@
 
 from dataclasses import dataclass
 
-import mujoco
-import numpy as np
-
-from vgps_ros.core.checks import one_of
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
@@ -86,17 +82,3 @@ class PoseMotion:
         elif self._duration:
             stiffness *= 1.0 - share
         return self._controls.pulling(state, at, stiffness, self._settings.pose_damping)
-
-
-def keyframe_state(model: mujoco.MjModel, setting: str, name: str, otherwise: Array) -> Array:
-    """Returns the state of a keyframe at rest, shape (n_x,); otherwise, if it has no name.
-
-    Raises:
-        InvalidInputError: the model has no such keyframe.
-    """
-    if not name:
-        return otherwise
-    one_of(setting, name, [model.key(i).name for i in range(model.nkey)])
-    state = np.zeros_like(otherwise)
-    state[: model.nq] = model.key(name).qpos
-    return state

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.signals import Command
 from vgps_ros.search.judgement import SETTLING, Achieved, settled
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import asked_path
-from vgps_ros.tasks.signals import Command
 
 _PLANAR = ("cmd_vel/linear/x", "cmd_vel/linear/y", "cmd_vel/angular/z")
 

@@ -12,8 +12,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.policies.driver import Driver
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.driver import Driver
 
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
 SPREAD: dict[str, Callable[[Array], Any]] = {

@@ -29,12 +29,12 @@ from vgps_ros.core.executed_control import RememberingPolicy
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.signals import Signals
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.evaluation import perturbed_starts
 from vgps_ros.search.settings import search_settings
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.driver import Driver
-from vgps_ros.tasks.signals import Signals
 
 TIMES = (20.0, 60.0)  # at which a long rollout is judged, beside its end [s]
 CHANGE = 3.0  # time after which commands are drawn anew [s]

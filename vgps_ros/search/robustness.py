@@ -16,6 +16,7 @@ import numpy as np
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import (
     PUSHES,
     SENSORS,
@@ -37,7 +38,6 @@ from vgps_ros.tasks.disturbed_task import (
     may_rub,
     on_dynamics,
 )
-from vgps_ros.tasks.driver import Driver
 
 ENOUGH = 0.9  # share of the rollouts that survive what a policy is said to bear
 

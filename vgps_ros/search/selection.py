@@ -14,6 +14,7 @@ import numpy as np
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import SELECTION, Achieved, changing_commands
 from vgps_ros.search.renewal import drawn_push
 from vgps_ros.search.robustness import Trials, behaviours
@@ -21,7 +22,6 @@ from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import UNDISTURBED
-from vgps_ros.tasks.driver import Driver
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
     if settings.renew.push:
         before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
-    found = behaviours(task, Driver.of(task, policy), pushes, trials)
+    found = behaviours(task, Driver.of(task.observation, policy), pushes, trials)
     commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
     if commands and not found.counts.any():

@@ -13,8 +13,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.settings import Setting, setting, settings_of, with_values
+from vgps_ros.core.signals import CommandSettings
 from vgps_ros.tasks.disturbance import DisturbanceSettings
-from vgps_ros.tasks.signals import CommandSettings
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task

@@ -16,7 +16,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotated
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.model import joint_names, state_names
 
 ROOT = "odom"  # of every robot, as REP-105 names the frame in which a robot starts
 FIXED = -1
@@ -142,18 +144,72 @@ class MovingLinks:
         return positions, rotations
 
 
-def product(a: Array, b: Array) -> Array:
-    """Returns the product of two quaternions (w, x, y, z)."""
-    result = np.empty(4)
-    mujoco.mju_mulQuat(result, a, b)
-    return result
+def state_layout(model: mujoco.MjModel) -> StateLayout:
+    """Returns what the numbers of a model's state are."""
+    bodies, frames = tuple(body_joints(model)), frame_names(model)
+    free = [body for body in bodies if body.is_free]
+    planar = None if free else _planar_base(model)
+    base = free[0] if free else planar
+    root = frames.index(base.name) if base else 0
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turns = {frames[i]: data.xquat[i] for i in range(model.nbody) if model.body_weldid[i] == root}
+    for i in range(model.nsite):
+        if model.body_weldid[model.site_bodyid[i]] == root and model.site(i).name:
+            turn = np.empty(4)
+            mujoco.mju_mat2Quat(turn, data.site_xmat[i])
+            turns.setdefault(model.site(i).name, turn)
+    back = data.xquat[root] * BACK
+    return StateLayout(
+        tuple(state_names(model)),
+        tuple(joint_names(model)),
+        model.nq + model.nv,
+        bodies,
+        planar,
+        model.body(min(1, model.nbody - 1)).name,
+        tuple(turns),
+        np.array([product(back, turn) for turn in turns.values()]),
+    )
 
 
-def rotated(vector: Array, quaternion: Array) -> Array:
-    """Returns a vector, shape (3,), turned by a unit quaternion (w, x, y, z)."""
-    result = np.empty(3)
-    mujoco.mju_rotVecQuat(result, vector, quaternion)
-    return result
+def body_joints(model: mujoco.MjModel) -> list[BodyJoint]:
+    """Returns the free and ball joints; a free one is named as its body, as frames are."""
+    found, frames = [], frame_names(model)
+    for i in range(model.njnt):
+        kind = _JOINT(model.jnt_type[i])
+        is_free = kind == _JOINT.mjJNT_FREE
+        if is_free or kind == _JOINT.mjJNT_BALL:
+            frame, joint = frames[model.jnt_bodyid[i]], model.joint(i).name
+            name = frame if is_free else (joint or frame)
+            places = int(model.jnt_qposadr[i]), model.nq + int(model.jnt_dofadr[i])
+            found.append(BodyJoint(name, is_free, *places))
+    return found
+
+
+def _planar_base(model: mujoco.MjModel) -> PlanarBase | None:
+    """Returns the first body on the world with slides and then a hinge, without motors, if any."""
+    driven = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT, 0]
+    slide, hinge = int(_JOINT.mjJNT_SLIDE), int(_JOINT.mjJNT_HINGE)
+    for body in np.flatnonzero(model.body_parentid[1:] == 0) + 1:
+        first, count = model.body_jntadr[body], model.body_jntnum[body]
+        joints = np.arange(first, first + count)
+        kinds = model.jnt_type[joints].tolist()
+        if kinds != [slide] * (count - 1) + [hinge] or count < 2 or np.isin(joints, driven).any():
+            continue
+        *slides, last = joints.tolist()
+        return PlanarBase(
+            frame_names(model)[body],
+            tuple(model.joint(i).name for i in joints),
+            tuple(model.jnt_qposadr[joints].tolist()),
+            tuple((model.nq + model.jnt_dofadr[joints]).tolist()),
+            model.qpos0[model.jnt_qposadr[joints]].copy(),
+            model.body_pos[body].copy(),
+            model.body_quat[body].copy(),
+            model.jnt_axis[slides].T.copy(),
+            model.jnt_axis[last].copy(),
+            model.jnt_pos[last].copy(),
+        )
+    return None
 
 
 def _unlike(name: str, others: list[str]) -> str:

@@ -14,8 +14,9 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
+from vgps_ros.core.bodies import rotated
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.frames import FIXED, ROOT, Link, links, rotated
+from vgps_ros.simulation.frames import FIXED, ROOT, Link, links
 
 _UNLIMITED = 1e6  # URDF demands limits also where the model has none [m, N, N·m, m/s, rad/s]
 _HIDDEN_GROUP = 3  # the first group of geometries that MuJoCo's own viewer does not show

@@ -17,8 +17,9 @@ from vgps_ros.core.checks import known, matching, quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
-from vgps_ros.core.observation import Observation
+from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
+from vgps_ros.core.signals import CLOCK, Command, Signals
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import (
     compile_model,
@@ -43,8 +44,7 @@ from vgps_ros.tasks.schema import (
     StateSpread,
     TaskFile,
 )
-from vgps_ros.tasks.signals import CLOCK, Command, Signals
-from vgps_ros.tasks.task import Conditions, Task
+from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_file import (
     Document,
     Place,

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A task under a disturbance, and draws of disturbances.
+"""A task on another robot: under a disturbance, which may be drawn, or with closed loops.
 
 The push is part of the dynamics, x_{t+1} = f_t(x_t, u_t), which are as deterministic as without it:
 an optimisation knows when it comes, rollouts and derivatives contain it. A policy does not know it,
@@ -19,9 +19,13 @@ import numpy as np
 from vgps_ros.core.checks import known
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
+from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import name_all
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
@@ -70,6 +74,34 @@ def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
         fallen=replace(task.fallen, readings=here(task.fallen.readings)),
         limits=replace(task.limits, readings=here(task.limits.readings)),
     )
+
+
+def in_closed_loops(task: Task, stiffness: Array, damping: Array) -> Task:
+    """Returns the task with servos in place of motors; see `simulation.controls.closed_loops`.
+
+    No cost of the task scores their controls, which are targets of positions.
+
+    Raises:
+        InvalidInputError: a gain does not suit its actuator.
+    """
+    mjcf = closed_loops(task.mjcf, stiffness, damping)
+    if mjcf == task.mjcf:
+        return task
+    cost = replace(task.cost, control_weights=np.zeros_like(stiffness))
+    dynamics = Dynamics(compile_model(mjcf), task.dynamics.substeps)
+    return on_dynamics(replace(task, mjcf=mjcf, cost=cost), dynamics)
+
+
+def for_policy(task: Task, file: PolicyFile) -> Task:
+    """Returns the task in whose robot the loops of a network's gains are closed.
+
+    Raises:
+        InvalidInputError: the network does not fit the robot.
+    """
+    policy = file.policy(task.controls)
+    if isinstance(policy, GaussianPolicy) or not policy.stiffness.any():
+        return task
+    return in_closed_loops(task, policy.stiffness, policy.damping)
 
 
 def draw_disturbance(

@@ -14,9 +14,9 @@ from vgps_ros.core.checks import known, matching
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.simulation.model import state_names
-from vgps_ros.tasks.driver import Driver, driver_of
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
 from vgps_ros.tasks.sampled_motion import SampledMotion, Sampler
 from vgps_ros.tasks.schema import Begin, Noise, PathMotion, Pd, RecordedMotion, Sampling
@@ -68,7 +68,7 @@ def with_demonstration(task: Task, path: Path) -> Task:
     if not is_policy_file(path):
         recorded = load_demonstration(task, path)
         return replace(task, begin=Recorded(recorded), initial_state=recorded.states[0])
-    drive = partial(_driven, driver_of(task, open_policy(path)))
+    drive = partial(_driven, task.driver(open_policy(path)))
     shown = drive(task, task.initial_state, task.planned_horizon)
     sound = np.isfinite(shown.states).all(axis=1)
     if not sound.all():

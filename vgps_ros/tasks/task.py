@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""The record of a control problem, the conditions in which a robot has fallen, and a digest."""
+"""The record of a control problem, and a digest of it."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -14,51 +14,17 @@ from numpy.typing import NDArray
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.observation import Observation
+from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.signals import Signals
+from vgps_ros.policies.deployment import Deployment
+from vgps_ros.policies.driver import Driver, driver_of
+from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import deviation_names, joint_names
+from vgps_ros.simulation.frames import state_layout
+from vgps_ros.simulation.model import deviation_names, joint_names, sensor_numbers
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.signals import Signals
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Says whether any reading is outside its range.
-
-    Attributes:
-        readings: the r readings.
-        lowest: smallest value of each, shape (r,); -inf for none.
-        highest: largest value of each, shape (r,); inf for none.
-    """
-
-    readings: Readings
-    lowest: Array
-    highest: Array
-
-    def broken(self, state: Array) -> str:
-        """Says which reading of a state (n_x,) is outside its range; empty where none is."""
-        if not self.lowest.size:
-            return ""
-        rows = zip(
-            self.readings.names, self.readings(state), self.lowest, self.highest, strict=True
-        )
-        return next(
-            (
-                f"{name} is {value:.3g}, but the task allows {low:g} to {high:g}."
-                for name, value, low, high in rows
-                if not low <= value <= high
-            ),
-            "",
-        )
-
-    def __call__(self, states: Array) -> NDArray[np.bool_]:
-        """Returns whether one is outside, shape (...,), for states (..., n_x); a NaN is not."""
-        if not self.lowest.size:
-            return np.zeros(states.shape[:-1], dtype=bool)
-        values = self.readings(states)
-        return np.any((values < self.lowest) | (values > self.highest), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -202,6 +168,38 @@ class Task:
     def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
         """Returns the task with commands (n_c,) that do not change, and the clock's first φ."""
         return self.in_context(self.signals.held(commands, self.planned_horizon, phase))
+
+    @cached_property
+    def deployment(self) -> Deployment:
+        """What an executor has to know of the task."""
+        model, dynamics = self.dynamics.model, self.dynamics
+        still = np.zeros(model.nv + model.na)
+        keyframes = [model.key(i) for i in range(model.nkey)]
+        return Deployment(
+            name=self.name,
+            mjcf=self.mjcf,
+            time_step=dynamics.time_step,
+            horizon=self.horizon,
+            layout=state_layout(model),
+            controls=self.controls,
+            signals=self.signals,
+            initial_state=self.initial_state,
+            keyframes={key.name: np.r_[key.qpos, still] for key in keyframes if key.name},
+            observation=self.observation,
+            limits=self.limits,
+            read=partial(Readings, dynamics.simulations),
+            sensors=tuple(sensor_numbers(model)),
+        )
+
+    def driver(self, file: PolicyFile) -> Driver:
+        """Returns the policy of a file as one that drives the robot in the task's context.
+
+        Raises:
+            InvalidInputError: the policy does not fit the robot.
+        """
+        driver = driver_of(self.deployment, file)
+        observation = driver.observation.within(self.planned_context)
+        return replace(driver, observation=observation)
 
     @property
     def velocities(self) -> slice:

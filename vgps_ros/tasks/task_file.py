@@ -48,6 +48,7 @@ from vgps_ros.core.checks import listed, nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
+from vgps_ros.core.signals import SOURCE
 from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
 from vgps_ros.tasks.schema import (
     CostTerm,
@@ -59,7 +60,6 @@ from vgps_ros.tasks.schema import (
     Sensor,
     TaskFile,
 )
-from vgps_ros.tasks.signals import SOURCE
 
 Place = tuple[str | int, ...]  # keys and positions that lead to an entry
 R = TypeVar("R", bound=msgspec.Struct)

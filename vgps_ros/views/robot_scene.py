@@ -17,6 +17,7 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.simulation.controls import closed_loops, controls_of
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
@@ -57,7 +58,7 @@ class RobotScene:
         self._geometries = _geometries(model)
         self._centre: Array | None = None
         self._solutions: dict[int, tuple[TrajectoryDistribution, float]] = {}
-        self.states = StateMessages(model)
+        self.states = StateMessages(state_layout(model))
         self.state_names, self.deviation_names = state_names(model), deviation_names(model)
         self._joints, self._rates = (
             [self.state_names.index(f"{name}/{kind}") for name in self.states.joint_names]

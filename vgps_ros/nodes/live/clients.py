@@ -17,9 +17,9 @@ from simulation_interfaces.srv import (
 )
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.signals import Command
 from vgps_ros.ros_runtime.commands import FACTS, commands_of
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.tasks.signals import Command
 
 # Parameters of a planner, as the node `mpc` has them.
 _READINGS, _TARGETS, _WEIGHTS = "cost.readings", "cost.targets", "cost.weights"

@@ -36,6 +36,7 @@ from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
 from vgps_ros.ros_runtime.runner import run
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model
 
 PORT = Setting(
@@ -151,7 +152,7 @@ class Live(Node):
             return  # several nodes publish the same description
         try:
             model = compile_model(message.data)
-            self._states = states = StateMessages(model)
+            self._states = states = StateMessages(state_layout(model))
         except InvalidInputError as error:
             self._health.report("robot", error=f"Left out a robot: {error}")
             return

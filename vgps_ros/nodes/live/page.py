@@ -24,9 +24,9 @@ from websockets.typing import Origin
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.core.signals import Command, Signals
 from vgps_ros.nodes.live.robot import LiveRobot
 from vgps_ros.search.metrics import IterationMetrics
-from vgps_ros.tasks.signals import Command, Signals
 
 if TYPE_CHECKING:
     from vgps_ros.nodes.live.node import Live

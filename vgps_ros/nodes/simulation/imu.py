@@ -13,16 +13,16 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
+from vgps_ros.core.bodies import BACK, product, rotated
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import setting
-from vgps_ros.messages.body_poses import BACK, put
+from vgps_ros.messages.body_poses import put
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import IMU, StateMessages
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import STREAM, lively
-from vgps_ros.simulation.frames import product, rotated
 
 _FIELDS, _AXES = ("orientation", "angular_velocity", "linear_acceleration"), ("wxyz", "xyz", "xyz")
 

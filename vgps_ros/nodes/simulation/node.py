@@ -40,10 +40,11 @@ from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import run, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.driver import in_closed_loops
+from vgps_ros.tasks.disturbed_task import in_closed_loops
 from vgps_ros.tasks.registry import TASK
 
 MODE = Setting(
@@ -95,7 +96,7 @@ class SimulationNode(Node):
     def __init__(self) -> None:
         super().__init__("simulation")
         self._task = self._motors = make_task(declare(self, TASK))
-        self._messages = StateMessages(self._task.dynamics.model)
+        self._messages = StateMessages(state_layout(self._task.dynamics.model))
         self._initial_state = Setting(
             "initial_state",
             tuple(self._task.initial_state.tolist()),

@@ -18,11 +18,13 @@ from simulation_interfaces.msg import (
 )
 from simulation_interfaces.srv import SetEntityState
 
+from vgps_ros.core.bodies import BodyJoint
 from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_poses import BodyJoint, body_joints
+from vgps_ros.messages.body_poses import read_body
+from vgps_ros.simulation.frames import body_joints
 from vgps_ros.tasks import Task
 
 WORLD = "world"
@@ -113,7 +115,7 @@ class RobotEntity:
         x = x.copy()
         _, rotation, linear, angular = self.base.parts(x)
         try:
-            self.base.read(x, "state", state.pose.position, state.pose.orientation, Twist())
+            read_body(self.base, x, "state", state.pose.position, state.pose.orientation, Twist())
             _check_bounds("position", x)
         except InvalidInputError as error:
             raise RefusedError(SetEntityState.Response.INVALID_POSE, str(error)) from error

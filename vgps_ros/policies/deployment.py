@@ -1,0 +1,281 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""What a robot's executor has to know of a task, which a file can hold: then it takes no MuJoCo.
+
+The file has no kinematics. What a policy reads of the state must be linear in what sensors measure:
+
+    h(x) = W (1, x, sin q, cos q, R, Rᵀv, Rω),                                           (1)
+
+where q are the hinges, R, v and ω are the free base's rotation, its linear velocity in the world's
+axes and its angular velocity in its own. That holds of joints, of gravity's direction, of a gyro,
+a velocimeter and the pose of the base or what is fixed to it; not of the height of a foot. W is
+fitted to the model's readings, and tried on states that it was not fitted to.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgps_ros.core.bodies import StateLayout
+from vgps_ros.core.checks import nearest, one_of, quoted
+from vgps_ros.core.controls import Controls
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.memory import PastInputs
+from vgps_ros.core.observation import Conditions, Observation, StateReadings
+from vgps_ros.core.records import Array
+from vgps_ros.core.signals import Signals
+from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
+
+SUFFIX = ".deployment.json"
+_FORMAT = 1
+_EPS = 1e-6  # perturbation of the finite differences
+_EXACT = 1e-9  # largest deviation of a reading from what is fitted to it
+_DIGITS = 12  # to which the weights are rounded, so that 0 and 1 are exact
+
+Reader = Callable[[Sequence[str]], StateReadings]
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """What an executor has to know of a task.
+
+    Attributes:
+        name: the task's name.
+        mjcf: the robot's MJCF, which bags need; nothing here compiles it.
+        time_step: time of a control step [s].
+        horizon: T, the number of steps of a trajectory distribution that were trained on.
+        layout: what the numbers of a state are.
+        controls: what the robot's controls are.
+        signals: the commands and the clock.
+        initial_state: in which the robot stands, shape (n_x,).
+        keyframes: other poses by name, as states at rest, shape (n_x,).
+        observation: what a policy of the task reads.
+        limits: in which states the policy must not drive.
+        read: returns readings by their names, for a third-party policy.
+        sensors: names of the readings that sensors of the model give.
+    """
+
+    name: str
+    mjcf: str
+    time_step: float
+    horizon: int
+    layout: StateLayout
+    controls: Controls
+    signals: Signals
+    initial_state: Array
+    keyframes: dict[str, Array]
+    observation: Observation
+    limits: Conditions
+    read: Reader
+    sensors: tuple[str, ...] = ()
+
+    def pose(self, setting: str, keyframe: str) -> Array:
+        """Returns the state of a keyframe at rest, shape (n_x,); the initial one, if it is empty.
+
+        Raises:
+            InvalidInputError: there is no such keyframe; the error names the setting.
+        """
+        if not keyframe:
+            return self.initial_state
+        one_of(setting, keyframe, list(self.keyframes))
+        return self.keyframes[keyframe]
+
+
+class MeasuredReadings:
+    """Reads r numbers of states by (1), with their derivatives; an `Observation` of them.
+
+    Attributes:
+        names: name of each number.
+        space: space of the states.
+    """
+
+    needs_controls = False
+
+    def __init__(self, layout: StateLayout, names: Sequence[str], weights: Array):
+        self.names, self.space = tuple(names), layout.space
+        self._layout, self._weights = layout, weights
+
+    def __call__(self, states: Array) -> Array:
+        """Returns the numbers, shape (..., r), for states (..., n_x)."""
+        return np.asarray(_measured(self._layout, states) @ self._weights.T)
+
+    def pull_back(self, jacobians: Array, states: Array) -> Array:
+        """Returns J ∂h/∂δ, shape (..., m, n_dx), for J (..., m, r) at states (..., n_x)."""
+        steps = _EPS * np.eye(self.space.tangent_dim)
+        here = states[..., None, :]
+        ahead, back = (self(self.space.add(here, side * steps)) for side in (1.0, -1.0))
+        slopes = (ahead - back) / (2.0 * _EPS)  # shape (..., n_dx, r)
+        return np.asarray(jacobians @ np.swapaxes(slopes, -1, -2))
+
+
+def _measured(layout: StateLayout, states: Array) -> Array:
+    """Returns the numbers to the right of W in (1), shape (..., f)."""
+    hinges = states[..., layout.places(layout.joints)[: len(layout.joints)]]
+    parts = [np.ones((*states.shape[:-1], 1)), states, np.sin(hinges), np.cos(hinges)]
+    if layout.base:
+        _, q, v, omega = layout.base.parts(states)
+        w, x, y, z = np.moveaxis(q, -1, 0)
+        rows = [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+        rotation = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+        parts += [
+            rotation.reshape(*states.shape[:-1], 9),
+            (v[..., None, :] @ rotation)[..., 0, :],
+            (rotation @ omega[..., None])[..., 0],
+        ]
+    return np.concatenate(parts, axis=-1)
+
+
+def _width(layout: StateLayout) -> int:
+    """Returns f, the number of columns of W."""
+    return _measured(layout, np.zeros(len(layout.names))).size
+
+
+def _fitted(layout: StateLayout, read: Reader, names: Sequence[str]) -> dict[str, Array]:
+    """Returns the weights (f,) of the readings of which (1) holds, by name."""
+    rng, states = np.random.default_rng(0), []
+    width = _width(layout)
+    for _ in range(2):
+        x = rng.standard_normal((2 * width, len(layout.names)))
+        for first in layout.space.quaternions:
+            x[:, first : first + 4] /= np.linalg.norm(x[:, first : first + 4], axis=1)[:, None]
+        states.append(x)
+    known, tried = (read(names)(x) for x in states)
+    weights = np.linalg.lstsq(_measured(layout, states[0]), known, rcond=None)[0]
+    weights = np.round(weights, _DIGITS) + 0.0
+    error = np.abs(_measured(layout, states[1]) @ weights - tried).max(axis=0, initial=0.0)
+    return {name: weights[:, i] for i, name in enumerate(names) if error[i] < _EXACT}
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What the file holds."""
+
+    name: str
+    mjcf: str
+    time_step: float
+    horizon: int
+    layout: StateLayout
+    controls: Controls
+    signals: Signals
+    initial_state: Array
+    keyframes: tuple[str, ...]
+    poses: Array
+    read: tuple[str, ...]
+    told: tuple[str, ...]
+    past: PastInputs | None
+    limited: tuple[str, ...]
+    lowest: Array
+    highest: Array
+    sensors: tuple[str, ...]
+    weights: Array
+
+    def readings(self, names: Sequence[str]) -> MeasuredReadings:
+        """Returns readings by their names; see `Deployment`.
+
+        Raises:
+            InvalidInputError: there is none of a name.
+        """
+        known = {name: i for i, name in enumerate(self.names)}
+        for name in names:
+            if name not in known:
+                raise InvalidInputError(
+                    f"The robot has no reading {quoted(name)}; name a sensor's number or a joint's "
+                    f"coordinate, such as {self.names[0]}.{nearest(name, known)}"
+                )
+        width = _width(self.layout)
+        plain = np.eye(width)[1 : 1 + len(self.names) - len(self.sensors)]
+        every = np.concatenate([plain, self.weights.reshape(-1, width)])
+        return MeasuredReadings(self.layout, names, every[[known[name] for name in names]])
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of all readings."""
+        turned = (f"{joint}/{of}" for of in ("sin", "cos") for joint in self.layout.joints)
+        return (*self.layout.names, *turned, *self.sensors)
+
+
+def write_deployment(deployment: Deployment, path: Path) -> None:
+    """Writes a deployment that `read_deployment` reads back.
+
+    Raises:
+        InvalidInputError: the policy or the limits read what only the model can tell.
+    """
+    layout, observation, limits = deployment.layout, deployment.observation, deployment.limits
+    read = (*observation.readings.names, *limits.readings.names)
+    plain = {*layout.names, *(f"{joint}/{of}" for joint in layout.joints for of in ("sin", "cos"))}
+    names = [name for name in dict.fromkeys((*read, *deployment.sensors)) if name not in plain]
+    fitted = _fitted(layout, deployment.read, names) if names else {}
+    if lacking := [name for name in read if name not in plain and name not in fitted]:
+        raise InvalidInputError(
+            f"{deployment.name} reads {quoted(lacking[0])}, which follows from no measurement "
+            "without the robot's model; let observe and limits name joints and what the base "
+            "feels, or let the executor load the task."
+        )
+    content = _Content(
+        *(deployment.name, deployment.mjcf, deployment.time_step, deployment.horizon),
+        *(layout, deployment.controls, deployment.signals, deployment.initial_state),
+        tuple(deployment.keyframes),
+        np.array(list(deployment.keyframes.values())).reshape(-1, len(layout.names)),
+        *(observation.readings.names, observation.told, observation.past),
+        *(limits.readings.names, limits.lowest, limits.highest),
+        tuple(fitted),
+        np.array(list(fitted.values())).reshape(-1, _width(layout)),
+    )
+    arrays: dict[str, Array] = {}
+    tree = {"format": _FORMAT, "deployment": to_tree(content, arrays)}
+    write_json(path, tree | {"arrays": {name: _listed(array) for name, array in arrays.items()}})
+
+
+def read_deployment(path: Path) -> Deployment:
+    """Reads a deployment.
+
+    Raises:
+        InvalidInputError: the file is missing, or is none.
+    """
+    try:
+        tree: Any = read_json(path)
+        if tree["format"] != _FORMAT:
+            raise ValueError(f"its format is {tree['format']}, but this version reads {_FORMAT}")
+        arrays = {name: np.array(each, dtype=float) for name, each in tree["arrays"].items()}
+        entries = dict(tree["deployment"])
+        content: _Content = from_entries(_Content, entries, arrays)
+        states = content.poses.reshape(-1, len(content.layout.names))
+        poses = dict(zip(content.keyframes, states, strict=True))
+        observation = Observation.of(
+            content.readings(content.read), content.told, content.signals.names, content.past
+        )
+        limits = Conditions(content.readings(content.limited), content.lowest, content.highest)
+        limits.broken(content.initial_state), observation.readings(content.initial_state)
+    except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise InvalidInputError(
+            f"'{path}' is no deployment ({error}); write one with 'vgps export --deployment'."
+        ) from error
+    return Deployment(
+        name=content.name,
+        mjcf=content.mjcf,
+        time_step=content.time_step,
+        horizon=content.horizon,
+        layout=content.layout,
+        controls=content.controls,
+        signals=content.signals,
+        initial_state=content.initial_state,
+        keyframes=poses,
+        observation=observation,
+        limits=limits,
+        read=content.readings,
+        sensors=content.sensors,
+    )
+
+
+def _listed(array: Array) -> list[Any]:
+    """Returns an array as lists, with what JSON cannot hold as text."""
+    plain = array.astype(object)
+    plain[~np.isfinite(array)] = array[~np.isfinite(array)].astype(str)
+    return plain.tolist()
