@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import compiled_network, network_output
+from vgps_ros.core.executed_control import ExactMean
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_network import Passes, Standardization
+from vgps_ros.simulation.compiled_loops import compiled_network, network_output
 
 MODULES = {
     # Beyond the threshold torch returns z; its default of 20 costs 2e-9.
@@ -64,6 +65,8 @@ def test_the_network_is_that_of_torch_s_modules_wherever_it_is_written(
         a[:3] = each
         network_output(network, a, z)
         compiled.append(a[:2].copy())
+    exact = ExactMean(policy)
+    assert_array_equal([exact(each) for each in inputs], compiled)  # bit for bit
     raw = Standardization(policy.architecture, np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
     fitted = Passes(policy.architecture, policy.parameters, raw.inputs(inputs)).outputs.numpy().T
     for name, found in (

@@ -1,22 +1,20 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The controls of a policy that drives a robot: the same bits on every machine.
 
-The network is compiled; up to rounding it computes the same as `GaussianPolicy.mean`. Each sum has
-one order, no multiplication is fused with an addition (the compiler does so only where it is
-allowed to), and the activations use nothing but additions, multiplications and divisions, which
-IEEE 754 defines to the last bit. BLAS and libm would choose their code by the processor.
+Up to rounding the network computes the same as `GaussianPolicy.mean`. Each sum has one order, no
+multiplication is fused with an addition, and the activations use nothing but additions,
+multiplications and divisions, which IEEE 754 defines to the last bit. BLAS and libm would choose
+their code by the processor. Rollouts compute the same bits in a compiled loop
+(`simulation.compiled_loops`).
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
 from vgps_ros.core.memory import Memory, PastInputs
-from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 
@@ -42,20 +40,31 @@ class Policy(Protocol):
         """
 
 
-class _CompiledMean:
+class ExactMean:
     """μ_θ of a policy of ours, which has the same bits on every machine."""
 
     def __init__(self, policy: GaussianPolicy):
-        self._network = compiled_network(policy)
-        widest = max(policy.architecture.layer_sizes)
-        self._a, self._z = np.empty(widest), np.empty(widest)
-        self._control_dim = policy.architecture.control_dim
-        self(np.zeros(len(policy.observed)))  # loads the compiled code
+        shape, parameters, start = policy.architecture, np.array(policy.parameters), 0
+        self._activation = shape.activation
+        self._layers = list[tuple[Array, Array]]()  # Wᵀ and b
+        sizes = zip(shape.layer_sizes, shape.layer_sizes[1:], shape.biased, strict=False)
+        for n_in, n_out, has_bias in sizes:
+            end = start + n_out * n_in
+            weights = parameters[start:end].reshape(n_out, n_in).T.copy()
+            start = end + n_out * has_bias
+            bias = parameters[end:start] if has_bias else np.zeros(n_out)
+            self._layers.append((weights, bias))
 
     def __call__(self, inputs: Array) -> Array:
-        self._a[: len(inputs)] = inputs
-        network_output(self._network, self._a, self._z)
-        return self._a[: self._control_dim].copy()
+        """Returns μ(o), shape (..., n_u), for o of shape (..., n_o)."""
+        a, last = inputs.reshape(-1, inputs.shape[-1]), len(self._layers) - 1
+        for i, (weights, bias) in enumerate(self._layers):
+            terms = np.empty((1 + len(weights), len(a), len(bias)))
+            terms[0] = bias
+            np.multiply(a.T[..., None], weights[:, None], out=terms[1:])
+            z = np.add.accumulate(terms, axis=0)[-1]  # one after another
+            a = _activated(self._activation, z) if i < last else z
+        return a.reshape(*inputs.shape[:-1], -1)
 
 
 class RememberingPolicy:
@@ -78,7 +87,7 @@ class RememberingPolicy:
         read = len(past.readings)
         self.observed = (*past.readings, *policy.observed[read + len(past.names) :])
         self.noise_std, self.steps = policy.noise_std, 1 + past.history
-        self._mean = _CompiledMean(policy)
+        self._mean = ExactMean(policy)
 
     def mean(self, inputs: Array) -> Array:
         """Returns μ(o) of first steps, shape (..., n_u), for inputs of shape (..., n)."""
@@ -98,7 +107,7 @@ class RememberingPolicy:
         read, told = np.split(inputs, [len(self.past.readings)], axis=1)
         memory = self.past.following(memory, read)
         rows = np.concatenate([self.past.numbers(memory), told], axis=1)
-        controls = np.array([self._mean(row) for row in rows]).reshape(len(rows), -1) + noise
+        controls = self._mean(rows) + noise
         return controls, self.past.acted(memory, controls)
 
     def actions_of(self, controls: Array, inputs: Array) -> Array:
@@ -128,7 +137,7 @@ class ExecutedPolicy:
     def __init__(self, policy: Policy):
         self.policy = policy
         self.mean: Callable[[Array], Array] = (
-            _CompiledMean(policy) if isinstance(policy, GaussianPolicy) else policy.mean
+            ExactMean(policy) if isinstance(policy, GaussianPolicy) else policy.mean
         )
         # Of one that may remember: RememberingPolicy, or a network of others.
         self._remembering: Any = policy if hasattr(policy, "answer") else None
@@ -172,75 +181,41 @@ class ExecutedPolicy:
         return self.mean(inputs) if seed is None else self.mean(inputs) + noise
 
 
-CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int]
-
-_ACTIVATIONS = tuple(ACTIVATIONS)
-_SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
-_SMALLEST_EXPONENT = 700.0  # exp of less is no longer a normal number, and is taken as zero
-_INVERSE_LOG_2 = 1.4426950408889634
+SMALLEST_EXPONENT = 700.0  # exp of less is no longer a normal number, and is taken as zero
+INVERSE_LOG_2 = 1.4426950408889634
 # The two parts of log 2; the first has so few bits that a product with n is exact.
-_LOG_2_HIGH, _LOG_2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+LOG_2_HIGH, LOG_2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
-def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
-    """Returns θ, the layers' sizes, which of them have biases, and the activation."""
-    shape = policy.architecture
-    return (
-        np.array(policy.parameters),
-        np.array(shape.layer_sizes),
-        np.array(shape.biased),
-        _ACTIVATIONS.index(shape.activation),
-    )
+def _activated(activation: str, z: Array) -> Array:
+    """Returns the activation of each z, shape (n,)."""
+    if activation == "softplus":
+        return np.asarray(np.maximum(z, 0.0) + _log1p(_exp(-np.abs(z))))
+    if activation == "tanh":
+        e = _exp(-2.0 * np.abs(z))
+        return np.copysign((1.0 - e) / (1.0 + e), z)
+    return np.maximum(z, 0.0)
 
 
-@compiled
-def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes μ_θ(o) over o, the beginning of a; a and z must be as long as the widest layer."""
-    parameters, sizes, biased, activation = network
-    start = 0
-    for layer in range(len(biased)):
-        n_in, n_out = sizes[layer], sizes[layer + 1]
-        end = start + n_out * n_in
-        for o in range(n_out):
-            z[o] = parameters[end + o] if biased[layer] else 0.0
-            for i in range(n_in):
-                z[o] += parameters[start + o * n_in + i] * a[i]
-        last = layer == len(biased) - 1
-        for o in range(n_out):
-            a[o] = z[o] if last else _activate(activation, z[o])
-        start = end + n_out if biased[layer] else end
-
-
-@compiled
-def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    if activation == _SOFTPLUS:
-        return max(z, 0.0) + _log1p(_exp(-abs(z)))
-    if activation == _TANH:
-        e = _exp(-2.0 * abs(z))
-        return math.copysign((1.0 - e) / (1.0 + e), z)
-    return max(z, 0.0)
-
-
-@compiled
-def _exp(z):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _exp(z: Array) -> Array:
     """Returns exp(z) for z ≤ 0: 2^n times the Taylor series at r = z − n log 2, |r| ≤ 0.35."""
-    if z < -_SMALLEST_EXPONENT:
-        return 0.0
-    n = np.floor(z * _INVERSE_LOG_2 + 0.5)
-    if n != n:
-        return z  # NaN
-    r = (z - n * _LOG_2_HIGH) - n * _LOG_2_LOW
-    series = 1.0
-    for k in range(14, 0, -1):
-        series = 1.0 + series * r / k
-    return math.ldexp(series, int(n))
+    sound = np.where(z >= -SMALLEST_EXPONENT, z, 0.0)
+    n = np.floor(sound * INVERSE_LOG_2 + 0.5)
+    r = (sound - n * LOG_2_HIGH) - n * LOG_2_LOW
+    series = np.ones_like(z)
+    for k in range(14, 0, -1):  # 1 + series * r / k, in place, since that is faster
+        series *= r
+        series /= k
+        series += 1.0
+    found = np.where(z < -SMALLEST_EXPONENT, 0.0, np.ldexp(series, n.astype(np.int32)))
+    return np.where(np.isnan(z), z, found)
 
 
-@compiled
-def _log1p(y):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _log1p(y: Array) -> Array:
     """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
     s = y / (2.0 + y)
-    series = 0.0
+    square, series = s * s, np.zeros_like(y)
     for k in range(33, 0, -2):
-        series = 1.0 / k + series * (s * s)
-    return 2.0 * s * series
+        series *= square
+        series += 1.0 / k
+    return np.asarray(2.0 * s * series)

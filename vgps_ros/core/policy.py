@@ -6,9 +6,9 @@ one hidden layer of soft rectifiers, a = log(1 + exp(z)), with biases in both la
 parameters counts weights and biases, 246 for the 10-unit walker as in the paper; the same rule
 gives 62 for the 5-unit swimmer, where the paper says 63. The noise σ is learned too, uncounted.
 
-The trajectory optimiser, fits and the robot evaluate the network by this module. Evaluations
-execute it in a compiled loop (`executed_control`), and the M-step differentiates it in torch
-(`policy_network`); a test holds that all three agree up to rounding.
+The trajectory optimiser and fits evaluate the network by this module. Robots and evaluations do so
+with bits that are the same on every machine (`executed_control`), and the M-step differentiates it
+in torch (`policy_network`); a test holds that all three agree up to rounding.
 """
 
 from collections.abc import Callable

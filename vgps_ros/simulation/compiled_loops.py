@@ -1,11 +1,21 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Rollouts in compiled loops, which call MuJoCo's C functions without Python."""
 
+import math
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
-from vgps_ros.core.executed_control import network_output
+from vgps_ros.core.executed_control import (
+    INVERSE_LOG_2,
+    LOG_2_HIGH,
+    LOG_2_LOW,
+    SMALLEST_EXPONENT,
+)
+from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
+from vgps_ros.core.records import Array
 from vgps_ros.simulation.compiled_readings import read
 from vgps_ros.simulation.compiled_states import (
     add,
@@ -155,3 +165,76 @@ def _clipped(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cov
 def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns whether all values are inside the bound; NaN is not."""
     return np.all(np.abs(values) < bound)
+
+
+CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int]
+
+_ACTIVATIONS = tuple(ACTIVATIONS)
+_SOFTPLUS, _TANH = _ACTIVATIONS.index("softplus"), _ACTIVATIONS.index("tanh")
+
+
+def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
+    """Returns θ, the layers' sizes, which of them have biases, and the activation."""
+    shape = policy.architecture
+    return (
+        np.array(policy.parameters),
+        np.array(shape.layer_sizes),
+        np.array(shape.biased),
+        _ACTIVATIONS.index(shape.activation),
+    )
+
+
+@compiled
+def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes μ_θ(o) over o, the beginning of a; a and z must be as long as the widest layer.
+
+    Its bits are those of `core.executed_control.ExactMean`.
+    """
+    parameters, sizes, biased, activation = network
+    start = 0
+    for layer in range(len(biased)):
+        n_in, n_out = sizes[layer], sizes[layer + 1]
+        end = start + n_out * n_in
+        for o in range(n_out):
+            z[o] = parameters[end + o] if biased[layer] else 0.0
+            for i in range(n_in):
+                z[o] += parameters[start + o * n_in + i] * a[i]
+        last = layer == len(biased) - 1
+        for o in range(n_out):
+            a[o] = z[o] if last else _activate(activation, z[o])
+        start = end + n_out if biased[layer] else end
+
+
+@compiled
+def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    if activation == _SOFTPLUS:
+        return max(z, 0.0) + _log1p(_exp(-abs(z)))
+    if activation == _TANH:
+        e = _exp(-2.0 * abs(z))
+        return math.copysign((1.0 - e) / (1.0 + e), z)
+    return max(z, 0.0)
+
+
+@compiled
+def _exp(z):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns exp(z) for z ≤ 0: 2^n times the Taylor series at r = z − n log 2, |r| ≤ 0.35."""
+    if z < -SMALLEST_EXPONENT:
+        return 0.0
+    n = np.floor(z * INVERSE_LOG_2 + 0.5)
+    if n != n:
+        return z  # NaN
+    r = (z - n * LOG_2_HIGH) - n * LOG_2_LOW
+    series = 1.0
+    for k in range(14, 0, -1):
+        series = 1.0 + series * r / k
+    return math.ldexp(series, int(n))
+
+
+@compiled
+def _log1p(y):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
+    s = y / (2.0 + y)
+    series = 0.0
+    for k in range(33, 0, -2):
+        series = 1.0 / k + series * (s * s)
+    return 2.0 * s * series

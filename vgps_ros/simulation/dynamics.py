@@ -23,7 +23,6 @@ import numpy as np
 
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
-from vgps_ros.core.executed_control import compiled_network
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
@@ -385,7 +384,7 @@ class Dynamics:
         controls = np.full((n, horizon, self.control_dim), np.nan)
         states[:, 0] = initial_states
         readings = cast("Readings", observation.readings)
-        network, plan = compiled_network(policy), readings.plan
+        network, plan = compiled_loops.compiled_network(policy), readings.plan
         told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
         told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))
         misread = np.empty((n, horizon, 0)) if sensor_noise is None else sensor_noise
