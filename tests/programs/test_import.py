@@ -159,7 +159,7 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
         assert cells == ["held", joint, place, "0", k_p]
     file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
     task = for_policy(task, file)
-    driver = driver_of(task, file)
+    driver = task.driver(file)
     assert list(task.controls.stiffness) == [20.0, 30.0, 40.0, 30.0]
     law, told = driver.started(), task.signals.held(task.signals.rest, 100)
     observed = driver.observation.within

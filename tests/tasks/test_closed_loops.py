@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Loops of positions that a robot closes at the simulator's rate, for networks with gains."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import onnx
@@ -10,7 +12,8 @@ from tests.onnx_models import elu_model
 from tests.servo_arm import LEG, SERVOS, write_arm
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.simulation.controls import closed_loops
+from vgps_ros.simulation.controls import closed_loops, controls_of
+from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbed_task import for_policy, in_closed_loops
 
@@ -44,6 +47,21 @@ def test_gains_that_chatter_when_they_are_held_for_a_control_period_rest(name, t
 
     assert at_last(task, held) > 5.0  # [rad/s]
     assert at_last(served, lambda _, x: served.controls.from_joints(pose)[None]) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["quadruped", "swimmer", "leg", "servos"])
+def test_an_executor_knows_closed_loops_without_the_model(name, tmp_path, rng):
+    models = {"leg": LEG, "servos": SERVOS}
+    task = make_task(write_arm(tmp_path, models[name]) if name in models else name)
+    n_u = len(task.controls.names)
+    gains = rng.uniform(1.0, 50.0, n_u), rng.uniform(0.0, 2.0, n_u)
+    model = compile_model(closed_loops(task.mjcf, *gains))
+    found, expected = task.controls.in_closed_loops(*gains), controls_of(model)
+    assert (found.kinds, found.units) == (expected.kinds, expected.units)
+    for field in dataclasses.fields(found):
+        one, other = (getattr(each, field.name) for each in (found, expected))
+        if isinstance(one, np.ndarray) or field.name == "limits":
+            np.testing.assert_allclose(one, other, rtol=1e-12, err_msg=field.name)
 
 
 def test_a_closed_loop_exerts_its_law_within_the_motors_limits(tmp_path, rng):

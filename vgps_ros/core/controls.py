@@ -166,7 +166,7 @@ class Controls:
     def in_closed_loops(self, stiffness: Array, damping: Array) -> "Controls":
         """Returns the controls where loops of positions are closed with other gains.
 
-        A motor keeps its limits of torque. What has these gains already stays as it is.
+        A motor keeps its limits of torque. What has these gains already, or shall have none, stays.
 
         Args:
             stiffness: k_p at each joint, shape (n_u,) [N·m/rad, N/m].
@@ -177,6 +177,7 @@ class Controls:
         """
         gains, own = np.array([stiffness, damping]), np.array([self.stiffness, self.damping])
         stays = np.isclose(gains, own, rtol=_SAME_GAIN, atol=0.0).all(axis=0)
+        stays |= ~gains.any(axis=0)
         fits = (self._are_motors | self._hold) & self._are_measured & (stiffness > 0.0)
         for i in np.flatnonzero(~stays & ~(fits & (damping >= 0.0))):
             raise InvalidInputError(

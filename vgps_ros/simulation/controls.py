@@ -24,7 +24,6 @@ _RELAXING = (
     (_BIAS.mjBIAS_NONE, _BIAS.mjBIAS_MUSCLE),
     (*_LAGGING, _DYNAMICS.mjDYN_MUSCLE),
 )
-_SAME_GAIN = 1e-5  # relative difference of two gains that are the same but for their text
 _UNITS = {  # where y is an angle, and where it is a length
     ControlKind.TORQUE: ("N·m", "N"),
     ControlKind.POSITION: ("rad", "m"),
@@ -131,25 +130,17 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     spec = mujoco.MjSpec.from_string(mjcf)
     model = spec.compile()
     controls, exact = controls_of(model), dict[int, dict[str, list[float]]]()
+    closed = controls.in_closed_loops(stiffness, damping)
     for i, actuator in enumerate(spec.actuators):
-        k_p, k_d = float(stiffness[i]), float(damping[i])
-        own = controls.stiffness[i], controls.damping[i]
-        if not (k_p or k_d) or np.allclose((k_p, k_d), own, rtol=_SAME_GAIN, atol=0.0):
+        k_p, k_d = float(closed.stiffness[i]), float(closed.damping[i])
+        if (k_p, k_d) == (controls.stiffness[i], controls.damping[i]):
             continue
-        is_driven = controls.kinds[i] in (ControlKind.TORQUE, ControlKind.FORCE)
-        is_driven |= controls.kinds[i] is ControlKind.POSITION
-        if not (k_p > 0.0 <= k_d and is_driven and controls.positions[i].any()):
-            raise InvalidInputError(
-                f"{controls.names[i]} shall have a stiffness of {k_p:g} and a damping of {k_d:g}; "
-                "but a loop needs a stiffness above 0, and a motor or servo of positions; change "
-                "joint_stiffness and joint_damping."
-            )
         low, high = (limit[i] for limit in controls.limits)
         _, gear, *_ = _coordinate(model, i)
         if controls.kinds[i] is ControlKind.POSITION:
-            ends = np.sort(controls.scale[i] * np.array([low, high]) + controls.offset[i])
-            actuator.ctrlrange = ends if np.isfinite(ends).all() else [0.0, 0.0]
-            actuator.ctrllimited = int(np.isfinite(ends).all())
+            low, high = (limit[i] for limit in closed.limits)
+            actuator.ctrllimited = int(np.isfinite(low))
+            actuator.ctrlrange = [low, high] if np.isfinite(low) else [0.0, 0.0]
         else:
             ends = np.sort(controls.strength[i] / gear * np.array([low, high]))
             actuator.ctrllimited, actuator.ctrlrange = 0, [0.0, 0.0]
