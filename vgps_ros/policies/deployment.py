@@ -29,7 +29,6 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Signals
 from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
 
-SUFFIX = ".deployment.json"
 _FORMAT = 1
 _EPS = 1e-6  # perturbation of the finite differences
 _EXACT = 1e-9  # largest deviation of a reading from what is fitted to it

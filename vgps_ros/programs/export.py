@@ -11,9 +11,12 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder, load_policy
+from vgps_ros.tasks import DEPLOYMENT
 
 if TYPE_CHECKING:
     from vgps_ros.core.policy import GaussianPolicy
@@ -37,16 +40,30 @@ def add_arguments(parser: Parser) -> None:
         metavar="FILE",
         help="also write the robot's MJCF with the task's changes and sensors, such as robot.xml",
     )
+    parser.add_argument(
+        "--deployment",
+        type=Path,
+        metavar="FILE",
+        help="also write what policy_executor has to know of the task, such as robot.json: named "
+        "as its parameter task, it drives without MuJoCo",
+    )
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     parser.add_settings(_PRECISION)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Exports the policy that the arguments name."""
-    outputs = [path for path in (arguments.output, arguments.mjcf) if path]
+    others = (arguments.mjcf, arguments.deployment)
+    outputs = [arguments.output, *(path for path in others if path)]
     refuse_existing(outputs, overwrite=arguments.overwrite)
+    if arguments.deployment and arguments.deployment.suffix != DEPLOYMENT:
+        raise InvalidInputError(
+            f"--deployment is {quoted(str(arguments.deployment))}, but the executor knows such a "
+            f"file by its suffix: name it {arguments.deployment.stem}{DEPLOYMENT}."
+        )
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
+    from vgps_ros.policies.deployment import write_deployment
     from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
@@ -58,6 +75,8 @@ def run(arguments: argparse.Namespace) -> None:
     content = to_onnx(exported, metadata(task, policy, arguments.run))
     with replacing(arguments.output) as file:
         file.write(content)
+    if arguments.deployment:
+        write_deployment(task.deployment, arguments.deployment)
     if arguments.mjcf:
         with replacing(arguments.mjcf) as file:
             file.write(task.mjcf.encode())
