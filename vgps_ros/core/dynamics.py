@@ -18,13 +18,15 @@ over δ.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
+
+if TYPE_CHECKING:  # an executor takes no SciPy
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,8 @@ class StateSpace:
         moved = states.copy()
         moved[..., self.plain[0]] += deviations[..., self.plain[1]]
         for at, rotation in self._rotations(states):
-            turned = rotation * Rotation.from_rotvec(_rows(deviations, at[1], states.shape))
-            quaternions = turned.as_quat(scalar_first=True)
+            turned = rotation * _turned(_rows(deviations, at[1], states.shape))
+            quaternions = np.roll(turned.as_quat(), 1, axis=-1)
             moved[..., at[0]] = quaternions.reshape(moved[..., at[0]].shape)
         return moved
 
@@ -80,7 +82,7 @@ class StateSpace:
         carried = jacobians.copy()
         for i, first in enumerate(self.quaternions):
             at = slice(first - i, first - i + 3)
-            turned = Rotation.from_rotvec(_rows(deviations, at, deviations.shape)).as_matrix()
+            turned = _turned(_rows(deviations, at, deviations.shape)).as_matrix()
             turned = turned.reshape(*deviations.shape[:-1], 3, 3)
             carried[..., at] = jacobians[..., at] @ np.swapaxes(turned, -1, -2)
         return carried
@@ -93,15 +95,24 @@ class StateSpace:
             in_x[first : first + 4] = in_dx[first - i : first - i + 3] = False
         return np.flatnonzero(in_x), np.flatnonzero(in_dx)
 
-    def _rotations(self, states: Array) -> list[tuple[tuple[slice, slice], Rotation]]:
+    def _rotations(self, states: Array) -> list[tuple[tuple[slice, slice], "Rotation"]]:
         """Returns each rotation of N states, with its places in x and in δ; NaN becomes none."""
+        from scipy.spatial.transform import Rotation
+
         found = []
         for i, first in enumerate(self.quaternions):
             places = slice(first, first + 4), slice(first - i, first - i + 3)
             rows = states[..., places[0]].reshape(-1, 4)
             sound = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, [1.0, 0, 0, 0])
-            found.append((places, Rotation.from_quat(sound, scalar_first=True)))
+            found.append((places, Rotation.from_quat(np.roll(sound, -1, axis=-1))))
         return found
+
+
+def _turned(vectors: Array) -> "Rotation":
+    """Returns the rotations by rotation vectors, one a row."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(vectors)
 
 
 def _rows(deviations: Array, at: slice, shape: tuple[int, ...]) -> Array:

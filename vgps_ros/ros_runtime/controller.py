@@ -15,6 +15,7 @@ import time
 from abc import abstractmethod
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 from rclpy.clock import JumpThreshold
@@ -47,6 +48,7 @@ from vgps_ros.messages.robot_state import (
     StateMessages,
     readings_of_place,
 )
+from vgps_ros.policies.deployment import Deployment
 from vgps_ros.ros_runtime.command_sender import AnswerTimes, CommandSender
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
@@ -63,7 +65,7 @@ from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE
 from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import Answer, Supervisor
-from vgps_ros.tasks import make_deployment
+from vgps_ros.tasks import DEPLOYMENT, make_deployment
 from vgps_ros.tasks.registry import TASK
 
 DEPLOYED_TASK = replace(
@@ -133,7 +135,7 @@ class Controller(LifecycleNode):
 
     def __init__(self, name: str, *, needs_policy: bool):
         super().__init__(name)
-        self.robot = make_deployment(declare(self, DEPLOYED_TASK))
+        self.robot = _robot(declare(self, DEPLOYED_TASK))
         self._needs_policy = needs_policy
         self._sender = CommandSender(self, self.robot.controls.names)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
@@ -220,7 +222,7 @@ class Controller(LifecycleNode):
     def _load(self) -> None:
         self._kept = {*self.subscriptions, *self.publishers}
         if "robot" not in vars(self):  # it was freed
-            self.robot = make_deployment(value(self, DEPLOYED_TASK))
+            self.robot = _robot(value(self, DEPLOYED_TASK))
             if (self.robot.signals, self.robot.controls.names) != self._told_of:
                 raise InvalidInputError(
                     f"The task {self.robot.name} has other commands, clock or controls than at the "
@@ -487,3 +489,10 @@ class Controller(LifecycleNode):
         self.health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
             self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
+
+
+def _robot(reference: str) -> Deployment:
+    """Returns what a controller has to know of a task; of a deployment file without MuJoCo."""
+    if not reference.endswith(DEPLOYMENT):
+        import_module("vgps_ros.simulation.warnings").silence_mujoco()
+    return make_deployment(reference)

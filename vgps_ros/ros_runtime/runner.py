@@ -13,6 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from types import FrameType
@@ -24,14 +25,10 @@ from rclpy.logging import get_logging_directory
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
-from rich import box
-from rich.table import Table
 
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.ros_runtime.parameters import DECLARED
 from vgps_ros.ros_runtime.services import guard_services
-from vgps_ros.simulation.warnings import silence_mujoco
-from vgps_ros.views.console import table_console
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -57,7 +54,8 @@ def run(
     """
     if (code := _answer_arguments(make_node)) is not None:
         return code
-    silence_mujoco()
+    if "mujoco" in sys.modules:  # an executor may do without it
+        import_module("vgps_ros.simulation.warnings").silence_mujoco()
     _on_signals(_interrupt_once)
     _initialise(sys.argv)
     executor, node, code = make_executor(), None, 0
@@ -205,6 +203,11 @@ def _show_help(make_node: Callable[[], Node], name: str) -> None:
         with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
             make_node().destroy_node()
         rclpy.try_shutdown()
+    from rich import box
+    from rich.table import Table
+
+    from vgps_ros.views.console import table_console
+
     table = Table(box=box.SIMPLE)
     for heading in ("parameter", "default", "what it does (valid values)"):
         table.add_column(heading, overflow="fold")
