@@ -58,10 +58,11 @@ def a_policy(task) -> GaussianPolicy:
 class Robot:
     """What stands in for hardware: it publishes what a test says, and keeps what comes."""
 
-    def __init__(self, graph, task, *, base=Imu, **parameters):
+    def __init__(self, graph, task, /, *, base=Imu, prefix=(), **parameters):
         self.graph, self.task, self.policy = graph, task, a_policy(task)
         name = "imu" if base is Imu else "odom"
-        self.executor = graph.start("policy_executor", task=task.name, **parameters)
+        named = {"task": task.name} | parameters
+        self.executor = graph.start("policy_executor", prefix=prefix, **named)
         self.commands = graph.messages(JointState, "joint_command")
         self.contexts = graph.messages(Signals, "context")
         qos = qos_profile_sensor_data if parameters.get("state_qos") else STREAM

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from functools import lru_cache, reduce
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -40,9 +40,11 @@ from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
 from vgps_ros.core.signals import Command
 from vgps_ros.messages.names import CMD_VEL
 from vgps_ros.policies.deployment import Deployment
-from vgps_ros.search.metrics import METRICS, IterationMetrics, result_content
-from vgps_ros.search.mpc import Plan
-from vgps_ros.tasks import Task
+
+if TYPE_CHECKING:  # an executor takes none of them
+    from vgps_ros.search.metrics import IterationMetrics
+    from vgps_ros.search.mpc import Plan
+    from vgps_ros.tasks import Task
 
 Kind = TypeVar("Kind")
 
@@ -159,7 +161,7 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
     return from_arrays(TrajectoryDistribution, arrays)
 
 
-def plan_to_msg(plan: Plan, task: Task, solve_time: float, stamp: Time) -> PlanMsg:
+def plan_to_msg(plan: "Plan", task: "Task", solve_time: float, stamp: Time) -> PlanMsg:
     """Returns a plan that took a time [s] as a message, stamped as the state it begins from."""
     states, controls = plan.trajectory.states, plan.trajectory.controls
     sizes = {"n_x": states.shape[1], "n_u": controls.shape[1]}
@@ -199,7 +201,7 @@ def _sizes(message: TrajectoryMsg) -> tuple[int, int, int]:
     return n_x, n_u, horizon
 
 
-def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> LearningProgress:
+def progress_to_msg(metrics: "IterationMetrics", *, stamp: Time, **run: Any) -> LearningProgress:
     """Returns the metrics of an iteration that has ended as a message.
 
     `run` has the run's task, method, seed, iterations and remaining_seconds.
@@ -208,8 +210,10 @@ def progress_to_msg(metrics: IterationMetrics, *, stamp: Time, **run: Any) -> Le
     return to_message(LearningProgress, metrics, header=header, iteration=metrics.k, **run)
 
 
-def progress_from_msg(message: LearningProgress) -> IterationMetrics:
+def progress_from_msg(message: LearningProgress) -> "IterationMetrics":
     """Returns the message's metrics; NaN stands for one that an older bag's messages lack."""
+    from vgps_ros.search.metrics import METRICS, IterationMetrics
+
     found = {name: plain(getattr(message, name, math.nan)) for name in METRICS}
     return IterationMetrics(k=message.iteration, **found)
 
@@ -219,6 +223,8 @@ def result_from_msgs(
 ) -> dict[str, Any]:
     """Returns the content of result.json of a training that messages tell of, at least one."""
     last, metrics = history[-1], [progress_from_msg(message) for message in history]
+    from vgps_ros.search.metrics import result_content
+
     return result_content(last.task, last.method, int(last.seed), policy, metrics)
 
 

@@ -25,6 +25,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import Signals as SignalsMsg
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import NO_CONTEXT
@@ -493,6 +494,12 @@ class Controller(LifecycleNode):
 
 def _robot(reference: str) -> Deployment:
     """Returns what a controller has to know of a task; of a deployment file without MuJoCo."""
-    if not reference.endswith(DEPLOYMENT):
-        import_module("vgps_ros.simulation.warnings").silence_mujoco()
-    return make_deployment(reference)
+    try:
+        if not reference.endswith(DEPLOYMENT):
+            import_module("vgps_ros.simulation.warnings").silence_mujoco()
+        return make_deployment(reference)
+    except ModuleNotFoundError as error:
+        raise InvalidInputError(
+            f"The task {quoted(reference)} needs the package {error.name}, which is not installed; "
+            "install it, or name the file of 'vgps export --deployment', which needs none."
+        ) from error
