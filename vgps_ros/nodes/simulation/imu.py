@@ -18,9 +18,8 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import setting
-from vgps_ros.messages.body_poses import put
 from vgps_ros.messages.conversions import stamp_of
-from vgps_ros.messages.robot_state import IMU, StateMessages
+from vgps_ros.messages.robot_state import IMU, StateMessages, put
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import STREAM, lively
 

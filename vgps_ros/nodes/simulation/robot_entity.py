@@ -23,7 +23,7 @@ from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
-from vgps_ros.messages.body_poses import read_body
+from vgps_ros.messages.robot_state import read_body
 from vgps_ros.simulation.frames import body_joints
 from vgps_ros.tasks import Task
 
