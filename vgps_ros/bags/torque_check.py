@@ -201,6 +201,8 @@ class _TorqueCheck:
                 wanted = policy.control(inputs, command.stamp, seed)
                 expected = executor.limiter.limited(wanted, command.stamp, state[0])
                 if kind := self._agreement(control, expected, policy, seed):
+                    if memory is FORGOTTEN:
+                        self._unsure = 0  # it began here
                     return kind, "", expected if kind in ("mean", "noisy") else control
             policy.remembered = kept
             policy.control(inputs, command.stamp, seed)

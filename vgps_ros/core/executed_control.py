@@ -152,6 +152,7 @@ class ExecutedPolicy:
         """Takes a control (n_u,) for the answer to the newest state, as one that was recorded."""
         stamp, memory, before = self.remembered
         action = self._remembering.actions_of(control[None], inputs[None])
+        action = np.append(action, memory.action[:, action.shape[1] :], axis=1)  # its own state
         self.remembered = (stamp, memory._replace(action=action), before)
 
     def _answered(self, inputs: Array, stamp: int, noise: Array | float) -> Array:

@@ -14,6 +14,7 @@ It is written in the metadata of the ONNX file, by the keys that mjlab writes an
 | `last_action` | the network's output one step before, 0 in the first | `actions` |
 | `velocity_commands` | what comes by cmd_vel: linear x and y, angular z | `command` |
 | `gait_phase` | sine and cosine of the clock | |
+| `state` | what the network gave behind its actions one step before; first `state_initial` | |
 
 Any other term is one number, by the name of a reading, a command or the clock. Each is clipped,
 then scaled. Of a term with a history the numbers of former steps come too; before the first step
@@ -39,7 +40,7 @@ BASE = "the free base"  # stands for the name of its joint among what a network 
 _ROTATION = tuple(f"{BASE}/q{axis}" for axis in "wxyz")
 _VELOCITY = tuple(f"{BASE}/v{axis}" for axis in "xyz")
 VELOCITY_COMMANDS = ("cmd_vel/linear/x", "cmd_vel/linear/y", "cmd_vel/angular/z")
-HELD = "held_joint_names"
+HELD, STATE = "held_joint_names", "state_initial"
 TOLD = ("command/", "clock/", "cmd_vel/")
 # Each term with the other names of it; the joints' are `joint_pos`, `joint_vel`, `last_action`.
 TERMS: dict[str, tuple[str, ...]] = {
@@ -51,6 +52,7 @@ TERMS: dict[str, tuple[str, ...]] = {
     "last_action": ("actions", "action"),
     "velocity_commands": ("command", "commands", "twist"),
     "gait_phase": (),
+    "state": (),
 }
 _OTHERS = {other: term for term, others in TERMS.items() for other in others}
 _READ = {
@@ -58,6 +60,7 @@ _READ = {
     "base_ang_vel": tuple(f"{BASE}/w{axis}" for axis in "xyz"),
     "projected_gravity": _ROTATION,
     "last_action": (),
+    "state": (),
     "velocity_commands": VELOCITY_COMMANDS,
     "gait_phase": ("clock/sin", "clock/cos"),
 }
@@ -104,7 +107,9 @@ class Contract:
         places: name, step before the newest one, and index of each number that the network reads.
         origin, scale, stiffness, damping: p_0, s, k_p and k_d of each joint, and then of each that
             is held.
-        action_clip: lowest and highest action, shapes (n_a,).
+        state: what a network with a state of its own begins with, shape (m,); it gives the next one
+            behind its actions.
+        action_clip: lowest and highest action, shapes (n_a + m,).
         looped: indices of the joints with k_p or k_d.
         felt: places in `observed` of their positions and then velocities.
         steps: how many steps, with the newest, the network reads.
@@ -136,7 +141,11 @@ class Contract:
         self.scale = of_joints("action_scale", 1.0)
         self.stiffness = of_joints("joint_stiffness", 0.0, "held_joint_stiffness")
         self.damping = of_joints("joint_damping", 0.0, "held_joint_damping")
-        self.action_clip = self._clips(metadata.get("action_clip", "-inf;inf"), count).T
+        begins = metadata.get(STATE, "")
+        self.state = numbers_of(metadata, STATE, 0.0, begins.count(",") + bool(begins), name, STATE)
+        clips = self._clips(metadata.get("action_clip", "-inf;inf"), count)
+        free = np.tile([-np.inf, np.inf], (len(self.state), 1))
+        self.action_clip = np.concatenate([clips, free]).T
         self.observation_clip = self._clips(metadata.get("observation_clip", "-inf;inf"), 1)[0]
         order = metadata.get("observation_order", "term")
         one_of(f"the metadata 'observation_order' of {name}", order, ["term", "time"])
@@ -154,7 +163,7 @@ class Contract:
         self._scale = np.concatenate([term.scale for term in self.terms])
         clips = np.repeat([t.clip for t in self.terms], [t.size for t in self.terms], axis=0)
         self._lowest, self._highest = clips.T
-        self.remembers = any(t.kind == "last_action" or max(t.lags) for t in self.terms)
+        self.remembers = any(t.kind in ("last_action", "state") or max(t.lags) for t in self.terms)
         self.steps = 1 + max(max(term.lags) for term in self.terms)
         if self.steps * len(self._scale) > _MOST:
             raise InvalidInputError(
@@ -210,7 +219,7 @@ class Contract:
             if kind in _OF_JOINTS:
                 read = tuple(f"{joint}/{_OF_JOINTS[kind]}" for joint in self.joints)
             size = {"base_lin_vel": 3, "projected_gravity": 3}.get(kind, len(read))
-            size = len(self.joints) if kind == "last_action" else size
+            size = {"last_action": len(self.joints), "state": len(self.state)}.get(kind, size)
             length = float(lengths[i][0])
             steps = np.arange(np.clip(length, 1.0, _LONGEST + 1.0))[::-1]
             steps = lags[i] if np.isfinite(lags[i]).all() else steps
@@ -281,7 +290,8 @@ class Contract:
             memory: of the step before; None: this is the first.
         """
         if memory is None:
-            action, before = np.zeros((len(inputs), len(self.joints))), None
+            first = np.append(np.zeros(len(self.joints)), self.state)
+            action, before = np.tile(first, (len(inputs), 1)), None
         else:
             action, before = memory
         parts = [
@@ -304,7 +314,9 @@ class Contract:
         if kind == "joint_pos":
             return read - self.origin[: len(self.joints)]
         if kind == "last_action":
-            return action
+            return action[:, : len(self.joints)]
+        if kind == "state":
+            return action[:, len(self.joints) :]
         if kind == "base_lin_vel":
             return _in_body(read[:, :4], read[:, 4:])
         if kind == "projected_gravity":

@@ -15,7 +15,7 @@ from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Signals
-from vgps_ros.policies.contract import BASE, TOLD, nearest_term
+from vgps_ros.policies.contract import BASE, TOLD, Contract, nearest_term
 from vgps_ros.policies.deployment import Deployment, Reader
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile
@@ -70,12 +70,12 @@ class Driver:
 
 
 def observation_of(
-    policy: AnyPolicy, layout: StateLayout, read: Reader, signals: Signals, name: str
+    policy: AnyPolicy | Contract, layout: StateLayout, read: Reader, signals: Signals, name: str
 ) -> Observation:
     """Returns what a policy reads of a robot's states and of what it is told.
 
     Args:
-        policy: the policy.
+        policy: the policy, or its contract.
         layout: what the numbers of the robot's state are.
         read: returns its readings by their names.
         signals: the commands and the clock of its task.

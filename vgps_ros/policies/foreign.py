@@ -1,6 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Reads what other projects write beside their policies, as the metadata of `policies.contract`."""
+"""Reads what other projects write beside their policies, as the metadata of `policies.contract`.
 
+A LEAPP bundle is a YAML file that says what an ONNX file's tensors are, and what each state begins
+with. `read_leapp` joins the tensors that go in to one vector, and those that drive the robot, with
+the states behind them, to another.
+"""
+
+import hashlib
+import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,8 +20,9 @@ from vgps_ros.core.checks import nearest, one_of, quoted
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.policies.contract import HELD
-from vgps_ros.policies.onnx_file import names_of, with_commas
+from vgps_ros.policies.contract import BASE, HELD
+from vgps_ros.policies.onnx_file import joined, names_of, read_bytes, with_commas, with_metadata
+from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.storage.files import read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
@@ -74,6 +83,152 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
             "docs/how_to/import_a_policy.md."
         )
     return _said(content)
+
+
+# Of LEAPP's kinds of inputs: the words that stand for the names of their elements.
+_OF_LEAPP = {
+    "state/joint/position": "{}/position",
+    "state/joint/velocity": "{}/velocity",
+    "state/body/position": f"{BASE}/{{}}",
+    "state/body/rotation": f"{BASE}/{{}}",
+}
+_VECTORS_OF_LEAPP = {
+    "state/body/linear_velocity": "base_lin_vel",
+    "state/body/angular_velocity": "base_ang_vel",
+    "command/body/velocity": "velocity_commands",
+}
+_ELEMENTS = {
+    "state/body/position": ("x", "y", "z"),
+    "state/body/rotation": ("qx", "qy", "qz", "qw"),
+}
+_DRIVEN_BY = {
+    "target/joint/position": "position",
+    "target/joint/velocity": "velocity",
+    "target/joint/effort": "torque",
+    "target/joint/torques": "torque",
+}
+_GAINS = {"kp": "joint_stiffness", "kd": "joint_damping"}
+_NUMBERS = {"F32": "<f4", "F64": "<f8", "I32": "<i4", "I64": "<i8", "U8": "u1", "BOOL": "?"}
+
+
+def read_leapp(path: Path) -> bytes:
+    """Returns an ONNX file with metadata that computes what a LEAPP bundle of one network does.
+
+    Args:
+        path: the YAML file of the bundle.
+
+    Raises:
+        InvalidInputError: the bundle cannot be read, or holds what no contract can say.
+    """
+    bundle, name = _yaml(path), f"'{path}'"
+    try:
+        models, pipeline = bundle["models"], bundle["pipeline"]
+        if len(models) != 1:
+            raise InvalidInputError(
+                f"{name} has the networks {quoted([*models])}, but one can be executed; export the "
+                "policy as one."
+            )
+        ((node, described),) = models.items()
+        file = path.parent / described["parameters"]["model_path"]
+        if not file.resolve().is_relative_to(path.parent.resolve()):
+            raise InvalidInputError(f"{name} names '{file}', which is not in its folder.")
+        one_of(f"the backend of {name}", described["parameters"]["backend"], ["onnx"])
+        content = read_bytes(file)
+        if hashlib.sha256(content).hexdigest() != described["parameters"]["sha256sum"]:
+            raise InvalidInputError(f"'{file}' is not the file that {name} describes; export anew.")
+        flow = pipeline.get("feedback_flow") or {}
+        sources = {goal: source for source, goals in flow.items() for goal in goals}
+        first = pipeline.get("initial_values")
+        begins = _safetensors(path.parent / str(first)) if first else {}
+        read, said, states = list[tuple[str, int]](), list[str](), list[Any]()
+        for tensor in described["inputs"]:
+            size = math.prod(tensor["shape"])
+            read.append((tensor["name"], size))
+            if (key := f"{node}/{tensor['name']}") in sources:
+                states.append((tensor["name"], size, sources[key].split("/")[1], begins.get(key)))
+            else:
+                said += _terms_of_leapp(tensor, size, name)
+        driving = [t for t in described["outputs"] if t.get("kind") in _DRIVEN_BY]
+        joints = [
+            (j, t["kind"]) for t in driving for j in _elements(t, math.prod(t["shape"]), name)
+        ]
+        gains = {t["name"]: t for t in described["outputs"] if t.get("kind") in _GAINS}
+        rate = (pipeline.get("configs") or {}).get("frequency")
+        fed = {source for _, _, source, _ in states}
+        for tensor in described["outputs"]:
+            if tensor not in driving and tensor["name"] not in {*gains, *fed}:
+                raise InvalidInputError(
+                    f"The output '{tensor['name']}' of {name} has the kind "
+                    f"{quoted(tensor.get('kind', 'none'))}, which drives nothing here; known are "
+                    f"{', '.join([*_DRIVEN_BY, *_GAINS])}."
+                )
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidInputError(
+            f"{name} is no LEAPP bundle, since it lacks {error}, or has it in another form."
+        ) from error
+    places, start = dict[str, range](), 0
+    is_state = {tensor for tensor, *_ in states}
+    for tensor, size in sorted(read, key=lambda each: each[0] in is_state):
+        places[tensor] = range(start, start := start + size)
+    outputs = [t["name"] for t in driving] + [source for _, _, source, _ in states]
+    found = {
+        "joint_names": with_commas([joint for joint, _ in joints]),
+        "action_kind": with_commas([_DRIVEN_BY[kind] for _, kind in joints]),
+        "observation_names": with_commas([*said, *["state"] * bool(states)]),
+        "control_period": repr(1.0 / float(rate)) if rate else "0",
+    }
+    if states:
+        first = [np.zeros(n) if begin is None else begin.ravel() for _, n, _, begin in states]
+        found["state_initial"] = with_commas(np.concatenate(first).tolist())
+    whole = joined(content, places, outputs, name)
+    for tensor, values in constants_of(content, list(gains), name).items():
+        named = dict(zip(_elements(gains[tensor], len(values), name), values, strict=True))
+        own = [float(named.get(joint, 0.0)) for joint, _ in joints]
+        found[_GAINS[gains[tensor]["kind"]]] = with_commas(own)
+    return with_metadata(whole, found, name)
+
+
+def _elements(tensor: Mapping[str, Any], size: int, name: str) -> list[str]:
+    """Returns the names of a tensor's elements."""
+    axes = [axis for axis in tensor.get("element_names") or [] if isinstance(axis, list)]
+    found = axes[0] if len(axes) == 1 else tensor.get("element_names") or []
+    if len(axes) > 1 or len(found) != size:
+        raise InvalidInputError(
+            f"The tensor '{tensor['name']}' of {name} has {size} elements, but its element_names "
+            f"are {quoted(tensor.get('element_names'))}; name each element once."
+        )
+    return [str(each) for each in found]
+
+
+def _terms_of_leapp(tensor: Mapping[str, Any], size: int, name: str) -> list[str]:
+    """Returns the terms of an input; without a kind its elements have the names of readings."""
+    kind, known = tensor.get("kind", ""), [*_OF_LEAPP, *_VECTORS_OF_LEAPP]
+    if kind in _VECTORS_OF_LEAPP and size == len("xyz"):
+        return [_VECTORS_OF_LEAPP[kind]]
+    if kind == "state/vector3d" and "gravity" in tensor["name"]:
+        return ["projected_gravity"]
+    if kind not in _OF_LEAPP and (kind or not tensor.get("element_names")):
+        raise InvalidInputError(
+            f"The input '{tensor['name']}' of {name} has the kind {quoted(kind)} and {size} "
+            f"numbers; known are {', '.join(known)}, or none with readings as element_names."
+            f"{nearest(kind, known)}"
+        )
+    ordered = _ELEMENTS.get(kind) if not tensor.get("element_names") else None
+    return [_OF_LEAPP.get(kind, "{}").format(e) for e in ordered or _elements(tensor, size, name)]
+
+
+def _safetensors(path: Path) -> dict[str, Array]:
+    """Returns the arrays in a safetensors file: a header in JSON, and the bytes."""
+    content = read_bytes(path)
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:end])
+    return {
+        key: np.frombuffer(content[end:][slice(*entry["data_offsets"])], _NUMBERS[entry["dtype"]])
+        .reshape(entry["shape"])
+        .astype(float)
+        for key, entry in header.items()
+        if key != "__metadata__"
+    }
 
 
 def holding(

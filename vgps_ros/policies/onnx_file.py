@@ -19,7 +19,7 @@ Softplus is written as max(z, 0) + log(1 + exp(−|z|)), since onnxruntime has i
 
 import importlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,6 +153,56 @@ def with_metadata(content: bytes, metadata: dict[str, str], name: str) -> bytes:
     return changed
 
 
+def joined(
+    content: bytes, inputs: Mapping[str, Sequence[int]], outputs: list[str], name: str
+) -> bytes:
+    """Returns a network that reads one vector, and gives one, in place of several tensors each.
+
+    Args:
+        content: bytes of the file.
+        inputs: its inputs, each with the places of its numbers in the vector.
+        outputs: those of its outputs whose numbers come one after another.
+        name: what the sentence of an error calls the file.
+
+    Raises:
+        InvalidInputError: the bytes are no ONNX model that may be read, or have no such tensors.
+    """
+    model, helper = parsed(content, name), package("onnx.helper")
+    graph, to_dtype = model.graph, helper.tensor_dtype_to_np_dtype
+    constants = {tensor.name for tensor in graph.initializer}
+    given = {i.name: i.type.tensor_type for i in graph.input if i.name not in constants}
+    if given.keys() != inputs.keys() or not {*outputs} <= {o.name for o in graph.output}:
+        raise InvalidInputError(
+            f"{name} has the inputs {quoted(sorted(given))} and the outputs "
+            f"{quoted([o.name for o in graph.output])}, but {quoted(sorted(inputs))} and "
+            f"{quoted(outputs)} are described; export it anew."
+        )
+    is_wide = any(to_dtype(t.elem_type) in (np.float64, np.int64) for t in given.values())
+    element = helper.np_dtype_to_tensor_dtype(np.dtype(np.float64 if is_wide else np.float32))
+    build, count = Builder("float32", "joined/"), sum(map(len, inputs.values()))
+    for tensor, places in inputs.items():
+        part = build.node("Gather", "joined/obs", build.indices(places), axis=1)
+        shape = [d.dim_value for d in given[tensor].shape.dim]
+        part = build.node("Reshape", part, build.indices(shape))
+        build.node("Cast", part, output=tensor, to=given[tensor].elem_type)
+    first = len(build.nodes)
+    rows = [build.node("Reshape", each, build.indices([1, -1])) for each in outputs]
+    rows = [build.node("Cast", row, to=element) for row in rows]
+    build.node("Concat", *rows, output="joined/actions", axis=1)
+    nodes = [*build.nodes[:first], *graph.node, *build.nodes[first:]]
+    whole = helper.make_graph(
+        nodes,
+        "policy",
+        [helper.make_tensor_value_info("joined/obs", element, [1, count])],
+        [helper.make_tensor_value_info("joined/actions", element, [1, None])],
+        [*graph.initializer, *build.constants],
+        sparse_initializer=graph.sparse_initializer,
+    )
+    model.graph.CopyFrom(whole)
+    changed: bytes = model.SerializeToString(deterministic=True)
+    return changed
+
+
 def with_commas(values: Sequence[object]) -> str:
     """Returns values separated by commas, numbers with the digits that read back to their bits.
 
@@ -236,17 +286,8 @@ class ExportedPolicy:
 
 def to_onnx(exported: ExportedPolicy, metadata: dict[str, str]) -> bytes:
     """Returns the bytes of an ONNX file."""
-    helper = package("onnx.helper")
-    model = helper.make_model(
-        _graph(exported),
-        opset_imports=[helper.make_opsetid("", OPSET)],
-        ir_version=IR_VERSION,
-        producer_name="vgps_ros",
-    )
-    shape = exported.policy.architecture
-    helper.set_model_props(model, metadata | {"activation": shape.activation})
-    content: bytes = model.SerializeToString(deterministic=True)
-    return content
+    activation = exported.policy.architecture.activation
+    return model_of(_graph(exported), metadata | {"activation": activation})
 
 
 def from_onnx(content: bytes, name: str) -> ExportedPolicy | None:
@@ -265,11 +306,11 @@ def from_onnx(content: bytes, name: str) -> ExportedPolicy | None:
         return None  # a graph of others
 
 
-class _Builder:
+class Builder:
     """Collects the nodes and constants of a graph."""
 
-    def __init__(self, precision: str):
-        self.kind = np.dtype(PRECISIONS[precision])
+    def __init__(self, precision: str, prefix: str = ""):
+        self.kind, self._prefix = np.dtype(PRECISIONS[precision]), prefix
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
         self._helper = package("onnx.helper")
@@ -280,9 +321,16 @@ class _Builder:
         self.constants.append(package("onnx.numpy_helper").from_array(array, name))
         return name
 
+    def indices(self, values: Sequence[int]) -> str:
+        """Adds a constant of whole numbers and returns its name."""
+        name = f"{self._prefix}indices_{len(self.constants)}"
+        array = np.array(values, dtype=np.int64)
+        self.constants.append(package("onnx.numpy_helper").from_array(array, name))
+        return name
+
     def node(self, operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
         """Adds a node and returns the name of its output."""
-        output = output or f"{operator.lower()}_{len(self.nodes)}"
+        output = output or f"{self._prefix}{operator.lower()}_{len(self.nodes)}"
         self.nodes.append(self._helper.make_node(operator, inputs, [output], **attributes))
         return output
 
@@ -294,9 +342,10 @@ class _Builder:
         logarithm = self.node("Log", self.node("Add", e, "one"))
         return self.node("Add", self.node("Relu", z), logarithm)
 
-    def declared(self, name: str, *sizes: int | str) -> Any:
+    def declared(self, name: str, *sizes: int | str, kind: str = "") -> Any:
         """Returns the declaration of an input or an output."""
-        return self._helper.make_tensor_value_info(name, self.element(self.kind), sizes)
+        element = self.element(np.dtype(kind or self.kind))
+        return self._helper.make_tensor_value_info(name, element, sizes)
 
     def element(self, kind: np.dtype) -> int:
         """Returns ONNX's number of a type of numbers."""
@@ -313,20 +362,38 @@ class _Builder:
 
 
 def _graph(exported: ExportedPolicy) -> Any:
-    policy, build = exported.policy, _Builder(exported.precision)
-    shape, last = policy.architecture, len(policy.layers) - 1
+    shape, build = exported.policy.architecture, Builder(exported.precision)
+    inputs = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
+    within, mean = network(exported, build, inputs)
+    build.give(within, "actions")
+    build.give(mean, "mean")
+    build.give(build.constant("noise_std", exported.policy.noise_std), "std")
+    outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
+    outputs.append(build.declared("std", shape.control_dim))
+    return build.graph([build.declared("obs", "batch", len(shape.observed))], outputs)
+
+
+def network(exported: ExportedPolicy, build: "Builder", inputs: str) -> tuple[str, str]:
+    """Adds the nodes of a policy; returns the names of its actions and of its mean, both float64.
+
+    Args:
+        exported: the policy.
+        build: takes the nodes.
+        inputs: name of what it reads, float64 of shape (batch, n_o).
+    """
+    policy, a = exported.policy, inputs
     build.constant("one", 1.0)
-    a = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
+    shape, last = policy.architecture, len(policy.layers) - 1
     acted = [name.startswith(f"{LAST_ACTION}/") for name in shape.observed]
     if any(acted) and any(exported.origin):
         shift = np.zeros(len(acted))
         shift[acted] = exported.origin
         a = build.node("Add", a, build.constant("last_origin", shift))
     for i, (weight, bias) in enumerate(policy.layers):
-        inputs = [a, build.constant(f"weight_{i}", weight)]
+        operands = [a, build.constant(f"weight_{i}", weight)]
         if shape.biased[i]:
-            inputs.append(build.constant(f"bias_{i}", bias))
-        a = build.node("Gemm", *inputs, transB=1)
+            operands.append(build.constant(f"bias_{i}", bias))
+        a = build.node("Gemm", *operands, transB=1)
         if i < last:
             a = build.activation(shape.activation, a)
     low, high = (
@@ -335,12 +402,21 @@ def _graph(exported: ExportedPolicy) -> Any:
     within = build.node("Min", build.node("Max", a, low), high)
     if any(exported.origin):
         within = build.node("Sub", within, build.constant("origin", exported.origin))
-    build.give(within, "actions")
-    build.give(a, "mean")
-    build.give(build.constant("noise_std", policy.noise_std), "std")
-    outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
-    outputs.append(build.declared("std", shape.control_dim))
-    return build.graph([build.declared("obs", "batch", len(shape.observed))], outputs)
+    return within, a
+
+
+def model_of(graph: Any, metadata: dict[str, str]) -> bytes:
+    """Returns the bytes of an ONNX file with a graph of ours."""
+    helper = package("onnx.helper")
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="vgps_ros",
+    )
+    helper.set_model_props(model, metadata)
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
 
 
 def _read(model: Any, name: str) -> ExportedPolicy:
@@ -348,7 +424,7 @@ def _read(model: Any, name: str) -> ExportedPolicy:
     metadata, to_array = metadata_of(model), package("onnx.numpy_helper").to_array
     arrays = {tensor.name: to_array(tensor) for tensor in model.graph.initializer}
     element = model.graph.input[0].type.tensor_type.elem_type
-    elements = {name: _Builder(name).element(np.dtype(kind)) for name, kind in PRECISIONS.items()}
+    elements = {name: Builder(name).element(np.dtype(kind)) for name, kind in PRECISIONS.items()}
     layers = sum(key.startswith("weight_") for key in arrays)
     shape = Architecture(
         names_of(metadata, "observed" if "observed" in metadata else "observation_names", name),

@@ -31,6 +31,7 @@ from vgps_ros.policies.onnx_file import (
 )
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
+_ENDLESS = 1 << 30  # steps after which nobody waits to know a state
 _LONGEST = 5.0  # time for one observation, at the first time [s]
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
@@ -93,6 +94,13 @@ class OnnxPolicy:
         has_loop = np.isin(np.arange(len(named)), contract.looped)
         self._origin = np.where(of_servos | (contract.stiffness != 0.0), contract.origin, 0.0)
         self._closed = has_loop & ~of_servos  # joints whose loops are closed here
+        for i, kind in enumerate(map(str.strip, metadata.get("action_kind", "").split(","))):
+            own = "position" if has_loop[i] else controls.kinds[joints.index(named[i])]
+            if kind and ControlKind(kind).field != ControlKind(own).field:
+                raise InvalidInputError(
+                    f"{name} gives a {kind} of {named[i]}, but the robot takes a {own} there; use "
+                    "a robot with other actuators, or give 'joint_stiffness' and 'joint_damping'."
+                )
         self._versions = _versions(model)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
@@ -104,6 +112,8 @@ class OnnxPolicy:
     @property
     def steps(self) -> int:
         """How many steps, with the newest, the network reads; 0: it remembers nothing."""
+        if len(self.contract.state):
+            return _ENDLESS
         return self.contract.steps if self.contract.remembers else 0
 
     @property
@@ -136,18 +146,20 @@ class OnnxPolicy:
         return controls + noise, remembered
 
     def actions(self, read: Array) -> Array:
-        """Returns the network's actions, shape (N, n_a), for what it reads, shape (N, n)."""
+        """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
         if len(read) == 1 or (self._takes_many and len(read)):
             actions = self._outputs(read)
         else:
             one_by_one = [self._outputs(row) for row in read[:, None]]
-            actions = np.concatenate([*one_by_one, np.empty((0, len(self.contract.joints)))])
+            none = np.empty((0, self.contract.action_clip.shape[1]))
+            actions = np.concatenate([*one_by_one, none])
         return np.asarray(np.clip(actions, *self.contract.action_clip))
 
     def controls(self, actions: Array, inputs: Array) -> Array:
         """Returns the controls of actions (N, n_a) for inputs o (N, n_o), shape (N, n_u)."""
-        unmoved = np.zeros((len(actions), len(self.contract.held)))
-        values = self._origin + self.contract.scale * np.concatenate([actions, unmoved], axis=1)
+        driving, unmoved = actions[:, : len(self.contract.joints)], len(self.contract.held)
+        driving = np.concatenate([driving, np.zeros((len(actions), unmoved))], axis=1)
+        values = self._origin + self.contract.scale * driving
         if self._closed.any():
             position, velocity = self._felt(inputs)
             torques = self.contract.stiffness * (values - position)
@@ -233,10 +245,12 @@ class OnnxPolicy:
         return np.asarray(found, dtype=float).reshape(len(rows), -1)
 
     def _check(self, actions: Array) -> None:
-        if actions.size != (count := len(self.contract.joints)):
+        count, state = len(self.contract.joints), len(self.contract.state)
+        if actions.size != count + state:
             raise InvalidInputError(
                 f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
-                f"{count} joints; name one joint for each action."
+                f"{count} joints{f' and its state {state} numbers' * bool(state)}; name one joint "
+                "for each action."
             )
         if not np.isfinite(actions).all():
             raise InvalidInputError(
@@ -255,6 +269,35 @@ def _runtime() -> Any:
     limits = runtime.OrtArenaCfg({"max_mem": MEMORY, "arena_extend_strategy": same_as_requested})
     runtime.create_and_register_allocator(memory, limits)
     return runtime
+
+
+def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Array]:
+    """Returns outputs of a network that are the same whatever it reads, each as a vector.
+
+    Raises:
+        InvalidInputError: an output depends on what it reads, or the network cannot be executed.
+    """
+    if not outputs:
+        return {}
+    rng, found = np.random.default_rng(0), []
+    try:
+        session = _runtime().InferenceSession(content, providers=["CPUExecutionProvider"])
+        for _ in range(2):
+            given = {i.name: rng.standard_normal(i.shape) for i in session.get_inputs()}
+            given = {i.name: given[i.name].astype(_KINDS[i.type]) for i in session.get_inputs()}
+            with _limited(name) as options:
+                found.append([v.ravel() for v in session.run(outputs, given, options)])
+    except InvalidInputError:
+        raise
+    except Exception as error:  # of onnxruntime, which has no common class for its errors
+        raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
+    for output, *values in zip(outputs, *found, strict=True):
+        if not np.array_equal(*values):
+            raise InvalidInputError(
+                f"The output '{output}' of {name} depends on what it reads, but gains must stay as "
+                "they are; export a policy with fixed ones."
+            )
+    return dict(zip(outputs, found[0], strict=True))
 
 
 @contextmanager

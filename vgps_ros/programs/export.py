@@ -47,6 +47,15 @@ def add_arguments(parser: Parser) -> None:
         help="also write what policy_executor has to know of the task, such as robot.json: named "
         "as its parameter task, it drives without MuJoCo",
     )
+    parser.add_argument(
+        "--unitree",
+        type=Path,
+        metavar="FOLDER",
+        help="also write params/deploy.yaml and exported/policy.onnx, as unitree_rl_lab has them",
+    )
+    parser.add_argument(
+        "--leapp", type=Path, metavar="FOLDER", help="also write a LEAPP bundle, policy.yaml"
+    )
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     parser.add_settings(_PRECISION)
 
@@ -55,6 +64,10 @@ def run(arguments: argparse.Namespace) -> None:
     """Exports the policy that the arguments name."""
     others = (arguments.mjcf, arguments.deployment)
     outputs = [arguments.output, *(path for path in others if path)]
+    if arguments.unitree:
+        outputs += [arguments.unitree / "params" / "deploy.yaml"]
+    if arguments.leapp:
+        outputs += [arguments.leapp / "policy.yaml"]
     refuse_existing(outputs, overwrite=arguments.overwrite)
     if arguments.deployment and arguments.deployment.suffix != DEPLOYMENT:
         raise InvalidInputError(
@@ -67,6 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
+    from vgps_ros.tasks.field_export import write_leapp, write_unitrees
 
     task = make_task(arguments.task) if arguments.task else recorded_task(name)
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
@@ -80,6 +94,10 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.mjcf:
         with replacing(arguments.mjcf) as file:
             file.write(task.mjcf.encode())
+    if arguments.unitree:
+        write_unitrees(task, exported, arguments.unitree)
+    if arguments.leapp:
+        write_leapp(task, exported, arguments.leapp)
     print(
         f"Wrote {' and '.join(map(str, outputs))}: {len(policy.observed)} readings to "
         f"{len(policy.noise_std)} controls, in {arguments.precision}."

@@ -3,14 +3,16 @@
 
 The contract says what its numbers mean: the order of the joints, and the terms of what it reads. It
 comes from the metadata of the ONNX file, as mjlab writes them, or from a file beside it: Unitree's
-deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata. What does not fit the robot is
-refused. The file that it writes drives by `policy_file`, and `vgps evaluate` takes it.
+deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata; or from the YAML file of a LEAPP
+bundle. What does not fit the robot is refused. The file that it writes drives by `policy_file`, and
+`vgps evaluate` takes it.
 """
 
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.programs.command_line import Parser, refuse_existing, settings_from
 from vgps_ros.safety.poses import PoseSettings
@@ -33,7 +35,9 @@ STANDING = Setting(
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    parser.add_argument("policy", type=Path, help="ONNX file of the policy")
+    parser.add_argument(
+        "policy", type=Path, help="ONNX file of the policy, or YAML file of a LEAPP bundle"
+    )
     parser.add_settings(TASK)
     parser.add_argument(
         "--contract",
@@ -54,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rich.table import Table
 
     from vgps_ros.policies.contract import BASE
-    from vgps_ros.policies.foreign import holding, read_contract
+    from vgps_ros.policies.foreign import holding, read_contract, read_leapp
     from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
@@ -63,8 +67,13 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.tasks.disturbed_task import for_policy
     from vgps_ros.views.console import table_console
 
-    content, task = read_bytes(arguments.policy), make_task(arguments.task)
-    name = f"'{arguments.policy}'"
+    task, name = make_task(arguments.task), f"'{arguments.policy}'"
+    if arguments.policy.suffix in (".yaml", ".yml"):
+        if arguments.contract:
+            raise InvalidInputError(f"{name} says what its numbers mean; leave out --contract.")
+        content = read_leapp(arguments.policy)
+    else:
+        content = read_bytes(arguments.policy)
     if arguments.contract:
         joints = task.controls.names
         said = read_contract(arguments.contract, joints, _home(task, joints))
@@ -142,9 +151,11 @@ def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", 
         inputs = observation.within(resting[t])(x)
         memory = policy.contract.remembered(inputs, memory)
         read.append(policy.contract.read(memory)[0])
-        actions.append(policy.actions(read[-1][None])[0])
-        memory = memory._replace(action=np.zeros_like(memory.action))
-        return policy.controls(memory.action, inputs)
+        given = policy.actions(read[-1][None])
+        actions.append(given[0, : len(policy.contract.joints)].copy())
+        given[:, : len(policy.contract.joints)] = 0.0
+        memory = memory._replace(action=given)
+        return policy.controls(given, inputs)
 
     states = task.dynamics.rollout(task.initial_state, law, steps).states[:-1]
     up = np.logical_and.accumulate(~task.fallen(states))

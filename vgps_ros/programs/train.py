@@ -97,8 +97,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.training import train
     from vgps_ros.views.console import TrainingProgress
-    from vgps_ros.views.event_log import EventLog
-    from vgps_ros.views.learning_curve import learning_curve
+    from vgps_ros.views.learning_curve import EventLog, learning_curve
     from vgps_ros.views.plots import save
 
     events = EventLog(output.events) if arguments.tensorboard else None

@@ -1,0 +1,376 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""A policy of ours as others deploy theirs: Unitree's deploy.yaml, and a LEAPP bundle.
+
+They know terms where our policies read numbers: the positions of all joints, the velocity of the
+base in its axes. A number of ours is one of a term where both agree in several states. A network
+for them begins by picking its numbers out of the terms.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import yaml
+
+from vgps_ros.core.checks import quoted
+from vgps_ros.core.controls import ControlKind
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.memory import LAST_ACTION, terms_of
+from vgps_ros.core.records import Array
+from vgps_ros.policies.contract import VELOCITY_COMMANDS, Contract
+from vgps_ros.policies.driver import observation_of
+from vgps_ros.policies.onnx_file import (
+    OPSET,
+    Builder,
+    ExportedPolicy,
+    model_of,
+    network,
+    with_commas,
+)
+from vgps_ros.simulation.model import state_names
+from vgps_ros.simulation.readings import Readings
+from vgps_ros.storage.files import replacing
+from vgps_ros.tasks.task import Task
+
+_BASE = ("base_lin_vel", "base_ang_vel", "projected_gravity")
+_RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of VELOCITY_COMMANDS, as others call them
+_UNITREES = {  # terms that its controller knows, in the order in which they are written
+    "base_ang_vel": "base_ang_vel",
+    "projected_gravity": "projected_gravity",
+    "velocity_commands": "velocity_commands",
+    "joint_pos": "joint_pos_rel",
+    "joint_vel": "joint_vel_rel",
+    "last_action": "last_action",
+    "gait_phase": "gait_phase",
+}
+_STATES = 4  # in which numbers are compared
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that a policy reads: ± a number of a term.
+
+    Attributes:
+        name: its own name.
+        term: the term, of `policies.contract`; empty: there is none.
+        index: its place in the term.
+        sign: 1 or -1.
+        lag: how many steps ago it was read.
+    """
+
+    name: str
+    term: str = ""
+    index: int = 0
+    sign: float = 1.0
+    lag: int = 0
+
+
+def numbers_of_terms(task: Task, observed: tuple[str, ...]) -> list[Number]:
+    """Returns what a policy of the task reads, by the terms of the field."""
+    terms = terms_of(observed)
+    read = {name for name, _ in terms} - {LAST_ACTION, *task.signals.names}
+    known = _known(task, sorted(read))
+    acting = [Number(f"{LAST_ACTION}/{i}", LAST_ACTION, i) for i in range(len(task.controls.names))]
+    found = list[Number]()
+    for name, lag in terms:
+        term, index, sign = known.get(name, ("", 0, 1.0))
+        found += acting if name == LAST_ACTION else [Number(name, term, index, sign, lag)]
+    return found
+
+
+def _known(task: Task, names: list[str]) -> dict[str, tuple[str, int, float]]:
+    """Returns term, index and sign of readings, commands and clock, where there are any."""
+    signals, joints = task.signals, task.controls.names
+    found = {f"clock/{each}": ("gait_phase", i, 1.0) for i, each in enumerate(("sin", "cos"))}
+    for command in signals.commands:
+        if command.source in VELOCITY_COMMANDS:
+            place = VELOCITY_COMMANDS.index(command.source)
+            found[f"command/{command.name}"] = ("velocity_commands", place, 1.0)
+    space, simulations = task.observation.space, task.dynamics.simulations
+    waves = np.outer(1 + np.arange(_STATES), 1 + np.arange(space.tangent_dim))
+    states = space.add(np.tile(task.initial_state, (_STATES, 1)), 0.3 * np.sin(waves))
+    values, candidates = Readings(simulations, names)(states), dict[tuple[str, int], Array]()
+    coordinates = state_names(simulations.model)
+    for term, kind in (("joint_pos", "position"), ("joint_vel", "velocity")):
+        for i, joint in enumerate(joints):
+            if (coordinate := f"{joint}/{kind}") in coordinates:
+                candidates[term, i] = states[:, coordinates.index(coordinate)]
+    if (simulations.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any():
+        said = {"joint_names": with_commas(joints), "observation_names": with_commas(_BASE)}
+        contract = Contract(said, "The robot")
+        robot = task.deployment
+        read = observation_of(contract, robot.layout, robot.read, signals, "The robot")(states)
+        frames = contract.remembered(read, None).frames[:, -1]
+        candidates |= {(_BASE[i // 3], i % 3): frames[:, i] for i in range(frames.shape[1])}
+    for name, value in zip(names, values.T, strict=True):
+        for (term, i), candidate in candidates.items():
+            for sign in (1.0, -1.0):
+                if np.allclose(value, sign * candidate, rtol=0.0, atol=_SAME):
+                    found.setdefault(name, (term, i, sign))
+    return found
+
+
+def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
+    """Writes params/deploy.yaml and exported/policy.onnx, as unitree_rl_lab has them.
+
+    Raises:
+        InvalidInputError: the policy reads or gives what a deploy.yaml cannot say.
+    """
+    controls, signals = task.controls, task.signals
+    for name, kind in zip(controls.names, controls.kinds, strict=True):
+        if kind is not ControlKind.POSITION:
+            raise InvalidInputError(
+                f"A deploy.yaml has targets of positions alone, but the control of {name} is a "
+                f"{kind}; use a robot of servos, or a LEAPP bundle."
+            )
+    numbers = numbers_of_terms(task, exported.policy.observed)
+    for number in numbers:
+        if number.term not in _UNITREES:
+            raise InvalidInputError(
+                f"The policy reads {quoted(number.name)}, which is none of a deploy.yaml's terms "
+                f"{', '.join(_UNITREES.values())}; observe these alone, or use a LEAPP bundle."
+            )
+    n_u, origin = len(controls.names), controls.at_joints(np.array(exported.origin))
+    sizes = {**dict.fromkeys(_UNITREES, 3), "gait_phase": 2}
+    sizes |= dict.fromkeys(("joint_pos", "joint_vel", "last_action"), n_u)
+    steps = {
+        term: 1 + max(number.lag for number in numbers if number.term == term)
+        for term in _UNITREES
+        if any(number.term == term for number in numbers)
+    }
+    first, end = dict[str, int](), 0
+    for term, count in steps.items():
+        first[term], end = end, end + count * sizes[term]
+    places = [
+        first[n.term] + (steps[n.term] - 1 - n.lag) * sizes[n.term] + n.index for n in numbers
+    ]
+    offsets = [origin[n.index] * (n.term == "joint_pos") for n in numbers]
+    build = Builder("float32")
+    read = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
+    actions, _ = network(exported, build, _picked(build, read, places, numbers, offsets))
+    build.give(actions, "actions")
+    graph = build.graph([build.declared("obs", 1, end)], [build.declared("actions", 1, n_u)])
+    ranges: dict[str, Any] = {key: [0.0, 0.0] for key in _RANGES}
+    for command in signals.commands:
+        if command.source in VELOCITY_COMMANDS:
+            name = _RANGES[VELOCITY_COMMANDS.index(command.source)]
+            ranges[name] = [float(command.lowest), float(command.highest)]
+    observations = {
+        _UNITREES[term]: {
+            "params": {"period": signals.period} if term == "gait_phase" else {},
+            "clip": None,
+            "scale": [1.0] * sizes[term],
+            "history_length": count,
+        }
+        for term, count in steps.items()
+    }
+    action = {"clip": None, "joint_names": [".*"], "scale": controls.scale.tolist()}
+    said = {
+        "joint_ids_map": [*range(n_u)],
+        "step_dt": task.dynamics.time_step,
+        "stiffness": controls.stiffness.tolist(),
+        "damping": controls.damping.tolist(),
+        "default_joint_pos": origin.tolist(),
+        "commands": {"base_velocity": {"ranges": {**ranges, "heading": None}}},
+        "actions": {
+            "JointPositionAction": {**action, "offset": origin.tolist(), "joint_ids": None}
+        },
+        "observations": observations,
+    }
+    _write(folder / "exported" / "policy.onnx", model_of(graph, {}))
+    _write(folder / "params" / "deploy.yaml", _yaml(said))
+
+
+# LEAPP's kind of what a control is at its joint; of an activation there is none.
+_LEAPPS = {
+    ControlKind.POSITION: "target/joint/position",
+    ControlKind.VELOCITY: "target/joint/velocity",
+    ControlKind.TORQUE: "target/joint/effort",
+    ControlKind.FORCE: "target/joint/effort",
+}
+# Gravity's direction in a frame whose quaternion is q = (x, y, z, w), of length 1, is qᵀ M q, with
+# a matrix M for each axis; here [i, axis, j].
+_GRAVITY = np.array(
+    [
+        [[0, 0, -2, 0], [0, 0, 0, 0], [1, 0, 0, 0]],
+        [[0, 0, 0, 0], [0, 0, -2, 0], [0, 1, 0, 0]],
+        [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, -1, 0]],
+        [[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, -1]],
+    ]
+)
+
+
+def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
+    """Writes a LEAPP bundle: policy.yaml, policy.onnx and what its states begin with.
+
+    Its inputs are what a robot measures; the clock is a state of the network, and so is the last
+    action. A reading that is no term is an input of its own, without a kind.
+
+    Raises:
+        InvalidInputError: the policy reads former steps, of which no state tells in the first one.
+    """
+    controls, signals, names = task.controls, task.signals, task.controls.names
+    numbers = numbers_of_terms(task, exported.policy.observed)
+    if past := next((n.name for n in numbers if n.lag), ""):
+        raise InvalidInputError(
+            f"The policy reads {quoted(past)} of former steps, which equal the first one in the "
+            "first step; no state of a LEAPP bundle does: use the ONNX file or a deploy.yaml."
+        )
+    build, double = Builder("float32"), np.dtype(np.float64)
+    inputs, outputs = list[dict[str, Any]](), list[dict[str, Any]]()
+    parts, first, end = list[str](), dict[str, int](), 0
+    tensors = {
+        "joint_pos": ("state/joint/position", names),
+        "joint_vel": ("state/joint/velocity", names),
+        "base_lin_vel": ("state/body/linear_velocity", tuple("xyz")),
+        "base_ang_vel": ("state/body/angular_velocity", tuple("xyz")),
+        "projected_gravity": ("state/body/rotation", ("qx", "qy", "qz", "qw")),
+        "velocity_commands": ("command/body/velocity", _RANGES),
+        "last_action": ("", names),
+        "gait_phase": ("", ("phase",)),
+        "": ("", tuple(n.name for n in numbers if not n.term)),
+    }
+    feedback, states = dict[str, list[str]](), dict[str, Array]()
+    for term, (kind, elements) in tensors.items():
+        if not any(number.term == term for number in numbers):
+            continue
+        name = {"projected_gravity": "base_rotation", "": "readings"}.get(term, term)
+        is_clock, is_state = term == "gait_phase", term in ("gait_phase", "last_action")
+        name += "_in" * is_state
+        inputs.append(_tensor(name, kind, elements, "float64" if is_clock else "float32"))
+        value = build.node("Cast", name, to=build.element(double))
+        if is_state:
+            feedback[f"policy/{term}_out"] = [f"policy/{name}"]
+            states[f"policy/{name}"] = np.zeros((1, len(elements)))
+        if is_clock:
+            value = _clock(build, value, signals.frequency * task.dynamics.time_step)
+        elif term == "projected_gravity":
+            value = _gravity(build, value)
+        parts.append(value)
+        first[term], end = (
+            end,
+            end + {"projected_gravity": 3, "gait_phase": 2}.get(term, len(elements)),
+        )
+    loose = {n.name: i for i, n in enumerate(n for n in numbers if not n.term)}
+    places = [first[n.term] + loose.get(n.name, n.index) for n in numbers]
+    read = build.node("Concat", *parts, axis=1)
+    zeros = [0.0] * len(numbers)
+    actions, _ = network(exported, build, _picked(build, read, places, numbers, zeros))
+    scaled = build.node("Mul", actions, build.constant("scale", controls.scale))
+    resting = controls.at_joints(np.array(exported.origin or np.zeros(len(names))))
+    driving = build.node("Add", scaled, build.constant("default", resting))
+    for kind in dict.fromkeys(_LEAPPS.get(each, "") for each in controls.kinds):
+        own = [i for i, each in enumerate(controls.kinds) if _LEAPPS.get(each, "") == kind]
+        joints = [names[i] for i in own]
+        name = f"{kind.rpartition('/')[2] or 'activation'}_target"
+        build.give(build.node("Gather", driving, build.indices(own), axis=1), name)
+        outputs.append(_tensor(name, kind, joints))
+        gains = {"kp": controls.stiffness[own], "kd": controls.damping[own]}
+        for key, values in gains.items() if kind == "target/joint/position" else ():
+            build.give(build.constant(f"{key}_of_joints", values[None]), f"{key}_gains")
+            outputs.append(_tensor(f"{key}_gains", key, joints))
+    driven = [each["name"] for each in outputs]
+    if "last_action" in first:
+        build.give(actions, "last_action_out")
+        outputs.append(_tensor("last_action_out", "", names))
+    if "gait_phase" in first:
+        outputs.append(_tensor("gait_phase_out", "", ("phase",), "float64"))
+    graph = build.graph(
+        [build.declared(t["name"], *t["shape"], kind=t["dtype"]) for t in inputs],
+        [build.declared(t["name"], *t["shape"], kind=t["dtype"]) for t in outputs],
+    )
+    content = model_of(graph, {})
+    digests = {f"{each}sum": hashlib.new(each, content).hexdigest() for each in ("md5", "sha256")}
+    flow: dict[str, Any] = {"data_flow": {}, "feedback_flow": feedback}
+    if states:
+        flow["initial_values"] = "policy_initial_values.safetensors"
+        _write(folder / flow["initial_values"], _safetensors(states, inputs))
+    fed = {goal.split("/")[1] for goals in feedback.values() for goal in goals}
+    said = {
+        "models": {
+            "policy": {
+                "inputs": inputs,
+                "outputs": outputs,
+                "parameters": {
+                    "model_path": "policy.onnx",
+                    **digests,
+                    "backend": "onnx",
+                    "opset_version": OPSET,
+                },
+            }
+        },
+        "pipeline": {
+            "configs": {"frequency": 1.0 / task.dynamics.time_step},
+            **flow,
+            "inputs": {"policy": [t["name"] for t in inputs if t["name"] not in fed]},
+            "outputs": {"policy": driven},
+        },
+        "system information": {"leapp config version": "1.3", "producer": "vgps_ros"},
+    }
+    _write(folder / "policy.onnx", content)
+    _write(folder / "policy.yaml", _yaml(said))
+
+
+def _picked(
+    build: Builder, read: str, places: list[int], numbers: list[Number], offsets: list[Any]
+) -> str:
+    """Adds what picks a policy's inputs out of a vector."""
+    picked = build.node("Gather", read, build.indices(places), axis=1)
+    signs = build.constant("signs", [number.sign for number in numbers])
+    return build.node("Add", build.node("Mul", picked, signs), build.constant("offsets", offsets))
+
+
+def _clock(build: Builder, phase: str, turn: float) -> str:
+    """Adds sine and cosine of a phase [turns], and the phase of the next step."""
+    following = build.node("Add", phase, build.constant("turn", turn))
+    whole = build.node("Floor", following)
+    build.node("Sub", following, whole, output="gait_phase_out")
+    angle = build.node("Mul", phase, build.constant("two_pi", 2.0 * np.pi))
+    return build.node("Concat", build.node("Sin", angle), build.node("Cos", angle), axis=1)
+
+
+def _gravity(build: Builder, rotation: str) -> str:
+    """Adds gravity's direction in a frame with this quaternion (x, y, z, w)."""
+    by_axis = build.node("MatMul", rotation, build.constant("of_axes", _GRAVITY.reshape(4, 12)))
+    by_axis = build.node("Reshape", by_axis, build.indices([1, 3, 4]))
+    column = build.node("Reshape", rotation, build.indices([1, 4, 1]))
+    return build.node("Reshape", build.node("MatMul", by_axis, column), build.indices([1, 3]))
+
+
+def _tensor(
+    name: str, kind: str, elements: tuple[str, ...] | list[str], dtype: str = "float32"
+) -> dict[str, Any]:
+    found = {"name": name, "dtype": dtype, "shape": [1, len(elements)], "type": "tensor"}
+    return {**found, **({"kind": kind} if kind else {}), "element_names": [[*elements]]}
+
+
+def _safetensors(states: Mapping[str, Array], inputs: list[dict[str, Any]]) -> bytes:
+    """Returns the bytes of a safetensors file: a header in JSON, and the numbers."""
+    kinds = {f"policy/{tensor['name']}": tensor["dtype"] for tensor in inputs}
+    header, content = dict[str, Any](), b""
+    for key, values in states.items():
+        own = values.astype(np.dtype(kinds[key]).newbyteorder("<")).tobytes()
+        offsets = [len(content), len(content) + len(own)]
+        header[key] = {"dtype": "F64" if kinds[key] == "float64" else "F32",
+                       "shape": [*values.shape], "data_offsets": offsets}  # fmt: skip
+        content += own
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + content
+
+
+def _yaml(content: Mapping[str, Any]) -> bytes:
+    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    return text.encode()
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        file.write(content)
