@@ -21,7 +21,13 @@ from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, HELD
-from vgps_ros.policies.onnx_file import joined, names_of, read_bytes, with_commas, with_metadata
+from vgps_ros.policies.onnx_file import (
+    joined_tensors,
+    names_of,
+    read_bytes,
+    with_commas,
+    with_metadata,
+)
 from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.storage.files import read_yaml
 
@@ -180,7 +186,7 @@ def read_leapp(path: Path) -> bytes:
     if states:
         first = [np.zeros(n) if begin is None else begin.ravel() for _, n, _, begin in states]
         found["state_initial"] = with_commas(np.concatenate(first).tolist())
-    whole = joined(content, places, outputs, name)
+    whole = joined_tensors(content, places, outputs, name)
     for tensor, values in constants_of(content, list(gains), name).items():
         named = dict(zip(_elements(gains[tensor], len(values), name), values, strict=True))
         own = [float(named.get(joint, 0.0)) for joint, _ in joints]

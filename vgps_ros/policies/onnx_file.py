@@ -153,7 +153,7 @@ def with_metadata(content: bytes, metadata: dict[str, str], name: str) -> bytes:
     return changed
 
 
-def joined(
+def joined_tensors(
     content: bytes, inputs: Mapping[str, Sequence[int]], outputs: list[str], name: str
 ) -> bytes:
     """Returns a network that reads one vector, and gives one, in place of several tensors each.
