@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What `vgps bag check` proves of a run, and which forgeries it finds."""
 
+import hashlib
 import shutil
 import struct
 import subprocess
@@ -12,14 +13,13 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, KeyValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from tests.bags.altered import ALL, SAMPLE, copy, main, rewritten, sample
 from vgps_ros.bags import BagReader
+from vgps_ros.bags.writer import MessageDefinitions
 from vgps_ros.messages.conversions import (
     distribution_from_msg,
     nanoseconds,
-    pack,
     policy_from_msg,
 )
 from vgps_ros.messages.names import IS_ACTIVE, SAFE_ACTION
@@ -255,13 +255,40 @@ def test_a_scaled_policy_that_drove_is_found(tmp_path, capsys):
     def change(message):
         if message.topic != "/policy":
             return message.data
-        policy = deserialize_message(message.data, GaussianPolicyMsg)
-        policy.parameters = pack(1.01 * np.array(policy.parameters))
-        return serialize_message(policy)
+        with BagReader(SAMPLE) as bag:
+            parameters = np.array(bag.decode(message).parameters)
+        assert parameters.tobytes() in message.data
+        return message.data.replace(parameters.tobytes(), (1.01 * parameters).tobytes())
 
     code, words = outcome(copy(tmp_path / "bag", change), capsys)
     assert code == WRONG
     assert "torques are not what the policy gives" in words
+
+
+@pytest.mark.parametrize(
+    ("digest", "sentence"),
+    [
+        ("", f"Proved: {ALL} of {ALL} torques"),
+        ("own", f"Proved: {ALL} of {ALL} torques"),
+        ("0" * 64, "has no policy that its robot could use"),
+    ],
+    ids=("unknown", "own", "another"),
+)
+def test_a_policy_of_another_model_counts_as_little_as_for_the_executor(
+    tmp_path, capsys, digest, sentence
+):
+    with BagReader(SAMPLE) as bag:
+        own = hashlib.sha256(bag.recorded_mjcf().encode()).hexdigest()
+
+        def today(message):
+            policy = bag.decode(message)
+            policy.robot.digest = own if digest == "own" else digest
+            return serialize_message(policy)
+
+        messages = [m if m.topic != "/policy" else replace(m, data=today(m)) for m in sample()]
+    kind = "vgps_msgs/msg/GaussianPolicy"
+    definitions = {kind: MessageDefinitions().find(kind)}
+    assert sentence in outcome(rewritten(tmp_path / "bag", messages, True, definitions), capsys)[1]
 
 
 def test_a_policy_from_a_file_is_proved_by_the_file(tmp_path, capsys):

@@ -3,21 +3,27 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import RobotModel
 
 from tests.motors import robot
 from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
+    check_robot,
     command_from_msg,
     command_to_msg,
     distribution_from_msg,
     distribution_to_msg,
+    from_older,
     policy_from_msg,
     policy_to_msg,
+    robot_of,
 )
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.storage.run_folder import load_policy, save_policy
@@ -55,6 +61,41 @@ def test_a_distribution_that_does_not_fit_is_refused(
     setattr(message, name, list(values))
     with pytest.raises(InvalidInputError, match=re.escape(sentence)):
         distribution_from_msg(message)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"format": 2}, "It has the format 2, but this version reads formats up to 1; use"),
+        ({"controls": ["hip"]}, "its controls[0] is 'hip', but here it is 'front_joint'; start"),
+        ({"controls": ["front_joint"]}, "its controls[1] is 'none', but here it is 'back_joint'"),
+        ({"states": ["a\nb"]}, r"its states[0] is 'a\nb', but here it is 'root_x/position'"),
+        ({"digest": "0" * 64}, "is for another model: its digest is '000000000000', but here"),
+    ],
+)
+def test_numbers_of_another_robot_are_refused_and_those_of_an_unknown_one_are_not(
+    swimmer, change, sentence
+):
+    own = robot_of(swimmer.deployment)
+    check_robot("It", own, own)
+    check_robot("It", RobotModel(), own)
+    for name, value in change.items():
+        check_robot("It", RobotModel(format=1), own)
+        with pytest.raises(InvalidInputError, match=re.escape(sentence)):
+            check_robot("It", RobotModel(**{name: value}), own)
+
+
+def test_a_message_of_an_older_definition_has_what_it_had_and_the_rest_is_unknown():
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=4), frame_id="")
+    arrays = {"parameters": np.ones(3), "layer_sizes": np.array([1, 2], dtype=np.uint32)}
+    older = SimpleNamespace(header=header, task="swimmer", gone=1, observed=["a"], **arrays)
+    policy = from_older(GaussianPolicyMsg, older)
+    expected = GaussianPolicyMsg(task="swimmer", observed=["a"], parameters=[1.0] * 3)
+    expected.layer_sizes, expected.header.stamp = [1, 2], Time(sec=3, nanosec=4)
+    assert policy == expected
+    for wrong in (SimpleNamespace(x=1.0), SimpleNamespace(task=3)):
+        with pytest.raises(InvalidInputError, match="was another"):
+            from_older(GaussianPolicyMsg, wrong)
 
 
 def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):

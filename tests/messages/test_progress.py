@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import get_type_hints
 
 from builtin_interfaces.msg import Time
+from vgps_msgs.msg import LearningProgress
 
 from benchmarks.figure1.table import SCHEMA
-from vgps_ros.messages.conversions import progress_from_msg, progress_to_msg
+from vgps_ros.messages.conversions import from_older, progress_from_msg, progress_to_msg
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_progress_message.py"
@@ -32,7 +33,7 @@ def test_a_message_of_an_older_bag_lacks_a_metric():
     class Older:
         iteration, alpha = 3, 0.1
 
-    found = progress_from_msg(Older())
+    found = progress_from_msg(from_older(LearningProgress, Older()))
     assert (found.k, found.alpha) == (3, 0.1)
     assert found.entry()["policy_kl"] is None
 

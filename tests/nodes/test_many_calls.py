@@ -6,6 +6,7 @@ from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
 from simulation_interfaces.srv import GetSimulationState
 from vgps_msgs.action import TrainPolicy
+from vgps_msgs.msg import SolveStatus
 from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.conftest import PATIENCE
@@ -41,7 +42,7 @@ def test_an_optimizer_answers_fifty_requests_at_once(graph):
     graph.start("trajectory_optimizer", task="rotor")
     request = OptimizeTrajectory.Request(task="swimmer")
     answers = call_at_once(graph, OptimizeTrajectory, NAME, request)
-    assert {answer.status for answer in answers} == {"refused"}
+    assert {answer.outcome.code for answer in answers} == {SolveStatus.REFUSED}
 
 
 def test_an_optimizer_refuses_what_has_no_place_and_solves_the_rest(graph):
@@ -55,7 +56,8 @@ def test_an_optimizer_refuses_what_has_no_place_and_solves_the_rest(graph):
         calls += [client.call_async(request) for _ in range(CALLS.depth - 20)]
         graph.spin_for(1.0)
     graph.spin_until(lambda: all(call.done() for call in calls), PATIENCE, "all answers")
-    refused = [call.result() for call in calls if call.result().status == "refused"]
+    answers = [call.result() for call in calls]
+    refused = [each for each in answers if each.outcome.code == SolveStatus.REFUSED]
     assert all("100 requests wait already" in answer.message for answer in refused)
     assert 0 < len(refused) < CALLS.depth
 

@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
 from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
+from vgps_msgs.msg import RobotModel
 
 from tests.messages.test_robot_state import measured
 from tests.nodes.conftest import PATIENCE, executed
@@ -103,6 +104,9 @@ def test_a_new_policy_drives_without_a_restart(controller, random_policy):
     [
         ({"task": "walker"}, "the policy's task is 'walker', but it must be one of swimmer"),
         ({"parameters": [1.0, 2.0]}, "policy.parameters has 2 values"),
+        ({"robot": RobotModel(digest="0" * 64)}, "it is for another model: its digest is '000000"),
+        ({"robot": RobotModel(controls=["hip"])}, "its controls[0] is 'hip', but here it is 'fro"),
+        ({"robot": RobotModel(format=9)}, "it has the format 9, but this version reads formats"),
         ({"noise_std": [1.0, float("nan")]}, "policy.noise_std is nan"),
         ({"activation": "sine"}, "activation is 'sine'"),
         ({"observed": list("abcdefghi")}, "but the task's policies read root_y/position, "),

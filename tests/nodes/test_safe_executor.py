@@ -460,10 +460,10 @@ def test_far_from_the_training_it_warns_and_then_follows_the_ddp_solution(
     np.testing.assert_array_equal(robot.drive(near), mean(robot.policy, near))
     robot.diagnosis_while_driven(OK, "Running", near)
     wrong = distribution_to_msg(q, robot.task.deployment, 0, 1, Time())
-    wrong.task = "walker"
+    wrong.mean.robot.states[0] = "hip/position"
     distributions = graph.publisher(TrajectoryDistributionMsg, "trajectory_distribution", LATCHED)
     distributions.publish(wrong)
-    robot.diagnosis(ERROR, "Refused a trajectory_distribution; any before it stays")
+    robot.diagnosis(ERROR, "any before it stays: it is for another robot: its states[0] is 'hip/")
     np.testing.assert_array_equal(robot.drive(near), mean(robot.policy, near))
 
 

@@ -13,19 +13,21 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
+from unique_identifier_msgs.msg import UUID
 from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.msg import OptimizerIteration, TrajectoryDistribution
+from vgps_msgs.msg import OptimizerIteration, SolveStatus, TrajectoryDistribution
 from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.conftest import remember
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
-from vgps_ros.messages.optimization import request_from_msg, result_to_msg
+from vgps_ros.messages.optimization import request_from_msg, request_to_msg, result_to_msg
 from vgps_ros.programs.command_line import with_parameters_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM, lively
 from vgps_ros.search.methods import search
+from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import RenewalSettings, SearchSettings, search_settings
 from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
@@ -205,6 +207,24 @@ def test_interrupted_program_cancels_the_training_and_the_learner_takes_the_next
     third.end(signal.SIGINT)
 
 
+def test_a_cancelled_training_cancels_no_request_of_another_client(graph, swimmer, tmp_path):
+    graph.start("trajectory_optimizer")
+    graph.start("policy_learner", initial_ddp_iterations=100_000)
+    iterations = graph.messages(OptimizerIteration, "trajectory_optimizer/iterations")
+    program = start_training(graph, SHORT, 0, tmp_path / "out")
+    graph.spin_until(lambda: iterations, what="the first iteration of DDP")
+    request = request_to_msg(first_request(swimmer, 0, 2), swimmer, Time())
+    other = graph.call_async(OptimizeTrajectory, "trajectory_optimizer/optimize", request)
+    graph.spin_for(0.5)
+    assert not other.done()
+    assert program.end(signal.SIGINT) == 1
+    graph.spin_until(other.done, what="the answer to the other client")
+    assert other.result().outcome.code == SolveStatus.ITERATION_LIMIT
+    assert {bytes(i.request_id.uuid) for i in other.result().iterations} == {
+        bytes(request.request_id.uuid)
+    }
+
+
 @pytest.mark.slow
 def test_a_second_interrupt_does_not_wait_for_a_learner_that_hangs(graph, tmp_path):
     graph.start("trajectory_optimizer")
@@ -262,7 +282,7 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(gra
 
     def answer(message, _):
         request = request_from_msg(message, task)
-        response = result_to_msg(optimize(task, request), request, task, Time())
+        response = result_to_msg(optimize(task, request), request, UUID(), task, Time())
         for name, value in changes.items():
             setattr(response, name, value)
         return response
@@ -274,7 +294,7 @@ def test_an_optimizer_whose_answer_is_none_ends_the_training_with_a_sentence(gra
     learner = graph.start("policy_learner", task="rotor", **parameters(SHORT))
     for changes, sentence in (  # noqa: B007
         ({"cost": float("nan")}, "costs is nan at index 0"),
-        ({"status": "fine"}, "status is 'fine', but it must be one of"),
+        ({"outcome": SolveStatus(code=99)}, "outcome.code is 99, but that of a solution"),
         ({"distribution": TrajectoryDistribution()}, "n_x=0 and n_u=0"),
     ):
         program = start_training(graph, SHORT, 0, tmp_path / "out")

@@ -3,16 +3,16 @@
 
 import math
 from array import array
+from copy import deepcopy
 
 import numpy as np
 import pytest
-from vgps_msgs.msg import OptimizerIteration, Trajectory
+from vgps_msgs.msg import OptimizerIteration, RobotModel, SolveStatus, Trajectory
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import pack, policy_to_msg
-from vgps_ros.messages.optimization import SHUTTING_DOWN
 from vgps_ros.tasks import make_task
 
 NODE = "trajectory_optimizer"
@@ -45,7 +45,7 @@ def other_policy(stamp, n_u=2, observed=OBSERVED):
 def test_a_solve_lowers_the_cost_and_logs_it(shared_graph, optimizer, request_message):
     response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
     assert response.success, response.message
-    assert response.status == "iteration_limit"
+    assert response.outcome.code == SolveStatus.ITERATION_LIMIT
     costs = [iteration.cost for iteration in response.iterations]
     assert len(costs) == 2
     assert costs[1] < costs[0]
@@ -57,6 +57,8 @@ def test_a_solve_lowers_the_cost_and_logs_it(shared_graph, optimizer, request_me
     ("change", "sentence"),
     [
         ({"task": "runner"}, "'runner', but this optimizer solves 'swimmer'"),
+        ({"robot": RobotModel(digest="0" * 64)}, "The request is for another model: its digest"),
+        ({"robot": RobotModel(controls=["hip", "knee"])}, "its controls[0] is 'hip', but here it"),
         ({"cost_scale": 0.0}, "cost_scale is 0.0, but it must be finite and above 0"),
         ({"cost_scale": -1.0}, "cost_scale is -1.0"),
         ({"cost_scale": math.nan}, "cost_scale is nan"),
@@ -74,7 +76,8 @@ def test_bad_requests_are_refused_with_a_sentence(
         setattr(request_message, name, value)
     response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
     assert not response.success
-    assert response.status == ("diverged" if sentence == "diverges" else "refused")
+    expected = SolveStatus.DIVERGED if sentence == "diverges" else SolveStatus.REFUSED
+    assert response.outcome.code == expected
     assert sentence in response.message
     assert optimizer.running
 
@@ -98,7 +101,7 @@ def test_policies_that_do_not_fit_are_refused(shared_graph, optimizer, request_m
         request_message.policy = [message]
         response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
         assert sentence in response.message
-        assert response.status == "refused"
+        assert response.outcome.code == SolveStatus.REFUSED
 
 
 def test_a_running_solve_reports_and_can_be_cancelled(shared_graph, optimizer, request_message):
@@ -110,8 +113,44 @@ def test_a_running_solve_reports_and_can_be_cancelled(shared_graph, optimizer, r
     assert shared_graph.call(CancelOptimization, f"{NODE}/cancel").success
     shared_graph.spin_until(future.done, what="the cancelled answer")
     assert not future.result().success
-    assert future.result().status == "cancelled"
+    assert future.result().outcome.code == SolveStatus.CANCELLED
     assert not shared_graph.call(CancelOptimization, f"{NODE}/cancel").success
+
+
+def test_a_cancellation_names_the_request_that_it_cancels(shared_graph, optimizer, request_message):
+    """Requests that are not named go on; one that waits is answered at once."""
+
+    def asked(first, iterations):
+        message = deepcopy(request_message)
+        message.request_id.uuid[0], message.max_iterations = first, iterations
+        return shared_graph.call_async(OptimizeTrajectory, f"{NODE}/optimize", message)
+
+    def cancel(first):
+        request = CancelOptimization.Request()
+        request.request_id.uuid[0] = first
+        return shared_graph.call(CancelOptimization, f"{NODE}/cancel", request)
+
+    def code(future):
+        shared_graph.spin_until(future.done, what="an answer")
+        return future.result().outcome.code
+
+    iterations = shared_graph.messages(OptimizerIteration, f"{NODE}/iterations")
+    running, waiting, last = asked(1, 100_000), asked(2, 100_000), asked(3, 1)
+    shared_graph.spin_until(lambda: len(iterations) >= 3, what="iterations while it runs")
+    assert {i.request_id.uuid[0] for i in iterations} == {1}
+    unknown = cancel(9)
+    assert not unknown.success
+    assert "No request 0900" in unknown.message
+    assert [each.uuid[0] for each in cancel(2).cancelled] == [2]
+    assert code(waiting) == SolveStatus.CANCELLED
+    assert not running.done()
+    assert cancel(1).success
+    assert code(running) == SolveStatus.CANCELLED
+    assert code(last) == SolveStatus.ITERATION_LIMIT
+    both = asked(4, 100_000), asked(5, 100_000)
+    shared_graph.spin_for(0.5)
+    assert len(cancel(0).cancelled) == 2
+    assert [code(each) for each in both] == [SolveStatus.CANCELLED] * 2
 
 
 def test_a_termination_ends_a_running_solve(graph, request_message):
@@ -126,6 +165,6 @@ def test_a_termination_ends_a_running_solve(graph, request_message):
     node.send(15)
     node.send(15)
     graph.spin_until(lambda: all(a.done() for a in answers), what="answers of a node that ends")
-    assert [answer.result().status for answer in answers] == [SHUTTING_DOWN, SHUTTING_DOWN]
+    assert [answer.result().outcome.code for answer in answers] == [SolveStatus.SHUTTING_DOWN] * 2
     assert node.wait() == 0, node.output
     assert "Traceback" not in node.output

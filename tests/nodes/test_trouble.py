@@ -7,12 +7,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
-from vgps_msgs.msg import Trajectory
+from vgps_msgs.msg import SolveStatus, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
+from vgps_ros.messages.conversions import command_to_msg, outcome_of, pack, stamp_of
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.tasks import make_task
 
@@ -45,7 +45,7 @@ def test_a_solve_that_fails_has_a_named_status(shared_graph, optimizer, status, 
     )
     response = shared_graph.call(OptimizeTrajectory, f"{NODE}/optimize", request)
     assert not response.success
-    assert response.status == status
+    assert response.outcome == outcome_of(status)
     assert advice in response.message
     found = shared_graph.diagnosis(NODE, DiagnosticStatus.ERROR, response.message)
     assert ("last status", status) in [(value.key, value.value) for value in found.values]
@@ -59,7 +59,7 @@ def test_a_solve_without_descent_warns(graph, request_message):  # noqa: F811
     request_message.max_iterations = 50
     response = graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
     assert response.success
-    assert response.status == "no_descent"
+    assert response.outcome.code == SolveStatus.NO_DESCENT
     assert "lower ddp.acceptance_ratio" in response.message
     graph.diagnosis(NODE, DiagnosticStatus.WARN, "No step lowers the cost")
     graph.spin_until_output(node, "No step lowers the cost")

@@ -2,7 +2,8 @@
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
@@ -17,12 +18,13 @@ from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.metadata import FILE_NAME, read_metadata, type_hashes
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.names import GAINS, MJCF, URDF, is_mjcf
+from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash, is_mjcf, message_type
 from vgps_ros.storage.disk import is_being_written
 
 # What a graph has once for each robot.
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
 
+_OWN = "vgps_msgs/msg/"
 _LONGEST = 2**18  # definition that is read [characters]
 _MOST_PARTS = 1024  # of arrays of a fixed size, for each of which rosbags writes lines of code
 
@@ -86,6 +88,7 @@ class BagReader:
         self.start = min((summary.start for summary in written), default=0)
         self.duration = max((summary.end for summary in written), default=0) - self.start
         self.damages = [sentence for file in self.files for sentence in file.damages]
+        self._are_older: dict[str, bool] = {}
         self._decoder = Decoder({topic.kind: topic.definition for topic in topics})
 
     def __enter__(self) -> "BagReader":
@@ -156,7 +159,7 @@ class BagReader:
         Raises:
             InvalidInputError: the bag lacks it, or the gains of the loops do not fit it.
         """
-        mjcf = self._recorded_mjcf()
+        mjcf = self.recorded_mjcf()
         if GAINS not in self.filled_topics:
             return mjcf
         # Slow to import, and `vgps bag --help` needs none of it.
@@ -167,7 +170,12 @@ class BagReader:
         gains = next(self.decoded(self.filled_topics[GAINS]))[1]
         return closed_loops(mjcf, *gains_from_msg(gains, controls_of(compile_model(mjcf))))
 
-    def _recorded_mjcf(self) -> str:
+    def recorded_mjcf(self) -> str:
+        """Returns the robot's MJCF as it was published.
+
+        Raises:
+            InvalidInputError: the bag lacks it.
+        """
         for name in (MJCF, URDF):
             if name in self.filled_topics:
                 text: str = next(self.decoded(self.filled_topics[name]))[1].data
@@ -233,18 +241,35 @@ class BagReader:
         """Decodes a message with the definition that the bag holds.
 
         Returns:
-            An object that has the message's fields as attributes.
+            An object that has the message's fields as attributes. One of vgps_msgs of an older
+            definition becomes one of the installed definition.
 
         Raises:
             InvalidInputError: the message does not fit the definition.
         """
         try:
-            return self._decoder.decode(message.data, message.kind)
+            decoded = self._decoder.decode(message.data, message.kind)
+            if not self.is_older(message.topic):
+                return decoded
+            # Slow to import, and other messages need none of it.
+            from vgps_ros.messages.conversions import from_older
+
+            return from_older(message_type(message.kind), decoded)
         except InvalidInputError as error:
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
                 f"valid {message.kind}: {error}."
             ) from error
+
+    def is_older(self, topic: str) -> bool:
+        """Returns whether messages of vgps_msgs have another definition than the installed one."""
+        kind = self.topics[topic]
+        if not kind.startswith(_OWN):
+            return False
+        if kind not in self._are_older:
+            with suppress(InvalidInputError):  # which decoding tells
+                self._are_older[kind] = self._decoder.type_hash(kind) != installed_hash(kind)
+        return self._are_older.get(kind, False)
 
 
 def storage_files(path: Path) -> list[Path]:
@@ -309,10 +334,21 @@ class Decoder:
             InvalidInputError: the message does not fit the definition; the error ends with the
                 cause.
         """
+        return self._by_store(kind, lambda: self._store.deserialize_cdr(data, kind))
+
+    def type_hash(self, kind: str) -> str:
+        """Returns the RIHS01 hash of a definition.
+
+        Raises:
+            InvalidInputError: it is no definition that is read.
+        """
+        return str(self._by_store(kind, lambda: self._store.hash_rihs01(kind)))
+
+    def _by_store(self, kind: str, found: Callable[[], Any]) -> Any:
         try:
             if kind not in self._store.fielddefs:
                 self._store.register(self._types(kind))
-            return self._store.deserialize_cdr(data, kind)
+            return found()
         except Exception as error:  # of many kinds, raised deep inside rosbags
             raise InvalidInputError(told(error)) from error
 

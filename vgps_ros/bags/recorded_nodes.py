@@ -22,7 +22,7 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.core.signals import Signals
-from vgps_ros.messages.conversions import policy_from_msg
+from vgps_ros.messages.conversions import policy_from_msg, robot_model
 from vgps_ros.policies.deployment import Reader
 from vgps_ros.policies.driver import observation_of
 from vgps_ros.policies.onnx_policy import OnnxPolicy
@@ -150,6 +150,7 @@ class RecordedExecutor:
         node: name of the executor; empty if there is none.
         is_in_lock_step: whether a simulation waited for the answer to each state.
         model: the robot.
+        robot: what messages say of it.
         seeds: those of the noise that torques may have; None is no noise.
         settings: safety settings of the executor.
         controls: what the robot's controls are.
@@ -194,6 +195,7 @@ class RecordedExecutor:
         own = float(parameters.get("sensor_tolerance", 0.0))
         self.tolerance = round(1e9 * (own if self.is_measured else period / 2))
         self.controls = controls_of(model)
+        self.robot = robot_model(bag.recorded_mjcf(), self._layout.names, self.controls.names)
         defaults = SafetySettings(torque_limits=(CONTROL_BOUND,) * model.nu)
         known = {s.name for s in settings_of(defaults)} & set(parameters)
         values = {name: parameters[name] for name in known}

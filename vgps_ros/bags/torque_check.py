@@ -22,7 +22,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import FORGOTTEN, ExecutedPolicy, Policy
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
-from vgps_ros.messages.conversions import distribution_from_msg
+from vgps_ros.messages.conversions import check_robot, distribution_from_msg
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, POSE, SAFE_ACTION
 from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, policy_digest
@@ -293,6 +293,7 @@ def _policies(
         with suppress(InvalidInputError):  # of which it kept the one before
             usable: Policy
             if policy:
+                check_robot("The policy", message.robot, executor.robot)
                 usable = executor.learned(policy)
             else:
                 usable = onnx_policy(content or b"", executor.controls)
@@ -318,7 +319,9 @@ def _marginals(bag: BagReader, executor: RecordedExecutor) -> Timeline:
     topic = bag.filled_topics.get("trajectory_distribution")
     if executor.settings.safe_action == "feedback" and topic:
         for received, message in bag.decoded(topic):
-            q = distribution_from_msg(message)
-            latest[message.trajectory_index] = executor.marginals(q)
-            timeline.add(received, tuple(latest.values()))
+            with suppress(InvalidInputError):  # of which it kept the one before
+                check_robot("The distribution", message.mean.robot, executor.robot)
+                q = distribution_from_msg(message)
+                latest[message.trajectory_index] = executor.marginals(q)
+                timeline.add(received, tuple(latest.values()))
     return timeline

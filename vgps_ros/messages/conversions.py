@@ -4,11 +4,13 @@
 Arrays cross as their bytes, so a value that goes there and back keeps every bit.
 """
 
+import hashlib
 import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import lru_cache, reduce
+from itertools import zip_longest
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
-from vgps_msgs.msg import LearningProgress
+from vgps_msgs.msg import LearningProgress, RobotModel, SolveStatus
 from vgps_msgs.msg import Plan as PlanMsg
 from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_msgs.msg import Trajectory as TrajectoryMsg
@@ -85,6 +87,91 @@ def from_message(kind: type[Kind], message: Any, **given: Any) -> Kind:
     return kind(**{name: plain(getattr(message, name)) for name in names}, **given)
 
 
+def from_older(kind: type[Kind], older: Any) -> Kind:
+    """Returns a message of the installed definition from one of an older definition.
+
+    What the older one lacks is empty, and a number is NaN. What is not in the message any more is
+    left out.
+
+    Args:
+        kind: the message's class.
+        older: the message as a bag's own definition has it.
+
+    Raises:
+        InvalidInputError: they have no field in common, or one of another type.
+    """
+    message, is_one = kind(), False
+    for name in kind.get_fields_and_field_types():  # type: ignore[attr-defined]
+        own, given = getattr(message, name), getattr(older, name, None)
+        if given is None:
+            given = math.nan if isinstance(own, float) else own
+        elif hasattr(own, "get_fields_and_field_types"):
+            given = from_older(type(own), given)
+        elif isinstance(own, array):
+            given = array(own.typecode, np.asarray(given).astype(own.typecode).tobytes())
+        elif type(given) is not type(own):
+            raise InvalidInputError(f"its {name} was another field then; use the version of then.")
+        is_one |= hasattr(older, name)
+        setattr(message, name, given)
+    if not is_one:
+        raise InvalidInputError("it was another message then; use the version of then.")
+    return message
+
+
+def robot_model(mjcf: str, states: Sequence[str], controls: Sequence[str]) -> RobotModel:
+    """Returns what a message says of its robot.
+
+    Args:
+        mjcf: the robot's MJCF, as on the topic `mjcf_description`.
+        states: names of the coordinates of a state, shape (n_x,).
+        controls: names of what the controls drive, shape (n_u,).
+    """
+    digest, names = _digest(mjcf), {"states": list(states), "controls": list(controls)}
+    return RobotModel(format=RobotModel.FORMAT, digest=digest, **names)
+
+
+@lru_cache(maxsize=8)
+def _digest(mjcf: str) -> str:
+    return hashlib.sha256(mjcf.encode()).hexdigest()
+
+
+def robot_of(deployment: Deployment) -> RobotModel:
+    """Returns what messages say of a task's robot."""
+    return robot_model(deployment.mjcf, deployment.layout.names, deployment.controls.names)
+
+
+def check_robot(what: str, given: Any, own: RobotModel) -> None:
+    """Refuses the numbers of a message that are about another robot.
+
+    Args:
+        what: what the sentence calls the message, such as `The policy`.
+        given: the message's field `robot`; what it leaves empty is unknown, and accepted.
+        own: the robot of who receives it.
+
+    Raises:
+        InvalidInputError: the format is newer, or a name or the model is another.
+    """
+    if given.format > RobotModel.FORMAT:
+        raise InvalidInputError(
+            f"{what} has the format {given.format}, but this version reads formats up to "
+            f"{RobotModel.FORMAT}; use the version that made it."
+        )
+    for names in ("controls", "states"):
+        theirs, ours = list(getattr(given, names)), list(getattr(own, names))
+        if theirs and ours and theirs != ours:
+            pairs = zip_longest(theirs, ours, fillvalue="none")
+            i, (their, our) = next((i, p) for i, p in enumerate(pairs) if p[0] != p[1])
+            raise InvalidInputError(
+                f"{what} is for another robot: its {names}[{i}] is {quoted(their)}, but here it is "
+                f"{quoted(our)}; start all nodes with the same task."
+            )
+    if given.digest and own.digest and given.digest != own.digest:
+        raise InvalidInputError(
+            f"{what} is for another model: its digest is {quoted(given.digest[:12])}, but here it "
+            f"is {own.digest[:12]!r}; start all nodes with the same model and version of MuJoCo."
+        )
+
+
 def nanoseconds(stamp: Time) -> int:
     """Returns a stamp as one whole number [ns]."""
     return stamp.sec * 10**9 + stamp.nanosec
@@ -97,10 +184,15 @@ def stamp_of(nanoseconds: int) -> Time:
 
 
 def policy_to_msg(
-    policy: GaussianPolicy, task: str, iteration: int, stamp: Time
+    policy: GaussianPolicy,
+    task: str,
+    iteration: int,
+    stamp: Time,
+    robot: RobotModel | None = None,
 ) -> GaussianPolicyMsg:
-    """Returns the policy as a message."""
+    """Returns the policy as a message; without a robot it does not say which one it is for."""
     given = {"header": Header(stamp=stamp), "task": task, "iteration": iteration}
+    given["robot"] = robot or RobotModel(format=RobotModel.FORMAT)
     return to_message(GaussianPolicyMsg, policy.architecture, policy, **given)
 
 
@@ -135,7 +227,7 @@ def distribution_to_msg(
         trajectory_index=trajectory_index,
         iteration=iteration,
         time_step=robot.time_step,
-        mean=TrajectoryMsg(n_x=q.mean.states.shape[1], n_u=q.mean.controls.shape[1]),
+        mean=TrajectoryMsg(robot=robot_of(robot), **_dims(q.mean)),
     )
     for name, values in arrays_of(q).items():
         *owner, field = _MESSAGE_NAMES.get(name, name).split(".")
@@ -152,28 +244,34 @@ def distribution_from_msg(message: TrajectoryDistributionMsg) -> TrajectoryDistr
     n_x, n_u, horizon = _sizes(message.mean)
     arrays, n_dx = {}, len(message.gains) // (horizon * n_u)
     sizes = {"T": horizon, "n_x": n_x, "n_dx": n_dx, "n_u": n_u}
-    context = getattr(message, "context", ())  # which bags of old versions lack
-    sizes["n_z"] = len(context) // horizon
+    sizes["n_z"] = len(message.context) // horizon
     for name, shape in array_shapes(TrajectoryDistribution, **sizes).items():
         field = _MESSAGE_NAMES.get(name, name)
-        given = context if name == "context" else attrgetter(field)(message)
-        arrays[name] = finite_array(field, given, shape)
+        arrays[name] = finite_array(field, attrgetter(field)(message), shape)
     return from_arrays(TrajectoryDistribution, arrays)
 
 
 def plan_to_msg(plan: "Plan", task: "Task", solve_time: float, stamp: Time) -> PlanMsg:
     """Returns a plan that took a time [s] as a message, stamped as the state it begins from."""
-    states, controls = plan.trajectory.states, plan.trajectory.controls
-    sizes = {"n_x": states.shape[1], "n_u": controls.shape[1]}
+    robot, dims = robot_of(task.deployment), _dims(plan.trajectory)
     return PlanMsg(
         header=Header(stamp=stamp),
         task=task.name,
         time_step=task.dynamics.time_step,
         cost=plan.cost,
         solve_time=solve_time,
-        status=plan.status.value,
-        trajectory=to_message(TrajectoryMsg, plan.trajectory, **sizes),
+        outcome=outcome_of(plan.status.value),
+        trajectory=to_message(TrajectoryMsg, plan.trajectory, robot=robot, **dims),
     )
+
+
+def _dims(trajectory: Trajectory) -> dict[str, int]:
+    return {"n_x": trajectory.states.shape[1], "n_u": trajectory.controls.shape[1]}
+
+
+def outcome_of(status: str) -> SolveStatus:
+    """Returns how a solve ended, such as `converged`, as a message with its constant."""
+    return SolveStatus(code=getattr(SolveStatus, status.upper()))
 
 
 def trajectory_from_msg(message: TrajectoryMsg) -> Trajectory:
@@ -214,7 +312,7 @@ def progress_from_msg(message: LearningProgress) -> "IterationMetrics":
     """Returns the message's metrics; NaN stands for one that an older bag's messages lack."""
     from vgps_ros.search.metrics import METRICS, IterationMetrics
 
-    found = {name: plain(getattr(message, name, math.nan)) for name in METRICS}
+    found = {name: plain(getattr(message, name)) for name in METRICS}
     return IterationMetrics(k=message.iteration, **found)
 
 

@@ -2,11 +2,13 @@
 """Names on which nodes, bags and views agree: topics, message types, keys on /diagnostics."""
 
 import io
+import json
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from xml.etree import ElementTree
 
-from ament_index_python import get_resource
+from ament_index_python import get_package_share_directory, get_resource
 
 from vgps_ros.core.errors import InvalidInputError
 
@@ -88,3 +90,16 @@ def message_type(kind: str) -> type:
             f"the type {kind} is not installed; build or source its package."
         ) from error
     return found
+
+
+def installed_hash(kind: str) -> str:
+    """Returns the RIHS01 hash of a type of messages that is installed; empty if it has none.
+
+    Raises:
+        InvalidInputError: its package is not installed.
+    """
+    message_type(kind)
+    package, _, name = kind.partition("/msg/")
+    file = Path(get_package_share_directory(package), "msg", f"{name}.json")
+    hashes = json.loads(file.read_text())["type_hashes"] if file.is_file() else []
+    return {each["type_name"]: each["hash_string"] for each in hashes}.get(kind, "")

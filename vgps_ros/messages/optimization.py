@@ -1,26 +1,32 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Requests and results of the trajectory optimizer to messages and back."""
 
+from uuid import uuid4
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
+from unique_identifier_msgs.msg import UUID
 from vgps_msgs.msg import Disturbance as DisturbanceMsg
-from vgps_msgs.msg import OptimizerIteration, Trajectory
+from vgps_msgs.msg import OptimizerIteration, SolveStatus, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
-from vgps_ros.core.checks import finite_array, one_of, quoted
+from vgps_ros.core.checks import finite_array, quoted
 from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import (
+    check_robot,
     distribution_from_msg,
     distribution_to_msg,
     from_message,
+    outcome_of,
     pack,
     policy_from_msg,
     policy_to_msg,
+    robot_of,
     to_message,
 )
 from vgps_ros.search.optimization_request import OptimizationRequest, check_distribution
@@ -29,7 +35,9 @@ from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance
 
-SHUTTING_DOWN = "shutting_down"  # status of an answer by a node that ends before the solve
+# A solve's ends by the constants of the message.
+_WITH_SOLUTION = {getattr(SolveStatus, s.name): s for s in Status if s is not Status.CANCELLED}
+_DIVERGED = {getattr(SolveStatus, s.upper()): s for s in DivergenceError.STATUSES}
 
 # How a solve may end with a q(ζ) and still not well, and what helps.
 TROUBLE = {
@@ -43,29 +51,33 @@ TROUBLE = {
 def request_to_msg(
     request: OptimizationRequest, task: Task, stamp: Time
 ) -> OptimizeTrajectory.Request:
-    """Returns the request as a message."""
-    n_x, n_u, robot = task.dims["n_x"], task.dims["n_u"], task.deployment
+    """Returns the request as a message, with a new identity by which it can be cancelled."""
+    n_x, n_u, deployment = task.dims["n_x"], task.dims["n_u"], task.deployment
+    robot = robot_of(deployment)
     guess, states, k = request.guess, request.guess_states, request.iteration
     previous, policy = request.previous, request.policy
     place = (request.trajectory_index, max(k - 1, 0))
     return to_message(
         OptimizeTrajectory.Request,
         request,
+        request_id=UUID(uuid=np.frombuffer(uuid4().bytes, dtype=np.uint8)),
         task=task.name,
+        robot=robot,
         context=pack(request.situation.context),
         disturbance=to_message(DisturbanceMsg, request.situation.disturbance),
         guess=[]
         if guess is None
         else [
             Trajectory(
+                robot=robot,
                 n_x=n_x,
                 n_u=n_u,
                 states=pack(np.empty(0) if states is None else states),
                 controls=pack(guess),
             )
         ],
-        previous=[distribution_to_msg(previous, robot, *place, stamp)] if previous else [],
-        policy=[policy_to_msg(policy, task.name, k, stamp)] if policy else [],
+        previous=[distribution_to_msg(previous, deployment, *place, stamp)] if previous else [],
+        policy=[policy_to_msg(policy, task.name, k, stamp, robot)] if policy else [],
     )
 
 
@@ -73,13 +85,23 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
     """Returns the message's request.
 
     Raises:
-        InvalidInputError: it is for another task, or a value does not fit.
+        InvalidInputError: it is for another task or robot, or a value does not fit.
     """
     if message.task != task.name:
         raise InvalidInputError(
             f"The request is for the task {quoted(message.task)}, but this optimizer solves "
             f"'{task.name}'."
         )
+    robots = {
+        "The request": [message.robot],
+        "The guess": [each.robot for each in message.guess],
+        "The previous distribution": [each.mean.robot for each in message.previous],
+        "The policy": [each.robot for each in message.policy],
+    }
+    own = robot_of(task.deployment)
+    for what, given in robots.items():
+        for robot in given:
+            check_robot(what, robot, own)
     shape = (task.planned_horizon, task.dims["n_u"])
     of_states = (task.planned_horizon + 1, task.dims["n_x"])
     guess, start = message.guess, (task.dims["n_x"],)
@@ -101,13 +123,14 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
 
 
 def iteration_to_msg(
-    iteration: Iteration, request: OptimizationRequest, stamp: Time
+    iteration: Iteration, request: OptimizationRequest, request_id: UUID, stamp: Time
 ) -> OptimizerIteration:
     """Returns one entry of a solve's log as a message."""
     return to_message(
         OptimizerIteration,
         iteration,
         header=Header(stamp=stamp),
+        request_id=request_id,
         trajectory_index=request.trajectory_index,
         search_iteration=request.iteration,
         iteration=iteration.index,
@@ -115,7 +138,11 @@ def iteration_to_msg(
 
 
 def result_to_msg(
-    result: OptimizationResult, request: OptimizationRequest, task: Task, stamp: Time
+    result: OptimizationResult,
+    request: OptimizationRequest,
+    request_id: UUID,
+    task: Task,
+    stamp: Time,
 ) -> OptimizeTrajectory.Response:
     """Returns a result as the service's response."""
     place = (request.trajectory_index, request.iteration)
@@ -123,14 +150,14 @@ def result_to_msg(
         OptimizeTrajectory.Response,
         result,
         success=result.status is not Status.CANCELLED,
-        status=result.status.value,
+        outcome=outcome_of(result.status.value),
         message=_sentence(result),
         settings=[
             Parameter(s.name, value=s.default).to_parameter_msg()
             for s in settings_of(result.settings)
         ],
         distribution=distribution_to_msg(result.distribution, task.deployment, *place, stamp),
-        iterations=[iteration_to_msg(i, request, stamp) for i in result.iterations],
+        iterations=[iteration_to_msg(i, request, request_id, stamp) for i in result.iterations],
     )
 
 
@@ -155,12 +182,19 @@ def result_from_msg(
         VgpsError: the request was refused, the solve was cancelled, or the answer is none that an
             optimizer gives.
     """
+    code = message.outcome.code
     if not message.success:
-        sentence = f"The trajectory optimizer answered '{message.status}': {message.message}"
-        if message.status in DivergenceError.STATUSES:
-            raise DivergenceError(sentence, message.status)
+        sentence = f"The trajectory optimizer answered: {message.message}"
+        if code in _DIVERGED:
+            raise DivergenceError(sentence, _DIVERGED[code])
         raise VgpsError(sentence)
+    if code not in _WITH_SOLUTION:
+        raise InvalidInputError(
+            f"outcome.code is {code}, but that of a solution must be one of "
+            f"{list(_WITH_SOLUTION)}; start an optimizer of this version."
+        )
     costs = finite_array("costs", [message.cost, message.modified_cost], (2,))
+    check_robot("The distribution", message.distribution.mean.robot, robot_of(task.deployment))
     distribution = distribution_from_msg(message.distribution)
     check_distribution("distribution", distribution, task, request.initial_state)
     return OptimizationResult(
@@ -169,7 +203,7 @@ def result_from_msg(
         cost=float(costs[0]),
         modified_cost=float(costs[1]),
         settings=_settings_from(message),
-        status=Status(one_of("status", message.status, [status.value for status in Status])),
+        status=_WITH_SOLUTION[code],
         iterations=tuple(from_message(Iteration, i, index=i.iteration) for i in message.iterations),
         simulator_steps=message.simulator_steps,
     )

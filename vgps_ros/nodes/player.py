@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Node `player`: publishes a bag's messages again, byte for byte and at their times."""
 
-import json
 import threading
 import time
 from collections import Counter
@@ -9,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -27,7 +25,7 @@ from vgps_ros.bags.playback import (
 from vgps_ros.bags.reader import BagMessage, BagReader
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.names import message_type
+from vgps_ros.messages.names import installed_hash, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
@@ -69,6 +67,7 @@ class Player(Node):
         for sentence in self._bag.damages:
             self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
         self._replayed: dict[str, Publisher] = {}
+        self._older: set[str] = set()  # topics whose messages are converted
         self._played: Counter[str] = Counter()
         self._is_closing = threading.Event()
         self._topics = self._add_topics(TopicFilter(include, exclude))
@@ -136,7 +135,14 @@ class Player(Node):
         Raises:
             InvalidInputError: the type is not installed, or has other fields than it had.
         """
-        found, profile = _checked_type(kind, type_hash), matching_profile(offered)
+        found, profile = message_type(kind), matching_profile(offered)
+        if topic in self._bag.topics and self._bag.is_older(topic):
+            self._older.add(topic)
+        elif type_hash and type_hash != (installed_hash(kind) or type_hash):
+            raise InvalidInputError(
+                f"the type {kind} was recorded with other fields than the installed one has; "
+                "source the package's version of the recording."
+            )
         self._replayed[topic] = self.create_publisher(found, topic, profile)
 
     def _read(self) -> Iterable[BagMessage]:
@@ -163,7 +169,9 @@ class Player(Node):
         self._end.trigger()
 
     def _publish(self, message: BagMessage) -> None:
-        self._replayed[message.topic].publish(message.data)
+        is_older = message.topic in self._older
+        data = self._bag.decode(message) if is_older else message.data
+        self._replayed[message.topic].publish(data)
         self._played[message.topic] += 1
 
     def _settle(self) -> None:
@@ -227,21 +235,6 @@ class Player(Node):
             return Trigger.Response(message="No message is left.")
         sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
         return Trigger.Response(success=True, message=sentence)
-
-
-def _checked_type(kind: str, type_hash: str) -> type:
-    """The installed type, if it is the recorded one: raw messages of another would be misread."""
-    found = message_type(kind)
-    package, _, name = kind.partition("/msg/")
-    file = Path(get_package_share_directory(package), "msg", f"{name}.json")
-    hashes = json.loads(file.read_text())["type_hashes"] if file.is_file() else []
-    installed = {entry["type_name"]: entry["hash_string"] for entry in hashes}.get(kind)
-    if type_hash and installed and installed != type_hash:
-        raise InvalidInputError(
-            f"the type {kind} was recorded with other fields than the installed one has; source "
-            "the package's version of the recording."
-        )
-    return found
 
 
 def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:

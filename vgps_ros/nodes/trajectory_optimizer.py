@@ -2,8 +2,9 @@
 """Node `trajectory_optimizer`: DDP on ᾱ c − log π_θ, as a service that answers with q(ζ)."""
 
 import threading
+from concurrent.futures import Future as Work
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -14,9 +15,9 @@ from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, VgpsError
+from vgps_ros.messages.conversions import outcome_of
 from vgps_ros.messages.names import MJCF
 from vgps_ros.messages.optimization import (
-    SHUTTING_DOWN,
     TROUBLE,
     iteration_to_msg,
     request_from_msg,
@@ -33,8 +34,18 @@ from vgps_ros.tasks import make_task
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
 
+@dataclass(eq=False)
+class _Accepted:
+    """A request that waits or is being solved."""
+
+    request: OptimizeTrajectory.Request
+    answer: Future
+    cancelled: threading.Event
+    work: Work | None = None
+
+
 class TrajectoryOptimizerNode(Node):
-    """Serves one solve at a time; a solve can be cancelled and reports its iterations."""
+    """Serves one solve at a time; requests can be cancelled, and a solve reports its iterations."""
 
     def __init__(self) -> None:
         super().__init__("trajectory_optimizer")
@@ -43,12 +54,10 @@ class TrajectoryOptimizerNode(Node):
         prepare(task)  # before the node is there: no request and no peer waits for the compiler
         self._task = task
         self._health = Health(self)
-        self._cancelled = threading.Event()
-        self._solving = threading.Event()
+        self._accepted: list[_Accepted] = []  # the one that is being solved, and those that wait
         self._shutting_down = threading.Event()
         # A solve must not keep the node from being cancelled or diagnosed.
         self._worker = ThreadPoolExecutor(1, "solve")
-        self._places = threading.Semaphore(CALLS.depth)  # for requests that wait or are solved
         self._iterations = self.create_publisher(OptimizerIteration, "~/iterations", lively(STREAM))
         self._distributions = self.create_publisher(
             TrajectoryDistributionMsg, "trajectory_distribution", LATCHED
@@ -69,46 +78,47 @@ class TrajectoryOptimizerNode(Node):
     def _enqueue(
         self, request: OptimizeTrajectory.Request, _: object
     ) -> Future | OptimizeTrajectory.Response:
-        if not self._places.acquire(blocking=False):
+        if len(self._accepted) >= CALLS.depth:
             sentence = f"{CALLS.depth} requests wait already; ask again when they are answered."
             return self._refused(VgpsError(sentence))
-        answer = Future()
-        self._worker.submit(lambda: answer.set_result(self._optimize(request)))
-        return answer
+        accepted = _Accepted(request, Future(), threading.Event())
+        self._accepted.append(accepted)
+        accepted.work = self._worker.submit(self._optimize, accepted)
+        return accepted.answer
 
-    def _optimize(self, request: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:
+    def _optimize(self, accepted: _Accepted) -> None:
         """Does a solve; whatever keeps it from its end becomes its answer."""
-        self._cancelled.clear()
-        self._solving.set()
         try:
-            response = self._solve(request)
+            response = self._solve(accepted)
         except Exception as error:
             if not self._shutting_down.is_set():
-                return self._refused(error)
-        finally:
-            self._solving.clear()
-            self._places.release()
+                response = self._refused(error)
         if self._shutting_down.is_set():
             sentence = "The node ends, so that the solve is to be done elsewhere."
-            return OptimizeTrajectory.Response(status=SHUTTING_DOWN, message=sentence)
-        return response
+            response = _without_solution("shutting_down", sentence)
+        self._answer(accepted, response)
 
-    def _solve(self, message: OptimizeTrajectory.Request) -> OptimizeTrajectory.Response:
-        request = request_from_msg(message, self._task)
+    def _answer(self, accepted: _Accepted, response: OptimizeTrajectory.Response) -> None:
+        self._accepted.remove(accepted)
+        accepted.answer.set_result(response)
+
+    def _solve(self, accepted: _Accepted) -> OptimizeTrajectory.Response:
+        request = request_from_msg(accepted.request, self._task)
+        request_id = accepted.request.request_id
 
         def publish(iteration: Iteration) -> None:
             stamp = self.get_clock().now().to_msg()
-            self._iterations.publish(iteration_to_msg(iteration, request, stamp))
+            self._iterations.publish(iteration_to_msg(iteration, request, request_id, stamp))
 
         result = optimize(
             self._task,
             request,
             on_iteration=publish,
-            is_cancelled=lambda: self._cancelled.is_set() or self._shutting_down.is_set(),
+            is_cancelled=lambda: accepted.cancelled.is_set() or self._shutting_down.is_set(),
         )
         stamp = self.get_clock().now().to_msg()
-        response = result_to_msg(result, request, self._task, stamp)
-        self._health.set_value("last status", response.status)
+        response = result_to_msg(result, request, request_id, self._task, stamp)
+        self._health.set_value("last status", result.status.value)
         self._health.report("solve", warning=response.message if result.status in TROUBLE else "")
         self._health.set_value("MuJoCo warnings", in_words(self._task.dynamics.warnings()))
         if result.status is not Status.CANCELLED:
@@ -120,13 +130,31 @@ class TrajectoryOptimizerNode(Node):
         status = error.status if isinstance(error, DivergenceError) else "refused"
         self._health.set_value("last status", status)
         self._health.report("solve", error=f"Refused a request: {sentence}")
-        return OptimizeTrajectory.Response(status=status, message=sentence)
+        return _without_solution(status, sentence)
 
-    def _cancel(self, *_: object) -> CancelOptimization.Response:
-        is_solving = self._solving.is_set()
-        self._cancelled.set()
-        message = "Cancelling the solve." if is_solving else "No solve is running."
-        return CancelOptimization.Response(success=is_solving, message=message)
+    def _cancel(
+        self, request: CancelOptimization.Request, response: CancelOptimization.Response
+    ) -> CancelOptimization.Response:
+        wanted, are_all = request.request_id, not request.request_id.uuid.any()
+        for accepted in [*self._accepted]:
+            if are_all or accepted.request.request_id == wanted:
+                response.cancelled.append(accepted.request.request_id)
+                accepted.cancelled.set()
+                if accepted.work and accepted.work.cancel():  # it waits, perhaps for long
+                    sentence = "The request was cancelled before its solve began."
+                    self._answer(accepted, _without_solution("cancelled", sentence))
+        response.success = bool(response.cancelled)
+        those = "No request" if are_all else f"No request {bytes(wanted.uuid).hex()}"
+        response.message = (
+            f"Cancelled {len(response.cancelled)} of the requests."
+            if response.success
+            else f"{those} waits or is being solved."
+        )
+        return response
+
+
+def _without_solution(status: str, sentence: str) -> OptimizeTrajectory.Response:
+    return OptimizeTrajectory.Response(outcome=outcome_of(status), message=sentence)
 
 
 def main() -> int:

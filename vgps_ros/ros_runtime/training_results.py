@@ -16,10 +16,12 @@ from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
+    check_robot,
     distribution_from_msg,
     distribution_to_msg,
     policy_from_msg,
     policy_to_msg,
+    robot_of,
 )
 from vgps_ros.messages.names import POLICY_OF_ITERATION
 from vgps_ros.policies.deployment import Deployment
@@ -108,6 +110,7 @@ class TrainingResults:
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
         try:
             one_of("the policy's task", message.task, [self._robot.name])
+            check_robot("it", message.robot, robot_of(self._robot))
             if self.controls is not self._robot.controls:
                 raise InvalidInputError(
                     "its controls are those of the task, but this node drives servos with the "
@@ -133,6 +136,7 @@ class TrainingResults:
 
     def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
         try:
+            check_robot("it", message.mean.robot, robot_of(self._robot))
             self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
         except InvalidInputError as error:
             sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
@@ -180,7 +184,9 @@ class TrainingResults:
             # Taken here too: the topic keeps the last few only.
             self._prepare(index, q, task)
             stamp = self._node.get_clock().now().to_msg()
-            publisher.publish(distribution_to_msg(q, self._robot, index, 0, stamp))
+            message = distribution_to_msg(q, self._robot, index, 0, stamp)
+            message.mean.robot.digest = ""  # which the file does not tell
+            publisher.publish(message)
 
     def _prepare(self, index: int, q: TrajectoryDistribution, task: str) -> None:
         """Hands on the marginals of the steps that a policy is trained on."""

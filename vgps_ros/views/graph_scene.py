@@ -20,6 +20,7 @@ from vgps_ros.core.checks import finite_array, positive
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.messages.conversions import (
+    check_robot,
     command_from_msg,
     distribution_from_msg,
     efforts_from_msg,
@@ -180,6 +181,7 @@ class GraphScene:
             self._history[message.iteration] = message
 
     def _show_policy(self, message: Any) -> None:
+        check_robot("it", message.robot, self.robot.told)
         policy = policy_from_msg(message)
         noise_std = policy.noise_std
         finite_array("policy.noise_std", noise_std, (len(self.robot.controls.names),))
@@ -189,6 +191,7 @@ class GraphScene:
         self.recording.log("policy/noise_std", rr.Scalars, scalars=noise)
 
     def _show_trajectory_distribution(self, message: Any) -> None:
+        check_robot("it", message.mean.robot, self.robot.told)
         q = distribution_from_msg(message)
         finite_array("mean.states[0]", q.mean.states[0], (len(self.robot.state_names),))
         n_dx, n_u = len(self.robot.deviation_names), len(self.robot.controls.names)
@@ -199,6 +202,7 @@ class GraphScene:
             self.robot.log_initial_solution(int(message.trajectory_index), q.mean.states)
 
     def _show_plan(self, message: Any) -> None:
+        check_robot("it", message.trajectory.robot, self.robot.told)
         states = trajectory_from_msg(message.trajectory).states
         finite_array("trajectory.states[0]", states[0], (len(self.robot.state_names),))
         stamp = nanoseconds(message.header.stamp)

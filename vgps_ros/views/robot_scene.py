@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 
 from vgps_ros.core.records import Array, TrajectoryDistribution
+from vgps_ros.messages.conversions import robot_model
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.simulation.controls import closed_loops, controls_of
@@ -46,6 +47,7 @@ class RobotScene:
         states: the messages of the robot's states, and the names of its joints.
         state_names, deviation_names: of each coordinate.
         controls: what its controls are.
+        told: what messages say of it.
 
     Raises:
         InvalidInputError: the MJCF does not compile, or lacks the name of a joint.
@@ -66,6 +68,7 @@ class RobotScene:
         )
         self.hinge_names = hinge_names(model)
         self._mjcf, self.controls = mjcf, controls_of(model)
+        self.told = robot_model(mjcf, self.state_names, self.controls.names)
         # The efforts of a message stand for all that the actuators do.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self._dofs = [int(model.joint(name).dofadr[0]) for name in self.states.joint_names]

@@ -17,13 +17,14 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.settings import Setting, with_values
-from vgps_ros.messages.conversions import policy_to_msg, progress_to_msg
+from vgps_ros.messages.conversions import policy_to_msg, progress_to_msg, robot_of
 from vgps_ros.nodes.policy_learner.optimizer_pool import (
     OPTIMIZER_TIMEOUT,
     OPTIMIZERS,
     CancelledError,
+    NoOptimizerError,
     OptimizerPool,
 )
 from vgps_ros.ros_runtime.health import Health
@@ -126,23 +127,27 @@ class PolicyLearner(Node):
         return settings
 
     def _train(self, goal: ServerGoalHandle) -> TrainPolicy.Result:
-        result = TrainPolicy.Result()
+        result = TrainPolicy.Result(outcome=TrainPolicy.Result.FAILED)
         self._health.clear("training")
         self._health.set_value(_TRAINING, "initial DDP")
         try:
             self._run(goal, result)
         except CancelledError as error:
-            result.message = str(error)
+            result.outcome, result.message = TrainPolicy.Result.CANCELLED, str(error)
             if goal.is_cancel_requested:
                 goal.canceled()
         except Exception as error:
             if not self.context.ok():
                 raise  # nobody can be told any more
+            if isinstance(error, NoOptimizerError):
+                result.outcome = TrainPolicy.Result.NO_OPTIMIZER
+            elif isinstance(error, DivergenceError):
+                result.outcome = TrainPolicy.Result.DIVERGED
             result.message = self._health.sentence_of(error)
             self._health.report("training", error=f"The training failed: {result.message}")
             goal.abort()
         else:
-            result.success = True
+            result.outcome, result.success = TrainPolicy.Result.FINISHED, True
             goal.succeed()
         finally:
             self._health.set_value(_TRAINING, "")
@@ -162,7 +167,7 @@ class PolicyLearner(Node):
             name = Run(self._method, self._task, settings, seed).name()
             checkpoints = KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
-        troubled: list[str] = []  # what the iterations warned of
+        trouble = ""  # of the last iteration that had any
         for iteration in search(
             self._method,
             self._task,
@@ -184,7 +189,8 @@ class PolicyLearner(Node):
             # More than one where the training goes on from a checkpoint.
             figures = iteration.history[len(result.history) :]
             news = [progress_to_msg(each, stamp=stamp, **said) for each in figures]
-            result.policy = policy_to_msg(iteration.policy, self._task.name, iteration.k, stamp)
+            of = (self._task.name, iteration.k, stamp, robot_of(self._task.deployment))
+            result.policy = policy_to_msg(iteration.policy, *of)
             result.num_parameters = iteration.policy.architecture.num_parameters
             result.history = [*result.history, *news]
             self._await_readers()
@@ -194,10 +200,11 @@ class PolicyLearner(Node):
             self._health.set_value(_TRAINING, f"iteration {iteration.k} of {settings.iterations}")
             self._health.report("iteration", warning=" ".join(iteration.warnings))
             if iteration.warnings:
-                troubled.append(f"iteration {iteration.k}: {' '.join(iteration.warnings)}")
+                result.troubled_iterations.append(iteration.k)
+                trouble = f"iteration {iteration.k}: {' '.join(iteration.warnings)}"
         result.message = f"Trained for {len(result.history)} iterations."
-        if troubled:
-            result.message += f" {len(troubled)} had trouble, last {troubled[-1]}"
+        if trouble:
+            result.message += f" {len(result.troubled_iterations)} had trouble, last {trouble}"
 
     def _await_readers(self) -> None:
         """Lets readers take the policy before: the topic keeps one, which the next one replaces."""

@@ -12,12 +12,13 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
-from vgps_msgs.msg import OptimizerIteration
+from unique_identifier_msgs.msg import UUID
+from vgps_msgs.msg import OptimizerIteration, SolveStatus
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.optimization import SHUTTING_DOWN, request_to_msg, result_from_msg
+from vgps_ros.messages.optimization import request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import Liveness
@@ -47,6 +48,10 @@ class CancelledError(VgpsError):
     """The caller no longer wants the results."""
 
 
+class NoOptimizerError(VgpsError):
+    """No optimizer is there for too long."""
+
+
 @dataclass
 class _Optimizer:
     """An optimizer node's clients, and the request that it works on."""
@@ -57,6 +62,7 @@ class _Optimizer:
     greeter: Client  # of a service that answers at once
     life: Liveness
     index: int = -1  # the request's place
+    request_id: UUID | None = None
     losses: int = 0  # of the node, when the request was sent
     future: Future | None = None  # its answer; None where the node has nothing to do
     greeting: Future | None = None
@@ -96,7 +102,8 @@ class OptimizerPool:
 
         Raises:
             CancelledError: `is_cancelled` became true.
-            VgpsError: an optimizer refused a request, or none is there for too long.
+            NoOptimizerError: no optimizer is there for too long.
+            VgpsError: an optimizer refused a request.
         """
         waiting = deque(range(len(requests)))
         results: dict[int, Outcome] = {}
@@ -120,7 +127,7 @@ class OptimizerPool:
                 there = now if ready else there
                 timeout = value(self._node, OPTIMIZER_TIMEOUT)
                 if timeout and now - there > timeout:
-                    raise VgpsError(
+                    raise NoOptimizerError(
                         f"No optimizer was there for {timeout:g} s; start {self._awaited}, "
                         "and train again."
                     )
@@ -130,6 +137,7 @@ class OptimizerPool:
                         optimizer.losses = optimizer.life.losses
                         stamp = self._node.get_clock().now().to_msg()
                         message = request_to_msg(requests[optimizer.index], self._task, stamp)
+                        optimizer.request_id = message.request_id
                         optimizer.future = optimizer.client.call_async(message)
                         optimizer.future.add_done_callback(lambda _: wake.set())
                 wake.wait(_POLL)
@@ -144,7 +152,7 @@ class OptimizerPool:
         if not (future := optimizer.future):
             return None
         answer = future.result() if future.done() else None
-        if answer and answer.status != SHUTTING_DOWN:
+        if answer and answer.outcome.code != SolveStatus.SHUTTING_DOWN:
             optimizer.future = None
             return answer
         if answer or optimizer.losses != optimizer.life.losses:
@@ -187,4 +195,6 @@ class OptimizerPool:
                 optimizer.future = None
                 optimizer.client.remove_pending_request(future)
                 if self._node.context.ok() and optimizer.canceller.service_is_ready():
-                    optimizer.canceller.call_async(CancelOptimization.Request())
+                    optimizer.canceller.call_async(
+                        CancelOptimization.Request(request_id=optimizer.request_id)
+                    )
