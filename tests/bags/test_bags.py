@@ -43,8 +43,9 @@ def messages(store) -> list[tuple[str, int, bytes]]:
     types = store.types
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
     none, ones = np.zeros(0), np.ones(2)
+    robot = types["vgps_msgs/msg/RobotModel"](1, "", [], [])
     policy = types[POLICY](
-        header, "swimmer", 3, ["x1", "x2"], np.array([2, 1], np.uint32), "tanh",
+        header, "swimmer", robot, 3, ["x1", "x2"], np.array([2, 1], np.uint32), "tanh",
         False, True, ones, ones[:1],
     )  # fmt: skip
     state = types[STATE](header, ["a"], ones[:1], none, none)

@@ -93,9 +93,8 @@ def test_a_message_of_an_older_definition_has_what_it_had_and_the_rest_is_unknow
     expected = GaussianPolicyMsg(task="swimmer", observed=["a"], parameters=[1.0] * 3)
     expected.layer_sizes, expected.header.stamp = [1, 2], Time(sec=3, nanosec=4)
     assert policy == expected
-    for wrong in (SimpleNamespace(x=1.0), SimpleNamespace(task=3)):
-        with pytest.raises(InvalidInputError, match="was another"):
-            from_older(GaussianPolicyMsg, wrong)
+    with pytest.raises(InvalidInputError, match="its task was another field then"):
+        from_older(GaussianPolicyMsg, SimpleNamespace(task=3))
 
 
 def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):

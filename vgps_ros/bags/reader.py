@@ -262,13 +262,19 @@ class BagReader:
             ) from error
 
     def is_older(self, topic: str) -> bool:
-        """Returns whether messages of vgps_msgs have another definition than the installed one."""
+        """Returns whether messages are of an older definition of vgps_msgs than the installed one.
+
+        Of one that has no field in common with the installed one they are not.
+        """
         kind = self.topics[topic]
         if not kind.startswith(_OWN):
             return False
         if kind not in self._are_older:
             with suppress(InvalidInputError):  # which decoding tells
-                self._are_older[kind] = self._decoder.type_hash(kind) != installed_hash(kind)
+                type_hash, names = self._decoder.describe(kind)
+                own = message_type(kind).get_fields_and_field_types()  # type: ignore[attr-defined]
+                is_other = type_hash != installed_hash(kind)
+                self._are_older[kind] = is_other and any(name in own for name in names)
         return self._are_older.get(kind, False)
 
 
@@ -336,13 +342,14 @@ class Decoder:
         """
         return self._by_store(kind, lambda: self._store.deserialize_cdr(data, kind))
 
-    def type_hash(self, kind: str) -> str:
-        """Returns the RIHS01 hash of a definition.
+    def describe(self, kind: str) -> tuple[str, list[str]]:
+        """Returns the RIHS01 hash of a definition, and the names of its fields.
 
         Raises:
             InvalidInputError: it is no definition that is read.
         """
-        return str(self._by_store(kind, lambda: self._store.hash_rihs01(kind)))
+        found = self._by_store(kind, lambda: self._store.hash_rihs01(kind))
+        return str(found), [name for name, _ in self._store.fielddefs[kind][1]]
 
     def _by_store(self, kind: str, found: Callable[[], Any]) -> Any:
         try:

@@ -98,9 +98,9 @@ def from_older(kind: type[Kind], older: Any) -> Kind:
         older: the message as a bag's own definition has it.
 
     Raises:
-        InvalidInputError: they have no field in common, or one of another type.
+        InvalidInputError: a field is of another type.
     """
-    message, is_one = kind(), False
+    message = kind()
     for name in kind.get_fields_and_field_types():  # type: ignore[attr-defined]
         own, given = getattr(message, name), getattr(older, name, None)
         if given is None:
@@ -111,10 +111,7 @@ def from_older(kind: type[Kind], older: Any) -> Kind:
             given = array(own.typecode, np.asarray(given).astype(own.typecode).tobytes())
         elif type(given) is not type(own):
             raise InvalidInputError(f"its {name} was another field then; use the version of then.")
-        is_one |= hasattr(older, name)
         setattr(message, name, given)
-    if not is_one:
-        raise InvalidInputError("it was another message then; use the version of then.")
     return message
 
 
