@@ -1,8 +1,12 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Files that other projects write beside their policies become one kind of contract."""
 
+from collections import deque
+
 import numpy as np
 import pytest
+import yaml
+from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.contract import Contract
@@ -115,6 +119,18 @@ def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
         (DEPLOY.replace("step_dt: 0.02", ""), "lacks 'step_dt'"),
         (RL_SAR.replace('"actions"', '"action"'), "Did you mean 'actions'"),
         (RL_SAR.replace("rl_kp:", "wheel_indices: [3]\n  rl_kp:"), "Wheels"),
+        (DEPLOY.replace("history_length", "history_lenght"), "Did you mean 'history_length'"),
+        (DEPLOY.replace("stiffness:", "stifness:"), "Did you mean 'stiffness'"),
+        (DEPLOY.replace("    scale:", "    scales:"), "Did you mean 'scale'"),
+        (DEPLOY.replace("actions:", "actions: 3\nother:"), "lacks .*, or has it in another form"),
+        (
+            DEPLOY.replace("_rel: {params: {}", "_rel: {params: {asset_cfg: {joint_ids: [0]}}"),
+            "joint_pos_rel of deploy.yaml must be of all joints",
+        ),
+        (RL_SAR.replace("observations_history", "observation_history"), "'observations_history'"),
+        (RL_SAR.replace("commands_scale", "comands_scale"), "Did you mean 'commands_scale'"),
+        (RL_SAR.replace("  rl_kd: [0.5, 0.5, 0.5, 0.5]\n", ""), "lacks 'rl_kd'"),
+        ("joint_names: [a]\nobservation_names: [joint_vel]\naction_scal: 2", "'action_scale'"),
         ("a: 1\nb: 2", "is neither a deploy.yaml of Unitree"),
         ("- 1", "must hold keys with values"),
         ("a: [", "is no YAML"),
@@ -123,3 +139,100 @@ def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
 def test_what_no_contract_can_say_is_refused(text, sentence, tmp_path):
     with pytest.raises(InvalidInputError, match=sentence):
         contract(written(tmp_path, text))
+
+
+TERMS = ("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "joint_vel_rel",
+         "last_action", "gait_phase")  # fmt: skip
+NUMBERS = {"base_ang_vel": 3, "projected_gravity": 3, "velocity_commands": 3, "gait_phase": 2}
+
+
+def measured(found, rng):
+    """Draws what is observed, and what the terms of Unitree are of it."""
+    inputs = rng.standard_normal((1, len(found.observed)))
+    value = dict(zip(found.observed, inputs[0], strict=True))
+
+    def of(pattern, names):
+        return np.array([value.get(pattern.format(name), 0.0) for name in names])
+
+    rotation = of("the free base/q{}", "xyzw")
+    turn = Rotation.from_quat(rotation if rotation.any() else [0.0, 0.0, 0.0, 1.0])
+    return inputs, {
+        "base_ang_vel": of("the free base/w{}", "xyz"),
+        "projected_gravity": turn.inv().apply([0.0, 0.0, -1.0]),
+        "velocity_commands": of("cmd_vel/{}", ("linear/x", "linear/y", "angular/z")),
+        "joint_pos_rel": of("{}/position", found.joints) - found.origin,
+        "joint_vel_rel": of("{}/velocity", found.joints),
+        "gait_phase": of("clock/{}", ("sin", "cos")),
+    }
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("by_time", [False, True])
+def test_a_deploy_yaml_of_any_order_is_read_as_unitrees_controller_reads_it(
+    seed, by_time, tmp_path
+):
+    """Terms in any order, each with a history, a scale of each number and a clip of its own."""
+    rng = np.random.default_rng(seed)
+    names = [str(name) for name in rng.permutation(TERMS)[: 4 + seed]]
+    lengths = [2] * len(names) if by_time else rng.integers(1, 4, len(names)).tolist()
+    terms = {
+        name: {
+            "params": {"period": 0.8} if name == "gait_phase" else {},
+            "clip": [-0.5, 0.9] if rng.random() < 0.5 else None,
+            "scale": rng.uniform(0.1, 2.0, NUMBERS.get(name, 4)).tolist(),
+            "history_length": length,
+        }
+        for name, length in zip(names, lengths, strict=True)
+    }
+    text = DEPLOY[: DEPLOY.index("observations:")].replace("clip: null", "clip: [[-1, 0.5]] ")
+    content = {"observations": {**({"use_gym_history": True} if by_time else {}), **terms}}
+    found = contract(written(tmp_path, text.replace("[[-1, 0.5]]", str([[-1, 0.5]] * 4))
+                             + yaml.safe_dump(content, sort_keys=False)))  # fmt: skip
+    np.testing.assert_array_equal(found.target_clip, [[-1.0] * 4, [0.5] * 4])
+    memory, action, history = None, np.zeros(4), {}
+    for _ in range(5):
+        inputs, values = measured(found, rng)
+        values["last_action"] = action
+        for name, term in terms.items():
+            value = np.clip(values[name], *(term["clip"] or (-np.inf, np.inf))) * term["scale"]
+            length = term["history_length"]
+            history.setdefault(name, deque([value] * length, length)).append(value)
+        expected = (
+            [history[name][step] for step in range(2) for name in names]
+            if by_time
+            else [value for name in names for value in history[name]]
+        )
+        memory = found.remembered(inputs, memory)
+        np.testing.assert_allclose(found.read(memory)[0], np.concatenate(expected), atol=1e-12)
+        action = rng.standard_normal(4)
+        memory = memory._replace(action=action[None])
+
+
+@pytest.mark.parametrize("priority", ["time", "term"])
+def test_a_config_yaml_is_read_as_rl_sar_reads_it(priority, tmp_path, rng):
+    """Scaled, then clipped to clip_obs; its history lists how many steps ago, in their order."""
+    text = RL_SAR.replace("[2, 1, 0]", "[0, 2, 1]").replace("clip_obs: 100.0", "clip_obs: 0.4")
+    text = text.replace('"commands", ', '"g1_phase", "commands", ')
+    found = contract(written(tmp_path, text + f"  observations_history_priority: {priority}\n"))
+    assert found.gait_period == 0.8
+    memory, action, frames = None, np.zeros(4), []
+    for _ in range(5):
+        inputs, values = measured(found, rng)
+        terms = [
+            0.25 * values["base_ang_vel"],
+            values["gait_phase"],
+            [2.0, 2.0, 0.25] * values["velocity_commands"],
+            0.05 * values["joint_vel_rel"],
+            action,
+        ]
+        terms = [np.clip(term, -0.4, 0.4) for term in terms]
+        frames = [terms, *(frames or [terms] * 2)]
+        expected = (
+            [term for lag in (0, 2, 1) for term in frames[lag]]
+            if priority == "time"
+            else [frames[lag][i] for i in range(5) for lag in (0, 2, 1)]
+        )
+        memory = found.remembered(inputs, memory)
+        np.testing.assert_allclose(found.read(memory)[0], np.concatenate(expected), atol=1e-12)
+        action = rng.standard_normal(4)
+        memory = memory._replace(action=action[None])

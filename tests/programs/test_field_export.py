@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """What others do with an exported policy: by onnxruntime alone, as Unitree does, and by LEAPP."""
 
+import shutil
 import subprocess
 import sys
 from collections import deque
@@ -227,6 +228,21 @@ def test_what_a_format_cannot_say_is_refused_by_name(tmp_path):
         exported(tmp_path, arm(tmp_path), "--leapp", "bundle", "--overwrite")
 
 
+@pytest.fixture(scope="module")
+def bundles(tmp_path_factory):
+    """Writes bundles, each of them once, and copies of them."""
+    made = {}
+
+    def copied(folder, **changes):
+        key = str(changes)
+        if key not in made:
+            made[key] = bundle(tmp_path_factory.mktemp("made"), **changes).parent
+        shutil.copytree(made[key], folder / "bundle")
+        return folder / "bundle" / "bundle.yaml"
+
+    return copied
+
+
 def bundle(folder, **changes):
     """A recurrent network with an own state and the last action, which LEAPP itself exports."""
     made = leapp()
@@ -284,8 +300,8 @@ def imported(path, *words):
     vgps(["import", str(path), "--task", "task.yaml", "--output", "whole.onnx", *words])
 
 
-def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, capsys):
-    path = bundle(folder)
+def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, bundles, capsys):
+    path = bundles(folder)
     imported(path)
     shown = capsys.readouterr().out
     for joint, gains in (("hip", ("20", "1")), ("tail", ("30", "2"))):
@@ -332,8 +348,8 @@ def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, capsys):
         (("- name: rates", "- name: speeds"), "are described; export it anew"),
     ],
 )
-def test_a_bundle_that_does_not_fit_is_refused(change, sentence, folder):
-    path = bundle(folder, **change if isinstance(change, dict) else {})
+def test_a_bundle_that_does_not_fit_is_refused(change, sentence, folder, bundles):
+    path = bundles(folder, **change if isinstance(change, dict) else {})
     if isinstance(change, tuple):
         path.write_text(path.read_text().replace(*change, 1))
     if not sentence:  # a rotation's elements have an order of their own

@@ -28,6 +28,7 @@ Record = TypeVar("Record")
 LARGEST_ROUNDING = 1e-3
 
 _MOST_LISTED = 12  # names in a sentence
+_SLIP = 0.85  # likeness of two words from which on one is the other, misspelt
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -212,6 +213,20 @@ def nearest(word: str, choices: Iterable[str]) -> str:
     """Returns a question that names the choice most like a word; empty where none is like it."""
     found = get_close_matches(word, list(choices), 1)
     return f" Did you mean '{found[0]}'?" if found else ""
+
+
+def check_spelling(what: str, words: Iterable[str], known: Iterable[str]) -> None:
+    """Checks that no unknown word is a known one with a slip; others are left alone.
+
+    Raises:
+        InvalidInputError: one is.
+    """
+    known = list(known)
+    for word in words:
+        if word not in known and (found := get_close_matches(word, known, 1, _SLIP)):
+            raise InvalidInputError(
+                f"{what} has {quoted(word)}, which is not known. Did you mean '{found[0]}'?"
+            )
 
 
 def matching(what: str, pattern: str, names: Sequence[str]) -> list[str]:

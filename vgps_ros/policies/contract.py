@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import finite_array, nearest, one_of, quoted
+from vgps_ros.core.checks import check_spelling, finite_array, nearest, one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
@@ -65,6 +65,14 @@ _READ = {
     "gait_phase": ("clock/sin", "clock/cos"),
 }
 _OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
+_KEYS = (
+    *("joint_names", "joint_stiffness", "joint_damping", "default_joint_pos", "command_names"),
+    *("observation_names", "observation_order", "observation_clip", "observation_terms_lags"),
+    *("observation_terms_scale", "observation_terms_clip", "observation_terms_history_length"),
+    *("observation_terms_flatten_history_dim", "action_scale", "action_clip", "target_clip"),
+    *("action_kind", "action_unit", "control_period", "gait_period", HELD, STATE),
+    *("held_joint_pos", "held_joint_stiffness", "held_joint_damping"),
+)
 _LONGEST = 1000  # history, in steps
 _MOST = 100_000  # numbers that a network reads
 
@@ -110,6 +118,7 @@ class Contract:
         state: what a network with a state of its own begins with, shape (m,); it gives the next one
             behind its actions.
         action_clip: lowest and highest action, shapes (n_a + m,).
+        target_clip: lowest and highest p_0 + s a of each joint, and of each that is held.
         looped: indices of the joints with k_p or k_d.
         felt: places in `observed` of their positions and then velocities.
         steps: how many steps, with the newest, the network reads.
@@ -122,6 +131,7 @@ class Contract:
     """
 
     def __init__(self, metadata: dict[str, str], name: str):
+        check_spelling(f"The metadata of {name}", metadata, _KEYS)
         self.joints = names_of(metadata, "joint_names", name)
         self.held = names_of(metadata, HELD, name) if metadata.get(HELD) else ()
         self._name, count = name, len(self.joints)
@@ -147,6 +157,9 @@ class Contract:
         free = np.tile([-np.inf, np.inf], (len(self.state), 1))
         self.action_clip = np.concatenate([clips, free]).T
         self.observation_clip = self._clips(metadata.get("observation_clip", "-inf;inf"), 1)[0]
+        limits = self._clips(metadata.get("target_clip", "-inf;inf"), count)
+        free = np.tile([-np.inf, np.inf], (len(self.held), 1))
+        self.target_clip = np.concatenate([limits, free]).T
         order = metadata.get("observation_order", "term")
         one_of(f"the metadata 'observation_order' of {name}", order, ["term", "time"])
         self.gait_period = float(self._listed(metadata, "gait_period", "0", 1)[0][0])

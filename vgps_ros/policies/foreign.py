@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import nearest, one_of, quoted
+from vgps_ros.core.checks import check_spelling, nearest, one_of, quoted
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -52,7 +52,21 @@ _OF_RL_SAR = {
     "dof_pos": ("joint_pos", "dof_pos_scale"),
     "dof_vel": ("joint_vel", "dof_vel_scale"),
     "actions": ("last_action", ""),
+    "g1_phase": ("gait_phase", ""),
 }
+_KEYS_OF_UNITREE = (
+    *("joint_ids_map", "step_dt", "stiffness", "damping", "default_joint_pos"),
+    *("commands", "actions", "observations"),
+)
+_OF_ACTION = ("clip", "joint_names", "scale", "offset", "joint_ids")
+_OF_TERM = ("params", "clip", "scale", "history_length")
+_KEYS_OF_RL_SAR = (
+    *("rl_kp", "rl_kd", "fixed_kp", "fixed_kd", "default_dof_pos", "action_scale"),
+    *("observations", "observations_history", "observations_history_priority"),
+    *("clip_obs", "clip_actions_lower", "clip_actions_upper", "wheel_indices"),
+    *("joint_names", "joint_mapping", "state_mapping", "dt", "decimation"),
+)
+_PERIOD_OF_G1 = 0.8  # of rl_sar's g1_phase [s]
 
 
 def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> dict[str, str]:
@@ -78,7 +92,7 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
             base = path.parent.parent / "base.yaml"
             shared = next(iter(_yaml(base).values())) if base.is_file() else {}
             return _said(_of_rl_sar({**shared, **one}, joints))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInputError(
             f"'{path}' lacks {error}, or has it in another form; write its metadata as YAML."
         ) from error
@@ -299,19 +313,25 @@ def _known(name: str, terms: Mapping[str, Any]) -> Any:
 
 def _of_unitree(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
     """Converts a deploy.yaml: gains in the motors' order, all else in the policy's."""
+    check_spelling("The deploy.yaml", content, _KEYS_OF_UNITREE)
     order = _order(content["joint_ids_map"], joints)
     kind, action = next(iter(content["actions"].items()))
     one_of("the action of deploy.yaml", kind, ["JointPositionAction"])
+    check_spelling(f"{kind} of deploy.yaml", action, _OF_ACTION)
     offset, start = action.get("offset"), content["default_joint_pos"]
     ids = [i for i in action.get("joint_ids") or [] if i is not None]
-    if len(content["actions"]) > 1 or action.get("clip") or ids not in ([], [*range(len(order))]):
+    if len(content["actions"]) > 1 or ids not in ([], [*range(len(order))]):
         raise InvalidInputError("The actions of deploy.yaml must be one term, of all joints.")
     if offset is not None and not np.allclose(offset, start):
         raise InvalidInputError("The offset of deploy.yaml must be its default_joint_pos.")
     terms = dict(content["observations"])
-    by_time = terms.pop("use_gym_history", False)
-    if terms.pop("scale_first", False) and any(term.get("clip") for term in terms.values()):
-        raise InvalidInputError("Clips of deploy.yaml must come before scales.")
+    by_time, scale_first = (terms.pop(k, False) for k in ("use_gym_history", "scale_first"))
+    for name, term in terms.items():
+        check_spelling(f"{name} of deploy.yaml", term, _OF_TERM)
+        if (term.get("params") or {}).get("asset_cfg", {}).get("joint_ids"):
+            raise InvalidInputError(f"{name} of deploy.yaml must be of all joints, not joint_ids.")
+        if scale_first and term.get("clip"):
+            raise InvalidInputError("Clips of deploy.yaml must come before scales.")
     found = {
         "joint_names": [joints[i] for i in order],
         "joint_stiffness": [content["stiffness"][i] for i in order],
@@ -329,6 +349,8 @@ def _of_unitree(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, 
         "observation_order": "time" if by_time else "term",
         "control_period": content["step_dt"],
     }
+    if action.get("clip"):
+        found["target_clip"] = action["clip"]
     if "gait_phase" in terms:
         found["gait_period"] = terms["gait_phase"]["params"]["period"]
     return found
@@ -336,6 +358,8 @@ def _of_unitree(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, 
 
 def _of_rl_sar(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
     """Converts a config.yaml, with the base.yaml beside its folder."""
+    scales = [key for _, key in _OF_RL_SAR.values()]
+    check_spelling("The config.yaml", content, [*_KEYS_OF_RL_SAR, *scales])
     names = content.get("joint_names", joints)
     count = len(content["rl_kp"])
     mapping = content.get("joint_mapping", content.get("state_mapping", [*range(count)]))
@@ -360,6 +384,8 @@ def _of_rl_sar(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, A
         "observation_order": content.get("observations_history_priority", "time"),
         "observation_clip": [[-clip, clip]],
     }
+    if "g1_phase" in content["observations"]:
+        found["gait_period"] = _PERIOD_OF_G1
     if "dt" in content:
         found["control_period"] = content["dt"] * content["decimation"]
     return found

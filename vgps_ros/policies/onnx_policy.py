@@ -160,6 +160,7 @@ class OnnxPolicy:
         driving, unmoved = actions[:, : len(self.contract.joints)], len(self.contract.held)
         driving = np.concatenate([driving, np.zeros((len(actions), unmoved))], axis=1)
         values = self._origin + self.contract.scale * driving
+        values = np.clip(values, *self.contract.target_clip)
         if self._closed.any():
             position, velocity = self._felt(inputs)
             torques = self.contract.stiffness * (values - position)
