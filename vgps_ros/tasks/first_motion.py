@@ -3,7 +3,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,15 +12,25 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import known, matching
+from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.ddp.tracking import track
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
-from vgps_ros.tasks.sampled_motion import SampledMotion, Sampler
-from vgps_ros.tasks.schema import Begin, Noise, PathMotion, Pd, RecordedMotion, Sampling
+from vgps_ros.tasks.sampled_motion import FALLEN, SampledMotion, Sampler
+from vgps_ros.tasks.schema import (
+    Begin,
+    BestMotion,
+    Noise,
+    PathMotion,
+    Pd,
+    RecordedMotion,
+    Sampling,
+)
 from vgps_ros.tasks.task import FirstMotion, Nominal, Task
 from vgps_ros.tasks.task_file import Document, Place
 
@@ -43,6 +54,8 @@ def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
         begin = _sampled(task, entry, document)
     elif isinstance(entry, PathMotion):
         begin = AlongPath(path_states(task, entry, document))
+    elif isinstance(entry, BestMotion):
+        begin = _several(task, entry, document)
     elif isinstance(entry, Noise):
         std, n_u = np.array(entry.std), task.dynamics.control_dim
         document.refuse(
@@ -174,6 +187,77 @@ class Recorded:
             return self.elsewhere(task, start, steps, *rest)
         tolerance = task.optimizer.demonstration_tolerance
         return Nominal(*track(task.dynamics, shown, start, task.position_names, tolerance))
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best of several motions after a few iterations of DDP.
+
+    Each step in which the robot lies costs more than any motion. From other starts than the task's
+    the best one's law goes on, or the motion is a guess whose gap at the start the solve closes.
+
+    Attributes:
+        task: the task, in whose own context and from whose start they are compared.
+        candidates: what makes them.
+        iterations: iterations of DDP on each; the better half is solved with twice as many, and so
+            on.
+    """
+
+    task: Task
+    candidates: tuple[FirstMotion, ...]
+    iterations: int
+    goes_on: ClassVar[bool] = False
+
+    @cached_property
+    def chosen(self) -> tuple[FirstMotion, Trajectory]:
+        """The one that is best, and its motion from the task's start."""
+        left, iterations = [*enumerate(self.candidates)], self.iterations
+        rounds = len(left).bit_length()
+        report = progress_lines(f"Tries first motions of {self.task.name}")
+        for count in range(rounds):
+            found = list[tuple[float, int, Trajectory]]()
+            for done, (i, candidate) in enumerate(left):
+                found.append(self._solved(candidate, iterations, i))
+                report((count + (done + 1) / len(left)) / rounds)
+            found.sort(key=itemgetter(0, 1))
+            left = [(i, self.candidates[i]) for _, i, _ in found[: max(1, len(left) // 2)]]
+            iterations *= 2
+        return left[0][1], found[0][2]
+
+    def _solved(
+        self, candidate: FirstMotion, iterations: int, i: int
+    ) -> tuple[float, int, Trajectory]:
+        task, rng = self.task, np.random.default_rng(0)
+        first = candidate(task, task.initial_state, task.planned_horizon, rng)
+        try:
+            solution = solve(
+                *(task.dynamics, task.cost, first.trajectory, task.optimizer.ddp, iterations),
+                gaps=first.gaps,
+            )
+        except DivergenceError:
+            return np.inf, i, first.trajectory
+        fallen = task.fallen(solution.trajectory.states).sum()
+        return solution.cost + FALLEN * fallen, i, solution.trajectory
+
+    def __call__(self, task: Task, start: Array, steps: int, *rest: Any) -> Nominal:
+        """Returns the motion, whose simulator steps do not count as learning."""
+        law, motion = self.chosen
+        if steps == motion.horizon and np.array_equal(start, motion.states[0]):
+            return Nominal(motion)
+        if law.goes_on:
+            return law(task, start, steps, *rest)
+        states = np.concatenate([start[None], motion.states[1 : steps + 1]])
+        return Nominal.guessed(Trajectory(states, motion.controls[:steps]), task.dynamics)
+
+
+def _several(task: Task, entry: BestMotion, document: Document) -> Best:
+    """Returns the motions of which the best one is chosen."""
+    low, high = task.dynamics.control_limits
+    still = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
+    held = Made(partial(_executed, _pd_law(task, Pd(), document)))
+    half = 0.5 * np.where(np.isfinite(high - low), high - low, 2.0)
+    noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
+    return Best(task, (held, AlongPath(still), *noisy), entry.iterations)
 
 
 def _executed(

@@ -567,7 +567,18 @@ class PathMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="path")
     ] = 1.0
 
 
-Begin = Zero | Noise | Pd | Sampling | RecordedMotion | PathMotion
+class BestMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="best"):
+    """The best of several motions: a held start, a path that stays there, smooth noise.
+
+    DDP improves each a little, those that cost least a little more, and the last one goes on.
+    """
+
+    iterations: Annotated[
+        int, about("iterations of DDP on each; on the better half twice as many", 5, ge=1, le=1000)
+    ] = 5
+
+
+Begin = Zero | Noise | Pd | Sampling | RecordedMotion | PathMotion | BestMotion
 
 
 class TaskFile(Record, frozen=True, kw_only=True):

@@ -1,0 +1,63 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""First motions of which several are tried: `begin: {law: best}`."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tests.limited_pendulum import write_task
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.trajectory_optimization import optimize
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.first_motion import AlongPath, Best, Drawn, Made
+
+UP = "  - {sensor: tip, index: z, target: 1.0}"
+
+
+def hanging(folder, begin):
+    """The pendulum hangs at rest, and its motor is too weak to lift it without a swing."""
+    return make_task(
+        write_task(
+            folder,
+            ("  - {sensor: hinge/position, target: 1.5, weight: 100.0}", UP),
+            ("horizon: 1.0", "horizon: 4.0"),
+            ("search:", f"begin: {begin}\nsearch:"),
+        )
+    )
+
+
+def end_of(task):
+    return optimize(task, first_request(task, 0, 60)).distribution.mean.states[-25:, 0]
+
+
+def test_it_swings_up_what_hangs_at_rest_where_nothing_would_move_it(tmp_path):
+    swung = end_of(hanging(tmp_path, "{law: best}"))
+    assert np.cos(swung).max() < -0.9  # the tip is up for the last half second
+    assert np.cos(end_of(hanging(tmp_path, "{law: zero}"))).max() > 0.99
+
+
+def test_the_choice_is_the_same_in_each_process_and_goes_on_from_other_starts(tmp_path, rng):
+    one, other = (hanging(tmp_path, "{law: best, iterations: 2}") for _ in range(2))
+    start, steps = one.initial_state, one.planned_horizon
+    first = one.begin(one, start, steps, rng).trajectory
+    assert_array_equal(first.states, other.begin(other, start, steps, rng).trajectory.states)
+    beside = one.begin(one, start + 0.01, steps, rng)
+    assert_array_equal(beside.trajectory.states[0], start + 0.01)
+    assert np.abs(beside.gaps[0]).max() > 0.0  # which a solve closes
+    assert one.begin(one, start, 20, rng).trajectory.horizon == 20
+
+
+def test_one_that_falls_is_worse_than_any_that_does_not(tmp_path):
+    task = hanging(tmp_path, "{law: best, iterations: 1}")
+    file = tmp_path / "task.yaml"
+    file.write_text(file.read_text() + "fallen: [{sensor: hinge/position, beyond: 0.5}]\n")
+    careful = make_task(str(file))
+    assert not careful.fallen(careful.begin.chosen[1].states).any()
+    assert careful.fallen(task.begin.chosen[1].states).any()
+
+
+@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn])
+def test_it_tries_laws_paths_and_noise(tmp_path, kind):
+    begin = hanging(tmp_path, "{law: best}").begin
+    assert isinstance(begin, Best)
+    assert any(isinstance(each, kind) for each in begin.candidates)
