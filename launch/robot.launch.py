@@ -10,8 +10,10 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, Shutdown
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import (
+    AndSubstitution,
     LaunchConfiguration,
     NotEqualsSubstitution,
+    NotSubstitution,
     PathJoinSubstitution,
 )
 from launch_ros.actions import (
@@ -45,6 +47,8 @@ def generate_launch_description() -> LaunchDescription:
 
     The arguments hold for the nodes of a launch file that includes this one, too.
     """
+    simulation, one = LaunchConfiguration("simulation"), LaunchConfiguration("one_process")
+    autostart = ParameterValue(LaunchConfiguration("autostart"), value_type=bool)
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -75,6 +79,11 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 description="whether the executor configures and activates itself once, at start",
             ),
+            DeclareLaunchArgument(
+                "one_process",
+                default_value="false",
+                description="whether simulation and executor share a process, which is faster",
+            ),
             PushRosNamespace(LaunchConfiguration("namespace")),
             *(
                 SetRemap(f"/{topic}", topic, condition=given("namespace"))
@@ -85,7 +94,7 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="vgps_ros",
                 executable="watchdog",
-                condition=UnlessCondition(LaunchConfiguration("simulation")),
+                condition=UnlessCondition(simulation),
             ),
             SetParameter(
                 "task",
@@ -95,15 +104,22 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="vgps_ros",
                 executable="simulation",
-                condition=IfCondition(LaunchConfiguration("simulation")),
+                condition=IfCondition(AndSubstitution(simulation, NotSubstitution(one))),
                 on_exit=end_where_refused,
             ),
             Node(
                 package="vgps_ros",
                 executable="policy_executor",
-                parameters=[
-                    {"autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool)}
-                ],
+                parameters=[{"autostart": autostart}],
+                condition=UnlessCondition(AndSubstitution(simulation, one)),
+                on_exit=end_where_refused,
+            ),
+            Node(
+                package="vgps_ros",
+                executable="node",
+                arguments=["simulation", "policy_executor"],
+                parameters=[{"autostart": autostart}],
+                condition=IfCondition(AndSubstitution(simulation, one)),
                 on_exit=end_where_refused,
             ),
         ]

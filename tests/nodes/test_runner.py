@@ -14,7 +14,7 @@ import os
 from pathlib import Path
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable, run
 
 def sockets():  # those that are bound; Fast DDS keeps some that are not
     opened = [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()]
@@ -38,7 +38,7 @@ def close(node):
     if "{place}" == "closing":
         raise OSError("closing failed")
 
-code = run(Failing, close=close)
+code = run(Runnable(Failing, close=close))
 print("left:", sockets(), flush=True)
 raise SystemExit(code)
 """
@@ -65,7 +65,7 @@ _SLOW = """
 import time
 from rclpy.node import Node
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable, run
 
 class Slow(Node):
     def __init__(self):
@@ -77,7 +77,7 @@ class Slow(Node):
         except Exception as error:  # as where a file is read that may be damaged
             raise InvalidInputError("It cannot be read.") from error
 
-raise SystemExit(run(Slow, close=lambda *_: print("closed")))
+raise SystemExit(run(Runnable(Slow, close=lambda *_: print("closed"))))
 """
 
 
@@ -101,7 +101,7 @@ _TALKING = """
 import time
 from rclpy.node import Node
 from std_msgs.msg import String
-from vgps_ros.ros_runtime.runner import run{executor}
+from vgps_ros.ros_runtime.runner import Runnable, run{executor}
 
 class Talking(Node):
     def __init__(self):
@@ -117,7 +117,7 @@ def close(node):
     time.sleep(0.5)
     print("closed", flush=True)
 
-raise SystemExit(run(Talking, {executor_name}close=close))
+raise SystemExit(run(Runnable(Talking, {executor_name}close=close)))
 """
 
 

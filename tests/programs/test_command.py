@@ -92,7 +92,7 @@ def test_a_misspelt_word_is_answered_with_the_nearest(words, sentence, capsys):
 
 
 def test_every_command_and_node_is_an_executable_of_the_package_too(tmp_path):
-    names = {command.replace("-", "_") for command in COMMANDS} - {"node"} | {*NODES}
+    names = {command.replace("-", "_") for command in COMMANDS} | {*NODES}
     assert {file.name for file in (INSTALLED / "lib" / "vgps_ros").iterdir()} == names
     answer = subprocess.run(
         [str(INSTALLED / "lib" / "vgps_ros" / "execute_policy"), "--help"],

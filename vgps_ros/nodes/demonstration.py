@@ -10,7 +10,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM, lively
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Simbicon
 
@@ -60,6 +60,4 @@ class DemonstrationNode(Node):
         self._commands.publish(self._answer)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(DemonstrationNode)
+NODE = Runnable(DemonstrationNode)

@@ -24,7 +24,7 @@ from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, declare_settings, value
 from vgps_ros.ros_runtime.qos import STREAM
-from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.search.mpc import (
     LARGEST_ADJUSTMENT,
     MpcSettings,
@@ -148,6 +148,4 @@ def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], ob
     take(changed(value(node, targets), value(node, weights)))
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Mpc, streaming_executor, close=lambda node: node.end())
+NODE = Runnable(Mpc, streaming_executor, close=lambda node: node.end())

@@ -29,7 +29,7 @@ from vgps_ros.messages.names import installed_hash, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import answered, steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
@@ -248,6 +248,4 @@ def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     )
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Player, close=Player.close)
+NODE = Runnable(Player, close=Player.close)

@@ -9,7 +9,7 @@ from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
 
@@ -34,6 +34,4 @@ class PolicyExecutor(Controller):
         return policy.control(inputs, stamp, seed)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(PolicyExecutor, streaming_executor, close=lambda node: node.stop())
+NODE = Runnable(PolicyExecutor, streaming_executor, close=lambda node: node.stop())

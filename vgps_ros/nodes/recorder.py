@@ -38,7 +38,7 @@ from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import answered, steady_timer
 from vgps_ros.storage.software import environment
 
@@ -326,6 +326,4 @@ class _ParameterCollector:
             self.is_changed = True
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Recorder, close=Recorder.close)
+NODE = Runnable(Recorder, close=Recorder.close)

@@ -26,7 +26,7 @@ from vgps_ros.messages.optimization import (
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATCHED, LATEST, STREAM, lively
-from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import answer_later
 from vgps_ros.search.trajectory_optimization import optimize, prepare
 from vgps_ros.simulation.warnings import in_words
@@ -157,6 +157,4 @@ def _without_solution(status: str, sentence: str) -> OptimizeTrajectory.Response
     return OptimizeTrajectory.Response(outcome=outcome_of(status), message=sentence)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(TrajectoryOptimizerNode, streaming_executor, close=lambda node: node.stop())
+NODE = Runnable(TrajectoryOptimizerNode, streaming_executor, close=lambda node: node.stop())

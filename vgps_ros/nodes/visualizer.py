@@ -14,7 +14,7 @@ from vgps_ros.messages.names import GAINS, MJCF, URDF, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.views.graph_scene import DRAWN, GraphScene, is_drawn
 from vgps_ros.views.recording import UnfinishedRecordingError
@@ -70,6 +70,4 @@ class Visualizer(Node):
                 self._listen(topic, kinds[0])
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Visualizer, close=Visualizer.close)
+NODE = Runnable(Visualizer, close=Visualizer.close)

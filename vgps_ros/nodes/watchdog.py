@@ -18,7 +18,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
-from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
 
 SILENCE = Setting(
@@ -71,6 +71,4 @@ class Watchdog(Node):
                 self._health.report(topic, error=sentence)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Watchdog, streaming_executor)
+NODE = Runnable(Watchdog, streaming_executor)

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros execute_policy`
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
-            start(words[1], words[2:])
+            start(words[1:])
         _run(words)
     except KeyboardInterrupt:
         sys.exit("vgps: interrupted.")

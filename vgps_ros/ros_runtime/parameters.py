@@ -161,15 +161,17 @@ def check_given_parameters(node: Node) -> None:
     Raises:
         InvalidInputError: the command line, or the node's own block of a file, names another one.
     """
-    given = list(_given(node.get_name()))
-    for name in (each.name for each in given if each.node == node.get_name()):
+    given = list(_given())
+    executable = Path(sys.argv[0]).name  # of several nodes it has all their names
+    is_alone = " " not in executable
+    own = (node.get_name(), "") if is_alone else (node.get_name(),)
+    for name in (each.name for each in given if each.node in own):
         if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
             declared = [descriptor.name for descriptor, _ in DECLARED]
             raise InvalidInputError(
                 f"{node.get_name()} has no parameter {quoted(name)}.{nearest(name, declared)} "
                 "Start it with --help alone to see all of them."
             )
-    executable = Path(sys.argv[0]).name
     meant = [e for e in given if e.file and e.node in (executable, node.get_name())]
     for file in dict.fromkeys(each.file for each in meant):
         keys = {each.key: each.reaches(node) for each in meant if each.file == file}
@@ -181,13 +183,28 @@ def check_given_parameters(node: Node) -> None:
             )
 
 
-def _given(node: str) -> Iterator[_Given]:
-    """Yields the parameters that this process's arguments give to the node, or to others."""
+def check_common_parameters(nodes: Sequence[Node]) -> None:
+    """Checks, once several nodes of one process are built, what was given to all of them.
+
+    Raises:
+        InvalidInputError: the command line gives a parameter that none of them has.
+    """
+    for name in (each.name for each in _given() if not each.node):
+        if not any(node.has_parameter(name) for node in nodes):
+            declared = [descriptor.name for descriptor, _ in DECLARED]
+            raise InvalidInputError(
+                f"None of {', '.join(node.get_name() for node in nodes)} has a parameter "
+                f"{quoted(name)}.{nearest(name, declared)} Start them with --help alone to see all."
+            )
+
+
+def _given() -> Iterator[_Given]:
+    """Yields the parameters that this process's arguments give to some node, or to any ('')."""
     arguments = sys.argv[sys.argv.index("--ros-args") :] if "--ros-args" in sys.argv else []
     for flag, argument in pairwise(arguments):
         if flag in ("-p", "--param"):
             target, _, name = argument.partition(":=")[0].rpartition(":")
-            yield _Given(name, f"/{target or node}")
+            yield _Given(name, f"/{target}")
         elif flag == "--params-file":
             for path in _paths(yaml.safe_load(Path(argument).read_text())):
                 block, _, name = "\n".join(path).partition("\nros__parameters\n")

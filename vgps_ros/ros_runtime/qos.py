@@ -38,6 +38,8 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # The publisher's end of a latched topic of which only the newest value matters: policy, robot.
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+_PROCESS = 12  # bytes of an endpoint's id that all of a process have in common
+
 LEASE = 3.0  # silence after which a node counts as killed or hung [s]
 
 
@@ -58,7 +60,6 @@ class Liveness:
     """Subscribes to a topic whose publisher offers `lively`, and follows whether it is alive.
 
     Attributes:
-        is_alive: whether a publisher is there, and its process runs.
         losses: how often a publisher was lost: it was killed, hung, or ended.
     """
 
@@ -70,8 +71,9 @@ class Liveness:
         *,
         group: CallbackGroup | None = None,
     ):
-        self.is_alive = False
         self.losses = 0
+        self._is_alive = False
+        self._node, self._topic = node, node.resolve_topic_name(topic)
         node.create_subscription(
             kind,
             topic,
@@ -81,6 +83,23 @@ class Liveness:
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._note),
         )
 
+    @property
+    def is_alive(self) -> bool:
+        """Whether a publisher is there, and its process runs.
+
+        The middleware tells nothing of one in this process, which is known by how its id begins.
+        """
+        if self._is_alive:
+            return True
+        own = self._node.get_name(), self._node.get_namespace()
+        here = {
+            bytes(reader.endpoint_gid[:_PROCESS])
+            for reader in self._node.get_subscriptions_info_by_topic(self._topic)
+            if (reader.node_name, reader.node_namespace) == own
+        }
+        writers = self._node.get_publishers_info_by_topic(self._topic)
+        return any(bytes(writer.endpoint_gid[:_PROCESS]) in here for writer in writers)
+
     def _note(self, change: QoSLivelinessChangedInfo) -> None:
-        self.is_alive = change.alive_count > 0
+        self._is_alive = change.alive_count > 0
         self.losses += change.alive_count_change < 0 or change.not_alive_count_change > 0

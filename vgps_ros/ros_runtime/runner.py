@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Runs a node until INT or TERM, or prints its `--help`; and the node of a program.
+"""Runs nodes until INT or TERM, or prints their `--help`; and the node of a program.
 
 Signals are not left to rclpy, whose handlers end the context at once: a node could say nothing
 more, and its last command must be able to be zero torque.
@@ -11,13 +11,14 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from types import FrameType
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -27,51 +28,51 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.ros_runtime.parameters import DECLARED
+from vgps_ros.ros_runtime.parameters import DECLARED, check_common_parameters
 from vgps_ros.ros_runtime.services import guard_services
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 _TURN = 0.2  # longest wait of the executor, after which Python takes note of a signal [s]
-_failures: list[VgpsError] = []  # of callbacks, which end this process's node
+_failures: list[Exception] = []  # of callbacks, which end this process
 
 
-def run(
-    make_node: Callable[[], AnyNode],
-    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
-    close: Callable[[AnyNode], object] = lambda _: None,
-) -> int:
-    """Runs a node until INT or TERM, then destroys it.
+@dataclass(frozen=True)
+class Runnable(Generic[AnyNode]):
+    """A node, and how it is run.
 
-    Args:
-        make_node: builds the node; a VgpsError from it, or from a callback, ends the node with its
+    Attributes:
+        make: builds the node; a VgpsError from it, or from a callback, ends the process with its
             sentence. For `--help` it is built too, with its defaults, to see its parameters.
         make_executor: builds what runs the callbacks.
         close: completes what the node has begun, and may still publish.
+    """
+
+    make: Callable[[], AnyNode]
+    make_executor: Callable[[], Executor] = SingleThreadedExecutor
+    close: Callable[[AnyNode], object] = lambda _: None
+
+
+def run(*runnables: Runnable[Any]) -> int:
+    """Runs one or more nodes until INT or TERM, then destroys them.
+
+    Those with the same kind of executor share one, so that messages between them wake no other
+    process and no other thread. What ends one of them ends all.
 
     Returns:
         The process's exit code.
     """
-    if (code := _answer_arguments(make_node)) is not None:
+    if (code := _answer_arguments(runnables)) is not None:
         return code
     if "mujoco" in sys.modules:  # an executor may do without it
         import_module("vgps_ros.simulation.warnings").silence_mujoco()
     _on_signals(_interrupt_once)
     _initialise(sys.argv)
-    executor, node, code = make_executor(), None, 0
+    executors = {make: make() for make in dict.fromkeys(r.make_executor for r in runnables)}
+    nodes: list[Node] = []
+    code = 0
     try:
-        node = make_node()
-        guard_services(node)
-        try:
-            is_ending = threading.Event()
-            _on_signals(lambda *_: is_ending.set())  # from here on they interrupt nothing
-            executor.add_node(node)
-            while not (is_ending.is_set() or _failures):
-                executor.spin_once(timeout_sec=_TURN)
-            if _failures:
-                raise _failures.pop()
-        finally:
-            close(node)
+        _run_to_the_end(runnables, executors, nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except VgpsError as error:
@@ -82,12 +83,50 @@ def run(
         code = 1
     _on_signals(lambda *_: None)  # a second one changes nothing
     rclpy.try_shutdown()  # ends what still waits
-    executor.shutdown()
-    if node:
-        node.destroy_node()
-    del node, executor
+    while executors:
+        executors.popitem()[1].shutdown()
+    while nodes:
+        nodes.pop().destroy_node()
     gc.collect()  # a node whose constructor failed leaves the graph, too
     return code
+
+
+def _run_to_the_end(
+    runnables: Sequence[Runnable[Any]],
+    executors: Mapping[Callable[[], Executor], Executor],
+    nodes: list[Node],
+) -> None:
+    """Adds the nodes to a list, runs them until one fails or a signal comes, and closes them."""
+    is_ending = threading.Event()
+    first, *others = executors.values()
+    threads = [threading.Thread(target=_spin, args=[is_ending, each]) for each in others]
+    with ExitStack() as closing:
+        for runnable in runnables:
+            nodes.append(node := runnable.make())
+            closing.callback(runnable.close, node)
+            guard_services(node)
+        if len(nodes) > 1:
+            check_common_parameters(nodes)
+        _on_signals(lambda *_: is_ending.set())  # from here on they interrupt nothing
+        for runnable, node in zip(runnables, nodes, strict=True):
+            executors[runnable.make_executor].add_node(node)
+        for thread in threads:
+            thread.start()
+        _spin(is_ending, first)
+        is_ending.set()
+        for thread in threads:
+            thread.join()
+        if _failures:
+            raise _failures.pop()
+
+
+def _spin(is_ending: threading.Event, executor: Executor) -> None:
+    """Runs callbacks until the process is to end; keeps what one of them raises."""
+    try:
+        while not (is_ending.is_set() or _failures):
+            executor.spin_once(timeout_sec=_TURN)
+    except Exception as error:
+        _failures.append(error)
 
 
 def _initialise(arguments: Sequence[str]) -> None:
@@ -103,7 +142,7 @@ def _initialise(arguments: Sequence[str]) -> None:
             file=sys.stderr,
         )
         arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
 
 
 def _on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
@@ -117,7 +156,7 @@ def _interrupt_once(*_: object) -> None:
 
 
 def end_with(failure: VgpsError) -> None:
-    """Ends this process's node with an error, from within a callback of any executor."""
+    """Ends this process with an error, from within a callback of any executor."""
     _failures.append(failure)
 
 
@@ -165,11 +204,11 @@ def spin_once(executor: Executor, timeout: float) -> None:
         raise KeyboardInterrupt
 
 
-def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
+def _answer_arguments(runnables: Sequence[Runnable[Any]]) -> int | None:
     """Prints the help that the arguments ask for, or what is wrong with them.
 
     Returns:
-        The process's exit code, or None if the node is to run.
+        The process's exit code, or None if the nodes are to run.
     """
     name = Path(sys.argv[0]).name
     try:
@@ -179,7 +218,7 @@ def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
         print(f"{name} cannot start: {' '.join(words.split())}.", file=sys.stderr)
         return 1
     if {"-h", "--help"} & set(arguments):
-        _show_help(make_node, name)
+        _show_help(runnables, name)
         return 0
     if arguments:
         print(
@@ -191,29 +230,31 @@ def _answer_arguments(make_node: Callable[[], Node]) -> int | None:
     return None
 
 
-def _show_help(make_node: Callable[[], Node], name: str) -> None:
-    """Prints a node's description and parameters.
+def _show_help(runnables: Sequence[Runnable[Any]], name: str) -> None:
+    """Prints descriptions and parameters of nodes.
 
-    The node is built with its defaults, in a graph that nobody discovers and in an empty folder.
+    A node is built with its defaults, in a graph that nobody discovers and in an empty folder.
     """
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
-    with TemporaryDirectory(prefix="vgps_ros_help_", ignore_cleanup_errors=True) as folder:
-        os.chdir(folder)  # for good, since a writing thread may open its file later
-        _initialise(["--ros-args", "--log-level", "fatal"])
-        with suppress(VgpsError):  # of one that needs more than its defaults, as a player its bag
-            make_node().destroy_node()
-        rclpy.try_shutdown()
     from rich import box
     from rich.table import Table
 
     from vgps_ros.views.console import table_console
 
-    table = Table(box=box.SIMPLE)
-    for heading in ("parameter", "default", "what it does (valid values)"):
-        table.add_column(heading, overflow="fold")
-    for descriptor, default in DECLARED:
-        changes = "" if descriptor.read_only else " [may change while it runs]"
-        table.add_row(descriptor.name, str(default), descriptor.description + changes)
     print(f"usage: ros2 run vgps_ros {name} [--ros-args -p PARAMETER:=VALUE ...]\n")
-    print(sys.modules[make_node.__module__].__doc__)
-    table_console().print(table, highlight=False)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
+    for runnable in runnables:
+        DECLARED.clear()
+        with TemporaryDirectory(prefix="vgps_ros_help_", ignore_cleanup_errors=True) as folder:
+            os.chdir(folder)  # for good, since a writing thread may open its file later
+            _initialise(["--ros-args", "--log-level", "fatal"])
+            with suppress(VgpsError):  # of one that needs more than its defaults, as a player
+                runnable.make().destroy_node()
+            rclpy.try_shutdown()
+        table = Table(box=box.SIMPLE)
+        for heading in ("parameter", "default", "what it does (valid values)"):
+            table.add_column(heading, overflow="fold")
+        for descriptor, default in DECLARED:
+            changes = "" if descriptor.read_only else " [may change while it runs]"
+            table.add_row(descriptor.name, str(default), descriptor.description + changes)
+        print(sys.modules[runnable.make.__module__].__doc__)
+        table_console().print(table, highlight=False)

@@ -33,7 +33,7 @@ from vgps_ros.nodes.live.clients import CommandsClient, CostClient, SimulationCl
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.simulation.frames import state_layout
@@ -187,6 +187,4 @@ class Live(Node):
             self._is_drawn = False
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(Live, close=lambda node: node.close())
+NODE = Runnable(Live, close=lambda node: node.close())

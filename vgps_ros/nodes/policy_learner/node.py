@@ -30,7 +30,7 @@ from vgps_ros.nodes.policy_learner.optimizer_pool import (
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
-from vgps_ros.ros_runtime.runner import run
+from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import RemainingTime, SearchState
 from vgps_ros.search.methods import search
@@ -213,6 +213,4 @@ class PolicyLearner(Node):
             time.sleep(0.002)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(PolicyLearner, partial(MultiThreadedExecutor, 4))
+NODE = Runnable(PolicyLearner, partial(MultiThreadedExecutor, 4))

@@ -38,7 +38,7 @@ from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import LATEST, STREAM, lively
-from vgps_ros.ros_runtime.runner import run, streaming_executor
+from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.urdf import urdf
@@ -326,6 +326,4 @@ class TorqueAge:
             self._begin()
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run(SimulationNode, streaming_executor)
+NODE = Runnable(SimulationNode, streaming_executor)
