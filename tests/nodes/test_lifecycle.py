@@ -210,7 +210,7 @@ def test_after_a_deactivation_the_safe_action_drives_for_a_while_and_leaves_zero
 def test_it_stands_up_before_the_policy_drives_holds_and_sits_down(
     graph, swimmer, random_policy, tmp_path
 ):
-    gains = {"pose_stiffness": 10.0, "pose_damping": 3.0}
+    gains = {"pose_stiffness": 10.0, "pose_damping": 3.0, "pose_integral": 0.0}
     settings = {"stand_duration": 1.0, "sit_duration": 0.5, **gains}
     robot = Robot(graph, swimmer, random_policy(0), tmp_path, **settings)
     driven = executed(random_policy(0), ONES[1:])

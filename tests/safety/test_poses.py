@@ -73,9 +73,32 @@ def test_servos_go_from_the_measured_pose_to_the_goal():
         """<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody>
         <actuator><position joint="a" kp="20"/></actuator></mujoco>"""
     )
-    pose = PoseMotion("moves", controls_of(model), SETTINGS, np.array([1.0, 0.0]), 2.0)
+    pose = PoseMotion(
+        "moves", controls_of(model), PoseSettings(pose_integral=0.0), np.array([1.0, 0.0]), 2.0
+    )
     targets = [pose.control(np.array([0.2, 5.0]), t * 10**9)[0] for t in range(4)]
     np.testing.assert_allclose(targets, [0.2, 0.6, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("name", ["quadruped", "tests/tasks/quadruped_with_motors.yaml"])
+def test_weight_does_not_make_it_sag_nor_chatter(name):
+    """Servos of 30 N·m/rad sag by 7 cm without a correction, motors of 60 by 2 cm."""
+    task = make_task(name)
+    low = run(task, a_pose(task, None, 0.0), crouched(task), 1.0)[-1]
+    standing = a_pose(task, task.initial_state, 1.5)
+    states = run(task, standing, low, 8.0)
+    assert np.abs(states[-100:, HEIGHT] - task.initial_state[HEIGHT]).max() < 0.005
+    assert np.abs(states[-100:, 7:19] - task.initial_state[7:19]).max() < 0.03
+    assert np.abs(states[-100:, -12:]).max() < 0.02  # rad/s
+    # What it holds next, it holds from there on.
+    holding = PoseMotion("holds", task.controls, SETTINGS, None, 0.0, standing)
+    states = run(task, holding, states[-1], 2.0)
+    assert np.abs(states[:, HEIGHT] - task.initial_state[HEIGHT]).max() < 0.005
+    # The correction is bounded, and a state that comes twice is answered twice.
+    bounded = PoseMotion("holds", task.controls, PoseSettings(pose_correction=0.0), None, 0.0)
+    assert run(task, bounded, states[-1], 2.0)[-1, HEIGHT] < task.initial_state[HEIGHT] - 0.01
+    first, again = (holding.control(states[-1], 10**10) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
 
 
 def test_a_keyframe_that_is_none_is_refused(quadruped):

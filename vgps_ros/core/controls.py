@@ -234,12 +234,15 @@ class Controls:
         rates = (self.velocities * state).sum(axis=1)
         return np.where(self._are_motors, self.from_joints(-damping * rates), resting)
 
-    def pulling(self, state: Array, pose: Array, stiffness: float, damping: float) -> Array:
+    def pulling(
+        self, state: Array, pose: Array, stiffness: float, damping: float, beyond: Array | float
+    ) -> Array:
         """Returns u that pulls a state (n_x,) towards the joints' positions in a pose, (n_u,).
 
-        Motors have τ = stiffness (y* − y) − damping ẏ, servos of positions the target y*.
+        Motors have τ = stiffness (y* − y) − damping ẏ, servos of positions the target y*, which is
+        `beyond` the pose's, shape (n_u,).
         """
-        y, goal = self.positions @ state, self.positions @ pose
+        y, goal = self.positions @ state, self.positions @ pose + beyond
         forces = stiffness * (goal - y) - damping * (self.velocities @ state)
         values = np.where(self._are_motors, forces, np.where(self._hold, goal, 0.0))
         return np.clip(self.from_joints(values), *self.limits)

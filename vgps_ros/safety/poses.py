@@ -3,9 +3,13 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
+
+_LONGEST = 0.1  # time between two states that counts for a correction [s]
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,16 @@ class PoseSettings:
         minimum=0.0,
         maximum=1e6,
     )
+    pose_integral: float = setting(
+        1.0,
+        "rate at which what a joint lacks of its pose is added to what is asked of it, so that it "
+        "does not sag under the robot's weight; 0: it sags [1/s]",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    pose_correction: float = setting(
+        0.5, "most that is added so in either direction [rad, m]", minimum=0.0, maximum=1e3
+    )
 
 
 class PoseMotion:
@@ -46,10 +60,11 @@ class PoseMotion:
     Args:
         name: what the robot does, for people.
         controls: what its controls are.
-        settings: the stiffness and the damping.
+        settings: the gains.
         goal: a state in the pose, shape (n_x,); None: where the joints are, and in a motion of some
             duration the motors become soft.
         duration: time of the motion [s].
+        before: the motion before it, whose correction it takes on.
 
     Attributes:
         is_reached: whether the motion has ended.
@@ -62,23 +77,32 @@ class PoseMotion:
         settings: PoseSettings,
         goal: Array | None,
         duration: float,
+        before: "PoseMotion | None" = None,
     ):
         self.name, self.is_reached = name, False
         self._controls, self._settings = controls, settings
         self._goal, self._duration = goal, duration
         self._begin: tuple[int, Array] | None = None  # stamp [ns] and state
+        self._newest = 0  # stamp [ns]
+        self._correction: Array = before._correction if before else np.zeros(len(controls.names))
 
     def control(self, state: Array, stamp: int) -> Array:
         """Returns u in a state (n_x,) with a stamp [ns], shape (n_u,)."""
         if self._begin is None or stamp < self._begin[0]:
-            self._begin = stamp, state
+            self._begin, self._newest = (stamp, state), stamp
         began, first = self._begin
         passed = (stamp - began) * 1e-9
         share = min(1.0, passed / self._duration) if self._duration else 1.0
         self.is_reached = share >= 1.0
-        at, stiffness = first, self._settings.pose_stiffness
+        at, settings, held = first, self._settings, 1.0
         if self._goal is not None:
             at = first + share * share * (3.0 - 2.0 * share) * (self._goal - first)
         elif self._duration:
-            stiffness *= 1.0 - share
-        return self._controls.pulling(state, at, stiffness, self._settings.pose_damping)
+            held = 1.0 - share
+        lacking = self._controls.positions @ (at - state)
+        elapsed = min(max(0, stamp - self._newest) * 1e-9, _LONGEST)
+        most, self._newest = settings.pose_correction, max(stamp, self._newest)
+        grown = self._correction + settings.pose_integral * elapsed * lacking
+        self._correction = np.clip(grown, -most, most)
+        gains = held * settings.pose_stiffness, settings.pose_damping
+        return self._controls.pulling(state, at, *gains, held * self._correction)
