@@ -4,6 +4,8 @@
 import os
 import re
 import signal
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,13 +22,15 @@ from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
 from std_srvs.srv import Trigger
 from vgps_msgs.msg import GaussianPolicy
 
 from vgps_ros.bags import BagReader
-from vgps_ros.messages.conversions import pack
+from vgps_ros.messages.conversions import nanoseconds, pack
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.ros_runtime.qos import LATCHED, NEWEST_OF_SENSORS, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, NEWEST_OF_SENSORS, STATES, STREAM
+from vgps_ros.storage.run_folder import save_policy
 
 
 def joint_state(i: int) -> JointState:
@@ -92,6 +96,34 @@ def test_bags_hold_what_was_published_and_independent_readers_agree(graph, tmp_p
         }
     assert list(decoded["/policy"].parameters) == [np.pi, np.e, 1e-300]
     assert decoded["/joint_states"].header.stamp.sec == 49
+
+
+def test_of_a_run_in_lock_step_nothing_is_lost_on_a_busy_machine(graph, random_policy, tmp_path):
+    """Although no sender of states or commands keeps more than ten."""
+    steps = 300
+    save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
+    graph.start("simulation", start_paused=True)
+    graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+    recorder = graph.start("recorder", output=tmp_path / "bag")
+    graph.spin_until_output(recorder, "Recording to")
+    graph.spin_until(lambda: graph.node.count_publishers("/joint_command"), what="the executor")
+    graph.spin_for(1.0)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(6)]
+    try:
+        request = StepSimulation.Request(steps=steps)
+        done = graph.call_async(StepSimulation, "simulation/step_simulation", request)
+        graph.spin_until(done.done, 200.0, what="all steps")
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert recorder.end(signal.SIGINT) == 0
+    assert STATES.depth == 10
+    with BagReader(tmp_path / "bag") as bag:
+        for topic in ("/joint_states", "/joint_command", "/clock"):
+            of = [message for _, message in bag.decoded(topic)]
+            stamps = {nanoseconds(m.clock if topic == "/clock" else m.header.stamp) for m in of}
+            assert len(stamps) >= steps
 
 
 def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):

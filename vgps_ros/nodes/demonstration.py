@@ -9,7 +9,7 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.qos import NEWEST, STREAM, lively
+from vgps_ros.ros_runtime.qos import NEWEST, STATES, lively
 from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.walker.simbicon import GAIT, FootLoads, Simbicon
@@ -27,7 +27,7 @@ class DemonstrationNode(Node):
         self._health = Health(self, owns=("joint_command",))
         self._answer = JointState()
         self._restart()
-        self._commands = self.create_publisher(JointState, "joint_command", lively(STREAM))
+        self._commands = self.create_publisher(JointState, "joint_command", lively(STATES))
         self.create_subscription(JointState, "joint_states", self._take_state, NEWEST)
         self._health.wait_for(_STATE)
 

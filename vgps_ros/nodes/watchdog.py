@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import NEWEST, STREAM
+from vgps_ros.ros_runtime.qos import NEWEST, STATES
 from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
 
@@ -46,7 +46,7 @@ class Watchdog(Node):
             topics["commands"] = Float64MultiArray
         self._health = Health(self)
         self._newest: dict[str, tuple[float, Any]] = {}  # by topic: when it came [s], and it
-        self._zeros = {t: self.create_publisher(kind, t, STREAM) for t, kind in topics.items()}
+        self._zeros = {t: self.create_publisher(kind, t, STATES) for t, kind in topics.items()}
         for topic, kind in topics.items():
             self.create_subscription(kind, topic, partial(self._take, topic), NEWEST)
         steady_timer(self, silence / 4, self._look)

@@ -17,7 +17,7 @@ from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
 from vgps_ros.messages.names import COMMANDS_SENT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import STREAM, lively
+from vgps_ros.ros_runtime.qos import STATES, lively
 from vgps_ros.safety.supervisor import Answer
 
 COMMAND_TYPE = Setting(
@@ -60,7 +60,7 @@ class CommandSender:
     def open(self, health: Health) -> None:
         """Makes the publishers; the number of commands is on /diagnostics, for a check of bags."""
         kind: Any = Float64MultiArray if self._is_plain else JointState
-        make, qos = self._node.create_publisher, lively(STREAM)
+        make, qos = self._node.create_publisher, lively(STATES)
         self._publishers = [make(kind, topic, qos) for topic in self.topics]
         self._health = health
         health.set_value(COMMANDS_SENT, self._sent)

@@ -34,7 +34,7 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
-from vgps_ros.ros_runtime.qos import COMMANDED, STREAM
+from vgps_ros.ros_runtime.qos import COMMANDED, STATES
 
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",
@@ -96,7 +96,7 @@ class Instructions:
         self._given = signals.rest.copy()
         self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
         if signals.names:
-            self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STREAM)
+            self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STATES)
         if self._names:
             declare(node, COMMAND_TIMEOUT, may_change=True)
             for fact, field in FACTS.items():

@@ -15,8 +15,12 @@ from rclpy.event_handler import QoSLivelinessChangedInfo, SubscriptionEventCallb
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
-# Data that flows: states, commands, progress. Deep, so that a listener on a loaded machine may fall
-# behind for a moment and still gets every message.
+# The sender's end of states and commands. Lock-step has one state under way, perhaps with a copy,
+# and its answer, so 2 keeps it whole; 10 lets a listener ask again for what it missed.
+STATES = QoSProfile(depth=10)
+
+# What must not be lost: progress, diagnostics. Who wants all states listens with it, too: it may
+# fall behind for a moment, on a loaded machine, at the cost of its own memory only.
 STREAM = QoSProfile(depth=1000)
 
 # The other end of a stream of states, for a controller: it acts on the newest, never on a backlog.

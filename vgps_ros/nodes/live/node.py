@@ -32,7 +32,7 @@ from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.live.clients import CommandsClient, CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STATES, STREAM
 from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.metrics import IterationMetrics
@@ -90,8 +90,8 @@ class Live(Node):
         self._cost = CostClient(planner, self._page.show_cost, self._tell)
         self.set_cost = self._cost.set
         self._commands = CommandsClient((executor, planner), self._page.show_commands, self._tell)
-        self._told = self.create_publisher(SignalsMsg, COMMAND, STREAM)
-        self._pushes = self.create_publisher(WrenchStamped, "push", STREAM)
+        self._told = self.create_publisher(SignalsMsg, COMMAND, STATES)
+        self._pushes = self.create_publisher(WrenchStamped, "push", STATES)
         subscribe = self.create_subscription
         subscribe(String, MJCF, self._take_robot, LATCHED)
         subscribe(SignalsMsg, CONTEXT, self._take_context, NEWEST)

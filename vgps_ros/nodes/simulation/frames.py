@@ -14,7 +14,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.ros_runtime.parameters import declare
-from vgps_ros.ros_runtime.qos import LATEST, STREAM, lively
+from vgps_ros.ros_runtime.qos import LATEST, STATES, lively
 from vgps_ros.simulation.frames import FIXED, Link, MovingLinks, links
 
 TOPIC, FIXED_TOPIC = "/tf", "/tf_static"
@@ -42,7 +42,7 @@ class FrameBroadcaster:
         self._next = 0.0  # time of the next frames [s], by the steady clock
         if rate:
             self._transforms = Transforms(model)
-            self._moving = node.create_publisher(TFMessage, TOPIC, lively(STREAM))
+            self._moving = node.create_publisher(TFMessage, TOPIC, lively(STATES))
             self._fixed = node.create_publisher(TFMessage, FIXED_TOPIC, lively(LATEST))
             self._fixed.publish(self._transforms.fixed)
 

@@ -21,7 +21,7 @@ from vgps_ros.core.settings import setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import IMU, StateMessages, put
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
-from vgps_ros.ros_runtime.qos import STREAM, lively
+from vgps_ros.ros_runtime.qos import STATES, lively
 
 _FIELDS, _AXES = ("orientation", "angular_velocity", "linear_acceleration"), ("wxyz", "xyz", "xyz")
 
@@ -76,7 +76,7 @@ class SimulatedImu:
         self._gravity, self._base = gravity, states.base
         self._samples: deque[_Sample] = deque()
         if self._base:
-            self._publisher = node.create_publisher(Imu, IMU, lively(STREAM))
+            self._publisher = node.create_publisher(Imu, IMU, lively(STATES))
             self._message = Imu()
             self._message.header.frame_id = states.base_frame
             variances = self._noise**2 + self._bias**2

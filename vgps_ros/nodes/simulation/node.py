@@ -37,7 +37,7 @@ from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
-from vgps_ros.ros_runtime.qos import LATEST, STREAM, lively
+from vgps_ros.ros_runtime.qos import LATEST, STATES, lively
 from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.simulation.frames import state_layout
@@ -123,13 +123,13 @@ class SimulationNode(Node):
         self._seen_stamp = -1  # of the state at the last look, once a second
 
         self._states = {
-            topic: self.create_publisher(kind, topic, lively(STREAM))
+            topic: self.create_publisher(kind, topic, lively(STATES))
             for topic, kind in self._messages.topics.items()
         }
-        self._clocks = self.create_publisher(ClockMsg, "/clock", lively(STREAM))
-        self.create_subscription(JointState, "joint_command", self._take_command, STREAM)
+        self._clocks = self.create_publisher(ClockMsg, "/clock", lively(STATES))
+        self.create_subscription(JointState, "joint_command", self._take_command, STATES)
         self.create_subscription(SignalsMsg, GAINS, self._take_gains, LATEST)
-        self.create_subscription(WrenchStamped, "push", self._take_push, STREAM)
+        self.create_subscription(WrenchStamped, "push", self._take_push, STATES)
         SimulationServices(self, self._task)
         # The node's own time is what it publishes; its timers follow the wall clock.
         steady_timer(self, _REPEAT_PERIOD, self._repeat)
