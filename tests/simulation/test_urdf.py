@@ -1,14 +1,18 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The URDF of any robot, as an independent reader has it: kinematics, names, shapes, limits."""
 
+from xml.etree import ElementTree
+
 import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tests.motors import robot
 from tests.simulation.robots import everything
 from tests.simulation.urdf_kinematics import largest_difference, read
 from vgps_ros.simulation.frames import ROOT, MovingLinks, body_joints, frame_names, links
+from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import BUILT_IN, make_task
 
 ODD = """
@@ -76,6 +80,42 @@ def test_joints_have_their_limits():
     assert_allclose([joints["a"].limit.lower, joints["a"].limit.upper], np.radians([-10, 100]))
     assert (joints["b"].dynamics.damping, joints["b"].dynamics.friction) == ("2.0", "3.0")
     assert joints["c"].limit.effort == 7.0
+
+
+def interfaces(model: mujoco.MjModel) -> dict[str, tuple[dict[str, list[float]], list[str]]]:
+    """What each joint in <ros2_control> takes, with the least and the most, and what it tells."""
+    (system,) = ElementTree.fromstring(urdf(model)).findall("ros2_control")
+    assert system.get("type") == "system"
+    topics = {each.get("name"): each.text for each in system.findall("hardware/param")}
+    assert topics == {"joint_commands_topic": "joint_command", "joint_states_topic": "joint_states"}
+    return {
+        joint.get("name"): (
+            {
+                taken.get("name"): [float(each.text) for each in taken.findall("param")]
+                for taken in joint.findall("command_interface")
+            },
+            [told.get("name") for told in joint.findall("state_interface")],
+        )
+        for joint in system.findall("joint")
+    }
+
+
+def test_ros2_control_has_each_joints_interfaces_with_their_limits():
+    driven = robot(
+        '<motor joint="{}" gear="-50" ctrlrange="-.1 .2" ctrllimited="true"/>',
+        '<position joint="{}" kp="60" kv="4" ctrlrange="-1 2" ctrllimited="true"/>',
+        '<velocity joint="{}" kv="5"/>',
+        '<muscle joint="{}" lengthrange="0 1"/>',
+    )
+    told = ["position", "velocity", "effort"]
+    commands = [{"effort": [-10.0, 5.0]}, {"position": [-1.0, 2.0]}, {"velocity": []}, {}]
+    assert list(interfaces(driven).values()) == [(taken, told) for taken in commands]
+    assert interfaces(odd()) == {name: ({}, told) for name in "abc"}
+    for name in BUILT_IN:
+        task = make_task(name)
+        found = interfaces(task.dynamics.model)
+        assert list(found) == task.joint_names
+        assert {each for each in found if found[each][0]} == set(task.controls.names)
 
 
 def test_masses_and_moments_of_inertia_are_the_models():

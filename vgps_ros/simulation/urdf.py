@@ -5,6 +5,9 @@ Links and joints are those of `frames`, so that a joint's position in URDF is it
 MuJoCo. Free joints and balls are `floating`: their poses come by tf, since no number of
 `joint_states` tells them. What URDF has no shape for is drawn as others: a capsule as a cylinder
 with two spheres, an ellipsoid or a mesh as its box; planes are left out.
+
+Its `<ros2_control>` says what each joint takes and tells. The plugin that it names is one of
+ros2_control's that speaks by the topics `joint_command` and `joint_states`.
 """
 
 from collections.abc import Iterator
@@ -15,11 +18,16 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.bodies import rotated
+from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
+from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.frames import FIXED, ROOT, Link, links
+from vgps_ros.simulation.model import joint_names
 
 _UNLIMITED = 1e6  # URDF demands limits also where the model has none [m, N, N·m, m/s, rad/s]
 _HIDDEN_GROUP = 3  # the first group of geometries that MuJoCo's own viewer does not show
+_PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
+_TOPICS = {"joint_commands_topic": "joint_command", "joint_states_topic": "joint_states"}
 _GEOM, _JOINT = mujoco.mjtGeom, mujoco.mjtJoint
 _KINDS = {
     _JOINT.mjJNT_FREE: "floating",
@@ -39,6 +47,7 @@ def urdf(model: mujoco.MjModel) -> str:
     for link in links(model):
         _add_link(robot, model, link.name, link.body)
         _add_joint(robot, model, link)
+    _add_ros2_control(robot, model)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode", xml_declaration=True)
 
@@ -89,6 +98,31 @@ def _add_joint(robot: Element, model: mujoco.MjModel, link: Link) -> None:
     dof = model.jnt_dofadr[i]
     damping, friction = (_text(v[dof]) for v in (model.dof_damping, model.dof_frictionloss))
     SubElement(joint, "dynamics", damping=damping, friction=friction)
+
+
+def _add_ros2_control(robot: Element, model: mujoco.MjModel) -> None:
+    """Adds the interfaces of the joints; activations, as of muscles, are none of ros2_control."""
+    system = SubElement(robot, "ros2_control", name=f"{robot.get('name')}_system", type="system")
+    hardware = SubElement(system, "hardware")
+    SubElement(hardware, "plugin").text = _PLUGIN
+    for name, topic in _TOPICS.items():
+        SubElement(hardware, "param", name=name).text = topic
+    commands: dict[str, list[tuple[str, Array]]] = {}
+    controls = controls_of(model) if model.nu else None
+    if controls:
+        ends = np.sort([controls.at_joints(limit) for limit in controls.limits], axis=0).T
+        for name, kind, limits in zip(controls.names, controls.kinds, ends, strict=True):
+            if kind is not ControlKind.ACTIVATION:
+                commands.setdefault(name, []).append((kind.field, limits))
+    for name in joint_names(model):
+        joint = SubElement(system, "joint", name=name)
+        for field, limits in commands.get(name, []):
+            interface = SubElement(joint, "command_interface", name=field)
+            for end, limit in zip(("min", "max"), limits.tolist(), strict=True):
+                if abs(limit) < CONTROL_BOUND:
+                    SubElement(interface, "param", name=end).text = _text(limit)
+        for field in ("position", "velocity", "effort"):
+            SubElement(joint, "state_interface", name=field)
 
 
 def _add_shapes(link: Element, role: str, model: mujoco.MjModel, geom: int) -> Iterator[Element]:
