@@ -20,7 +20,7 @@ from vgps_ros.core.checks import check_spelling, nearest, one_of, quoted
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.policies.contract import BASE, HELD
+from vgps_ros.policies.contract import BASE, HELD, STATE
 from vgps_ros.policies.onnx_file import (
     joined_tensors,
     names_of,
@@ -128,6 +128,7 @@ _DRIVEN_BY = {
     "target/joint/torques": "torque",
 }
 _GAINS = {"kp": "joint_stiffness", "kd": "joint_damping"}
+_MOST = 100_000  # numbers of a tensor
 _NUMBERS = {"F32": "<f4", "F64": "<f8", "I32": "<i4", "I64": "<i8", "U8": "u1", "BOOL": "?"}
 
 
@@ -140,72 +141,83 @@ def read_leapp(path: Path) -> bytes:
     Raises:
         InvalidInputError: the bundle cannot be read, or holds what no contract can say.
     """
-    bundle, name = _yaml(path), f"'{path}'"
     try:
-        models, pipeline = bundle["models"], bundle["pipeline"]
-        if len(models) != 1:
-            raise InvalidInputError(
-                f"{name} has the networks {quoted([*models])}, but one can be executed; export the "
-                "policy as one."
-            )
-        ((node, described),) = models.items()
-        file = path.parent / described["parameters"]["model_path"]
-        if not file.resolve().is_relative_to(path.parent.resolve()):
-            raise InvalidInputError(f"{name} names '{file}', which is not in its folder.")
-        one_of(f"the backend of {name}", described["parameters"]["backend"], ["onnx"])
-        content = read_bytes(file)
-        if hashlib.sha256(content).hexdigest() != described["parameters"]["sha256sum"]:
-            raise InvalidInputError(f"'{file}' is not the file that {name} describes; export anew.")
-        flow = pipeline.get("feedback_flow") or {}
-        sources = {goal: source for source, goals in flow.items() for goal in goals}
-        first = pipeline.get("initial_values")
-        begins = _safetensors(path.parent / str(first)) if first else {}
-        read, said, states = list[tuple[str, int]](), list[str](), list[Any]()
-        for tensor in described["inputs"]:
-            size = math.prod(tensor["shape"])
-            read.append((tensor["name"], size))
-            if (key := f"{node}/{tensor['name']}") in sources:
-                states.append((tensor["name"], size, sources[key].split("/")[1], begins.get(key)))
-            else:
-                said += _terms_of_leapp(tensor, size, name)
-        driving = [t for t in described["outputs"] if t.get("kind") in _DRIVEN_BY]
-        joints = [
-            (j, t["kind"]) for t in driving for j in _elements(t, math.prod(t["shape"]), name)
-        ]
-        gains = {t["name"]: t for t in described["outputs"] if t.get("kind") in _GAINS}
-        rate = (pipeline.get("configs") or {}).get("frequency")
-        fed = {source for _, _, source, _ in states}
-        for tensor in described["outputs"]:
-            if tensor not in driving and tensor["name"] not in {*gains, *fed}:
-                raise InvalidInputError(
-                    f"The output '{tensor['name']}' of {name} has the kind "
-                    f"{quoted(tensor.get('kind', 'none'))}, which drives nothing here; known are "
-                    f"{', '.join([*_DRIVEN_BY, *_GAINS])}."
-                )
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        return _of_leapp(_yaml(path), path)
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InvalidInputError(
-            f"{name} is no LEAPP bundle, since it lacks {error}, or has it in another form."
+            f"'{path}' is no LEAPP bundle, since it lacks {error}, or has it in another form."
         ) from error
+
+
+def _of_leapp(bundle: Mapping[str, Any], path: Path) -> bytes:
+    models, pipeline, name = bundle["models"], bundle["pipeline"], f"'{path}'"
+    if len(models) != 1:
+        raise InvalidInputError(
+            f"{name} has the networks {quoted([*models])}, but one can be executed; export the "
+            "policy as one."
+        )
+    ((node, described),) = models.items()
+    parameters = described["parameters"]
+    one_of(f"the backend of {name}", parameters["backend"], ["onnx"])
+    content = read_bytes(_beside(path, parameters["model_path"]))
+    if hashlib.sha256(content).hexdigest() != parameters["sha256sum"]:
+        raise InvalidInputError(
+            f"'{parameters['model_path']}' is not the file that {name} describes; export anew."
+        )
+    flow = pipeline.get("feedback_flow") or {}
+    sources = {goal: source for source, goals in flow.items() for goal in goals}
+    first = pipeline.get("initial_values")
+    begins = _safetensors(_beside(path, first)) if first else {}
+    read, said, states = dict[str, int](), list[str](), list[tuple[str, str]]()
+    begun = list[float]()
+    for tensor in described["inputs"]:
+        key, size = f"{node}/{tensor['name']}", math.prod(tensor["shape"])
+        if not 0 < size <= _MOST:
+            raise InvalidInputError(f"{name} reads {size} numbers of {key}; use a smaller network.")
+        read[tensor["name"]] = size
+        if key in sources:
+            states.append((tensor["name"], sources[key].split("/")[1]))
+            begun += np.broadcast_to(begins.get(key, np.zeros(size)).ravel(), size).tolist()
+        else:
+            said += _terms_of_leapp(tensor, size, name)
+    driving = [t for t in described["outputs"] if t.get("kind") in _DRIVEN_BY]
+    joints = [(j, t["kind"]) for t in driving for j in _elements(t, math.prod(t["shape"]), name)]
+    gains = {t["name"]: t for t in described["outputs"] if t.get("kind") in _GAINS}
+    fed = [source for _, source in states]
+    for tensor in described["outputs"]:
+        if tensor not in driving and tensor["name"] not in (*gains, *fed):
+            raise InvalidInputError(
+                f"The output '{tensor['name']}' of {name} has the kind "
+                f"{quoted(tensor.get('kind', 'none'))}, which drives nothing here; known are "
+                f"{', '.join([*_DRIVEN_BY, *_GAINS])}."
+            )
     places, start = dict[str, range](), 0
-    is_state = {tensor for tensor, *_ in states}
-    for tensor, size in sorted(read, key=lambda each: each[0] in is_state):
-        places[tensor] = range(start, start := start + size)
-    outputs = [t["name"] for t in driving] + [source for _, _, source, _ in states]
+    for each in sorted(read, key=lambda each: any(each == state for state, _ in states)):
+        places[each] = range(start, start := start + read[each])
+    whole = joined_tensors(content, places, [*(t["name"] for t in driving), *fed], name)
+    rate = (pipeline.get("configs") or {}).get("frequency")
     found = {
         "joint_names": with_commas([joint for joint, _ in joints]),
         "action_kind": with_commas([_DRIVEN_BY[kind] for _, kind in joints]),
         "observation_names": with_commas([*said, *["state"] * bool(states)]),
         "control_period": repr(1.0 / float(rate)) if rate else "0",
+        STATE: with_commas(begun),
     }
-    if states:
-        first = [np.zeros(n) if begin is None else begin.ravel() for _, n, _, begin in states]
-        found["state_initial"] = with_commas(np.concatenate(first).tolist())
-    whole = joined_tensors(content, places, outputs, name)
-    for tensor, values in constants_of(content, list(gains), name).items():
-        named = dict(zip(_elements(gains[tensor], len(values), name), values, strict=True))
-        own = [float(named.get(joint, 0.0)) for joint, _ in joints]
-        found[_GAINS[gains[tensor]["kind"]]] = with_commas(own)
+    own = {key: dict.fromkeys((joint for joint, _ in joints), 0.0) for key in _GAINS.values()}
+    for each, values in constants_of(content, list(gains), name).items():
+        names = _elements(gains[each], len(values), name)
+        known = own[_GAINS[gains[each]["kind"]]]
+        known |= {j: float(v) for j, v in zip(names, values, strict=True) if j in known}
+    found |= {key: with_commas(list(values.values())) for key, values in own.items()}
     return with_metadata(whole, found, name)
+
+
+def _beside(path: Path, name: str) -> Path:
+    """Returns the file of a name in the folder of another."""
+    file = path.parent / name
+    if not file.resolve().is_relative_to(path.parent.resolve()):
+        raise InvalidInputError(f"'{path}' names '{file}', which is not in its folder.")
+    return file
 
 
 def _elements(tensor: Mapping[str, Any], size: int, name: str) -> list[str]:
