@@ -82,6 +82,7 @@ def test_each_number_stands_in_its_place(said, lags, by_time, rng):
         ({"observation_terms_scale": "nan"}, "'base_lin_vel' is nan at index 0"),
         ({"observation_terms_clip": "1;-1"}, "A clip of The file must be a lowest and a highest"),
         ({"observation_terms_history_length": "1e9"}, "'base_lin_vel' of The file has a history"),
+        ({"observation_terms_history_length": "nan"}, "'base_lin_vel' of The file has a history"),
         ({"observation_terms_history_length": "-2"}, "'base_lin_vel' of The file has a history"),
         ({"observation_terms_lags": "0.5"}, "'base_lin_vel' of The file has a history"),
         (

@@ -122,6 +122,7 @@ def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
         (DEPLOY.replace("history_length", "history_lenght"), "Did you mean 'history_length'"),
         (DEPLOY.replace("stiffness:", "stifness:"), "Did you mean 'stiffness'"),
         (DEPLOY.replace("    scale:", "    scales:"), "Did you mean 'scale'"),
+        (DEPLOY.replace("actions:", "actions: {}\nother:"), "must be one term"),
         (DEPLOY.replace("actions:", "actions: 3\nother:"), "lacks .*, or has it in another form"),
         (
             DEPLOY.replace("_rel: {params: {}", "_rel: {params: {asset_cfg: {joint_ids: [0]}}"),

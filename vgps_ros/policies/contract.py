@@ -234,7 +234,7 @@ class Contract:
             size = {"base_lin_vel": 3, "projected_gravity": 3}.get(kind, len(read))
             size = {"last_action": len(self.joints), "state": len(self.state)}.get(kind, size)
             length = float(lengths[i][0])
-            steps = np.arange(np.clip(length, 1.0, _LONGEST + 1.0))[::-1]
+            steps = np.arange(np.clip(np.nan_to_num(length), 1.0, _LONGEST + 1.0))[::-1]
             steps = lags[i] if np.isfinite(lags[i]).all() else steps
             sound = length >= 0.0 <= steps.min() and steps.max() < _LONGEST
             if not (sound and (steps % 1 == 0).all()):

@@ -327,13 +327,15 @@ def _of_unitree(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, 
     """Converts a deploy.yaml: gains in the motors' order, all else in the policy's."""
     check_spelling("The deploy.yaml", content, _KEYS_OF_UNITREE)
     order = _order(content["joint_ids_map"], joints)
-    kind, action = next(iter(content["actions"].items()))
+    if len(content["actions"]) != 1:
+        raise InvalidInputError("The actions of deploy.yaml must be one term, of all joints.")
+    ((kind, action),) = content["actions"].items()
     one_of("the action of deploy.yaml", kind, ["JointPositionAction"])
     check_spelling(f"{kind} of deploy.yaml", action, _OF_ACTION)
     offset, start = action.get("offset"), content["default_joint_pos"]
     ids = [i for i in action.get("joint_ids") or [] if i is not None]
-    if len(content["actions"]) > 1 or ids not in ([], [*range(len(order))]):
-        raise InvalidInputError("The actions of deploy.yaml must be one term, of all joints.")
+    if ids not in ([], [*range(len(order))]):
+        raise InvalidInputError("The action of deploy.yaml must be of all joints, not joint_ids.")
     if offset is not None and not np.allclose(offset, start):
         raise InvalidInputError("The offset of deploy.yaml must be its default_joint_pos.")
     terms = dict(content["observations"])
