@@ -210,7 +210,9 @@ def test_leapps_loader_does_the_same(robot, tmp_path):
         inputs = {key: given[key.removeprefix("policy/")][t : t + 1] for key in manager.inputs}
         found = manager({key: torch.tensor(v.astype(np.float32)) for key, v in inputs.items()})
         np.testing.assert_allclose(found[target][0], expected[t], rtol=1e-6, atol=1e-6)
-    file = policy_of(read_leapp(tmp_path / "bundle" / "policy.yaml"), "it")
+    home = np.linspace(-0.5, 0.5, len(positions[0]))
+    content = read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home)
+    file = policy_of(content, "it")
     _, again = driven(task, task.driver(file), states=states)
     np.testing.assert_allclose(again, expected, rtol=1e-6, atol=1e-6)
 

@@ -132,24 +132,26 @@ _MOST = 100_000  # numbers of a tensor
 _NUMBERS = {"F32": "<f4", "F64": "<f8", "I32": "<i4", "I64": "<i8", "U8": "u1", "BOOL": "?"}
 
 
-def read_leapp(path: Path) -> bytes:
+def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> bytes:
     """Returns an ONNX file with metadata that computes what a LEAPP bundle of one network does.
 
     Args:
         path: the YAML file of the bundle.
+        joints: the robot's joints.
+        home: their positions in the keyframe home, or in the task's start, which the action 0 asks.
 
     Raises:
         InvalidInputError: the bundle cannot be read, or holds what no contract can say.
     """
     try:
-        return _of_leapp(_yaml(path), path)
+        return _of_leapp(_yaml(path), path, dict(zip(joints, home, strict=True)))
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InvalidInputError(
             f"'{path}' is no LEAPP bundle, since it lacks {error}, or has it in another form."
         ) from error
 
 
-def _of_leapp(bundle: Mapping[str, Any], path: Path) -> bytes:
+def _of_leapp(bundle: Mapping[str, Any], path: Path, home: Mapping[str, float]) -> bytes:
     models, pipeline, name = bundle["models"], bundle["pipeline"], f"'{path}'"
     if len(models) != 1:
         raise InvalidInputError(
@@ -191,13 +193,16 @@ def _of_leapp(bundle: Mapping[str, Any], path: Path) -> bytes:
                 f"{quoted(tensor.get('kind', 'none'))}, which drives nothing here; known are "
                 f"{', '.join([*_DRIVEN_BY, *_GAINS])}."
             )
-    places, start = dict[str, range](), 0
+    places, end = dict[str, range](), 0
     for each in sorted(read, key=lambda each: any(each == state for state, _ in states)):
-        places[each] = range(start, start := start + read[each])
-    whole = joined_tensors(content, places, [*(t["name"] for t in driving), *fed], name)
+        places[each] = range(end, end := end + read[each])
+    start = [home.get(j, 0.0) * (_DRIVEN_BY[kind] == "position") for j, kind in joints]
+    outputs, less = [*(t["name"] for t in driving), *fed], [*start, *[0.0] * len(begun)]
+    whole = joined_tensors(content, places, outputs, less, name)
     rate = (pipeline.get("configs") or {}).get("frequency")
     found = {
         "joint_names": with_commas([joint for joint, _ in joints]),
+        "default_joint_pos": with_commas(start),
         "action_kind": with_commas([_DRIVEN_BY[kind] for _, kind in joints]),
         "observation_names": with_commas([*said, *["state"] * bool(states)]),
         "control_period": repr(1.0 / float(rate)) if rate else "0",

@@ -154,7 +154,11 @@ def with_metadata(content: bytes, metadata: dict[str, str], name: str) -> bytes:
 
 
 def joined_tensors(
-    content: bytes, inputs: Mapping[str, Sequence[int]], outputs: list[str], name: str
+    content: bytes,
+    inputs: Mapping[str, Sequence[int]],
+    outputs: list[str],
+    less: Sequence[float],
+    name: str,
 ) -> bytes:
     """Returns a network that reads one vector, and gives one, in place of several tensors each.
 
@@ -162,6 +166,7 @@ def joined_tensors(
         content: bytes of the file.
         inputs: its inputs, each with the places of its numbers in the vector.
         outputs: those of its outputs whose numbers come one after another.
+        less: what is subtracted from them.
         name: what the sentence of an error calls the file.
 
     Raises:
@@ -188,7 +193,8 @@ def joined_tensors(
     first = len(build.nodes)
     rows = [build.node("Reshape", each, build.indices([1, -1])) for each in outputs]
     rows = [build.node("Cast", row, to=element) for row in rows]
-    build.node("Concat", *rows, output="joined/actions", axis=1)
+    row = build.node("Concat", *rows, axis=1)
+    build.node("Sub", row, build.constant("joined/less", less, element), output="joined/actions")
     nodes = [*build.nodes[:first], *graph.node, *build.nodes[first:]]
     whole = helper.make_graph(
         nodes,
@@ -315,9 +321,10 @@ class Builder:
         self.constants: list[Any] = []
         self._helper = package("onnx.helper")
 
-    def constant(self, name: str, values: ArrayLike) -> str:
-        """Adds a constant and returns its name."""
-        array = np.asarray(values, dtype=np.float64)
+    def constant(self, name: str, values: ArrayLike, element: int | None = None) -> str:
+        """Adds a constant, of float64 or of another element, and returns its name."""
+        kind = self._helper.tensor_dtype_to_np_dtype(element) if element else np.float64
+        array = np.asarray(values, dtype=kind)
         self.constants.append(package("onnx.numpy_helper").from_array(array, name))
         return name
 

@@ -68,14 +68,14 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.views.console import table_console
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
+    joints = task.controls.names
     if arguments.policy.suffix in (".yaml", ".yml"):
         if arguments.contract:
             raise InvalidInputError(f"{name} says what its numbers mean; leave out --contract.")
-        content = read_leapp(arguments.policy)
+        content = read_leapp(arguments.policy, joints, _home(task, joints))
     else:
         content = read_bytes(arguments.policy)
     if arguments.contract:
-        joints = task.controls.names
         said = read_contract(arguments.contract, joints, _home(task, joints))
         content = with_metadata(content, said, name)
     known, gains = metadata_of(parsed(content, name)), settings_from(arguments, PoseSettings())
@@ -129,7 +129,8 @@ def _home(task: "Task", joints: tuple[str, ...]) -> list[float]:
     model = task.dynamics.model
     keys = [model.key(i) for i in range(model.nkey) if model.key(i).name == "home"]
     home, names = keys[0].qpos if keys else task.initial_state, state_names(model)
-    return [float(home[names.index(f"{joint}/position")]) for joint in joints]
+    places = dict(zip(names, home, strict=False))  # home may have positions alone
+    return [float(places.get(f"{joint}/position", 0.0)) for joint in joints]
 
 
 def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", "Array"]:
