@@ -171,6 +171,32 @@ def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
     assert process.output.count("Still waiting for policy") == 1
 
 
+def test_a_driver_of_best_effort_is_named_with_what_to_set(graph, swimmer, random_policy):
+    process = graph.start("policy_executor")
+    states = graph.node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
+    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
+    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.diagnosis(
+        *("policy_executor", DiagnosticStatus.ERROR),
+        "/test sends /joint_states by best effort, but this node takes it reliably only, so that "
+        "nothing arrives; start it with state_qos:=sensor_data.",
+    )
+    assert process.end() == 0
+    graph.start("policy_executor", state_qos="sensor_data")
+    commands = graph.messages(JointState, "joint_command")
+    graph.diagnosis("policy_executor", DiagnosticStatus.OK, "from the robot's drivers")
+
+    def answered():
+        states.publish(
+            state_to_msg(ONES, swimmer.joint_names, graph.node.get_clock().now().to_msg())
+        )
+        graph.spin_for(0.05)
+        return commands
+
+    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.spin_until(answered)
+
+
 def test_without_autostart_it_waits_for_its_lifecycle(graph, swimmer, random_policy):
     process = graph.start("policy_executor", autostart=False)
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))

@@ -20,7 +20,9 @@ from typing import Any
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import Signals as SignalsMsg
@@ -252,7 +254,8 @@ class Controller(LifecycleNode):
         self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
         self._states = StateMessages(robot.layout, is_blind=self._is_blind(), **self._frames)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
-        self._awaited = f"{' and '.join(self._states.needed)}{also} from simulation"
+        source = "the robot's drivers" if self._is_real else "simulation"
+        self._awaited = f"{' and '.join(self._states.needed)}{also} from {source}"
         self._collector = (
             NewestMeasurements(self._states.lacking, value(self, SENSOR_TOLERANCE), time_step)
             if self._is_real
@@ -260,12 +263,28 @@ class Controller(LifecycleNode):
         )
         qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
         for name, sensor in self._states.sources.items():
-            self.create_subscription(sensor, name, partial(self._take_measurement, name), qos)
+            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, name))
+            take = partial(self._take_measurement, name)
+            self.create_subscription(sensor, name, take, qos, event_callbacks=events)
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=lambda _: self._supervisor.forget_time(),
         )
+
+    def _tell_qos(self, topic: str, _: object) -> None:
+        """Reports who sends measurements that never arrive: only reliability can differ."""
+        topic = self.resolve_topic_name(topic)
+        names = [
+            f"{sender.node_namespace.rstrip('/')}/{sender.node_name}"
+            for sender in self.get_publishers_info_by_topic(topic)
+            if sender.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        ]
+        sentence = (
+            f"{' and '.join(names) or 'A node'} sends {topic} by best effort, but this node takes "
+            "it reliably only, so that nothing arrives; start it with state_qos:=sensor_data."
+        )
+        self.health.report("qos", error=sentence)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Frees what was loaded."""
@@ -280,6 +299,7 @@ class Controller(LifecycleNode):
             self.destroy_publisher(publisher)
         if jumps := vars(self).get("_clock_jumps"):
             jumps.unregister()
+        self.health.clear("qos")
         for name in _LOADED & vars(self).keys():
             delattr(self, name)
 
@@ -425,6 +445,7 @@ class Controller(LifecycleNode):
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self.health.arrived(self._awaited)
+        self.health.clear("qos")
         has_policy = self.training.policy is not None or not self._needs_policy
         if (pose := self._pose) and pose.is_reached and self._has_law and has_policy:
             self._set_pose(pose := None)
