@@ -60,7 +60,10 @@ NOT_RUN = {
     r"ssh-keygen -Y|sha256sum": "needs an own SSH key; tests/bags/test_bag_check.py makes one",
     r"vgps drive": "steers a task with commands, for which the swimmer stands here; "
     "tests/nodes/test_drive.py steers one",
-    r"vgps import .*--contract": "needs files of other projects; tests/policies reads such",
+    r"vgps export .*--unitree": "is for robots of servos, for which the swimmer stands here; "
+    "tests/programs/test_field_export.py exports one",
+    r"vgps import .*(--contract|policy\.yaml)": "needs files of other projects; "
+    "tests/policies and tests/programs read such",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",
 }
 
