@@ -2,6 +2,7 @@
 """The program `import`: what it shows, writes and refuses; what it writes drives."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -9,6 +10,8 @@ import pytest
 
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.policies.deployment import read_deployment
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
@@ -151,7 +154,8 @@ def with_a_head(folder, neck):
 
 def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     with_a_head(folder, '<motor joint="neck"/>')
-    imported("--pose-stiffness", "40", "--pose-damping", "2")
+    robot = ["--deployment", "robot.json"]
+    imported("--pose-stiffness", "40", "--pose-damping", "2", *robot)
     shown = capsys.readouterr().out
     for joint, place, k_p in (("neck", "0.3", "40"), ("wrist", "-0.4", "0")):
         line = next(line for line in shown.splitlines() if joint in line)
@@ -169,6 +173,19 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     asked = task.controls.at_joints(states.controls)
     np.testing.assert_allclose(asked[:, 2:], [[0.3, -0.4]] * len(asked), atol=1e-12)
     assert np.abs(np.diff(asked[:, :2], axis=0)).max() > 0
+    # An executor without the task does the same.
+    known = read_deployment(folder / "robot.json")
+    policy = file.policy(known.controls)
+    known = replace(
+        known, controls=known.controls.in_closed_loops(policy.stiffness, policy.damping)
+    )
+    light = driver_of(known, file)
+    law, observed = light.started(), light.observation.within
+    found = [law(observed(told[t])(x[None]))[0] for t, x in enumerate(states.states[:-1])]
+    np.testing.assert_allclose(known.controls.at_joints(np.array(found)), asked, atol=1e-6)
+    with pytest.raises(SystemExit):
+        imported("--deployment", "robot.yaml", "--overwrite")
+    assert "name it robot.json" in capsys.readouterr().err
 
 
 def test_what_cannot_be_held_is_refused_by_name(folder):

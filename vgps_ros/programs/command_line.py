@@ -12,6 +12,7 @@ from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 from vgps_ros.storage.files import read_yaml
+from vgps_ros.tasks import DEPLOYMENT
 from vgps_ros.tasks.registry import task_names
 
 Record = TypeVar("Record")
@@ -125,6 +126,17 @@ def picture(text: str) -> Path:
         raise argparse.ArgumentTypeError(
             f"'{text}' has no ending of a picture; name a file that ends in one of "
             f"{', '.join(f'.{ending}' for ending in PICTURES)}"
+        )
+    return path
+
+
+def deployment_file(text: str) -> Path:
+    """Returns the path of a deployment file to write, which an executor knows by its ending."""
+    path = Path(text)
+    if path.suffix != DEPLOYMENT:
+        raise argparse.ArgumentTypeError(
+            f"'{text}' does not end in {DEPLOYMENT}, by which an executor knows such a file; name "
+            f"it {path.stem}{DEPLOYMENT}"
         )
     return path
 

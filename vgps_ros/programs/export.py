@@ -11,12 +11,9 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vgps_ros.core.checks import quoted
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
-from vgps_ros.programs.command_line import Parser, refuse_existing
+from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder, load_policy
-from vgps_ros.tasks import DEPLOYMENT
 
 if TYPE_CHECKING:
     from vgps_ros.core.policy import GaussianPolicy
@@ -42,7 +39,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument(
         "--deployment",
-        type=Path,
+        type=deployment_file,
         metavar="FILE",
         help="also write what policy_executor has to know of the task, such as robot.json: named "
         "as its parameter task, it drives without MuJoCo",
@@ -69,11 +66,6 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.leapp:
         outputs += [arguments.leapp / "policy.yaml"]
     refuse_existing(outputs, overwrite=arguments.overwrite)
-    if arguments.deployment and arguments.deployment.suffix != DEPLOYMENT:
-        raise InvalidInputError(
-            f"--deployment is {quoted(str(arguments.deployment))}, but the executor knows such a "
-            f"file by its suffix: name it {arguments.deployment.stem}{DEPLOYMENT}."
-        )
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
     from vgps_ros.policies.deployment import write_deployment

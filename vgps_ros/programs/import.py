@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of
-from vgps_ros.programs.command_line import Parser, refuse_existing, settings_from
+from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing, settings_from
 from vgps_ros.safety.poses import PoseSettings
 from vgps_ros.tasks.registry import TASK
 
@@ -46,18 +46,26 @@ def add_arguments(parser: Parser) -> None:
         "playground-go1: what MuJoCo Playground's Go1 reads; default: the file's own metadata",
     )
     parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
+    parser.add_argument(
+        "--deployment",
+        type=deployment_file,
+        metavar="FILE",
+        help="also write what policy_executor has to know of the task; see `vgps export`",
+    )
     gains = [s for s in settings_of(PoseSettings()) if s.name in HOLDING]
     parser.add_settings(STANDING, *gains)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Imports the policy that the arguments name."""
-    refuse_existing([arguments.output], overwrite=arguments.overwrite)
+    outputs = [arguments.output, *([arguments.deployment] if arguments.deployment else [])]
+    refuse_existing(outputs, overwrite=arguments.overwrite)
     from itertools import groupby
 
     from rich.table import Table
 
     from vgps_ros.policies.contract import BASE
+    from vgps_ros.policies.deployment import write_deployment
     from vgps_ros.policies.foreign import holding, read_contract, read_leapp
     from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
@@ -82,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     pulling = gains.pose_stiffness, gains.pose_damping
     held = holding(known, task.controls, task.initial_state, *pulling)
     content = with_metadata(content, held, name) if held else content
-    file = policy_of(content, name)
+    file, robot = policy_of(content, name), task.deployment
     task = for_policy(task, file)
     driver = task.driver(file)
     console = table_console()
@@ -114,11 +122,13 @@ def run(arguments: argparse.Namespace) -> None:
         )
         first = last
     console.print(table)
+    if arguments.deployment:
+        write_deployment(robot, arguments.deployment)
     with replacing(arguments.output) as output:
         output.write(content)
     console.print(
-        f"Wrote {arguments.output}: {first} numbers to {len(contract.joints)} actions, "
-        f"{task.controls.label()}, each {task.dynamics.time_step:g} s."
+        f"Wrote {' and '.join(map(str, outputs))}: {first} numbers to {len(contract.joints)} "
+        f"actions, {task.controls.label()}, each {task.dynamics.time_step:g} s."
     )
 
 
