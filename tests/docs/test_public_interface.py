@@ -57,7 +57,7 @@ def test_examples_and_pages_use_declared_names_alone():
 def test_all_files_name_the_same_version():
     versions = {
         ElementTree.parse(ROOT / folder / "package.xml").findtext("version")
-        for folder in (".", "msg_schemas")
+        for folder in (".", "msg_schemas", "requirements/training")
     }
     (in_setup,) = re.findall(r'version="([\d.]+)"', (ROOT / "setup.py").read_text())
     assert versions == {in_setup} == {vgps_ros.__version__}

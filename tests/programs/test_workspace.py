@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A normal colcon workspace, built as docs/how_to/install.md says, and what is in its packages."""
 
+import ast
 import json
 import os
 import re
@@ -9,9 +10,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+import yaml
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import parse_package
 
@@ -39,7 +42,8 @@ def underlay(workspace: Path) -> str:
 @pytest.mark.timeout(900)
 def test_the_pages_lines_build_a_workspace_whose_node_runs_and_whose_tests_pass(tmp_path):
     page = (ROOT / "docs" / "how_to" / "install.md").read_text()
-    link, build = re.findall("^(?:ln -sfn|colcon build).*$", page, re.MULTILINE)
+    found = re.findall(r"^(?:ln -sfn \S+ \S+|colcon build)", page, re.MULTILINE)
+    *links, build = dict.fromkeys(found)
     source = tmp_path / "src" / "vgps_ros"
     source.mkdir(parents=True)
     files = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
@@ -57,7 +61,8 @@ def test_the_pages_lines_build_a_workspace_whose_node_runs_and_whose_tests_pass(
         assert done.returncode == 0, done.stdout
         return done.stdout
 
-    assert "2 packages finished" in ran(f"{link}\n{build}")
+    lines = "\n".join([*links, build])
+    assert "3 packages finished" in ran(lines)
     ran("colcon test --packages-select vgps_ros --pytest-args tests/core/test_seeding.py")
     assert "0 errors, 0 failures" in ran("colcon test-result --all")
 
@@ -95,23 +100,86 @@ def test_a_package_tells_release_tools_what_they_ask_for(name):
     assert "\n* CHANGELOG.md" in changelog
 
 
-def test_what_rosdep_knows_of_the_requirements_stands_in_the_package():
-    """The keys of packages that have one: of rosdep's python.yaml, or the one that brings them."""
-    keys = {
+# What rosdistro installs by apt on Ubuntu 24.04, by the module that vgps_ros imports.
+APT = {
+    "argcomplete": "python3-argcomplete",
+    "numpy": "python3-numpy",
+    "rich": "python3-rich",
+    "scipy": "python3-scipy",  # of distances from the training
+    "yaml": "python3-yaml",
+}
+TRAINING = ROOT / "requirements" / "training"
+ON_A_ROBOT = ("nodes.policy_executor", "nodes.watchdog", "programs.drive", "programs.node")
+
+
+def imported(path: Path, *, at_once: bool) -> set[str]:
+    """Returns the packages that a file imports: those of its top level, or all."""
+    if at_once:  # an import below a condition is for types
+        nodes: Iterable[ast.AST] = ast.parse(path.read_text()).body
+    else:
+        nodes = ast.walk(ast.parse(path.read_text()))
+    found = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(str(node.module))
+    return {name.partition(".")[0] for name in found} - {"vgps_ros", *sys.stdlib_module_names}
+
+
+def keys(folder: Path) -> set[str]:
+    return {depend.name for depend in parse_package(folder).exec_depends}
+
+
+def of_ros(names: set[str]) -> set[str]:
+    return {name for name in names if not re.match("python3-|mcap", name)}
+
+
+def test_a_robots_computer_needs_no_package_that_apt_lacks():
+    assert keys(ROOT) - of_ros(keys(ROOT)) == set(APT.values())
+    script = f"""
+import importlib, sys
+for name in {ON_A_ROBOT}:
+    importlib.import_module("vgps_ros." + name)
+print(*(m.__file__ for name, m in sys.modules.items() if name.partition(".")[0] == "vgps_ros"))
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    files = run.stdout.split()
+    assert len(files) > 40
+    needed = set().union(*(imported(Path(file), at_once=True) for file in files))
+    assert {"rclpy", "numpy", "yaml"} <= needed
+    assert {APT.get(name, name) for name in needed} <= keys(ROOT)
+
+
+def test_the_package_names_every_package_of_ros_that_it_imports():
+    files = [*(ROOT / "vgps_ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]
+    needed = set().union(*(imported(file, at_once=False) for file in files))
+    ros = {
+        n for n in needed if re.fullmatch(r"\w+_(msgs|srvs|interfaces|python)|rclpy|launch\w*", n)
+    }
+    assert len(ros) > 10
+    assert ros == of_ros(keys(ROOT))
+
+
+def test_every_requirement_has_a_key_of_rosdistro_or_a_rule_of_ours():
+    rosdistro = {
         **{name: f"python3-{name}" for name in ("argcomplete", "matplotlib", "numba")},
         **{name: f"python3-{name}" for name in ("numpy", "rich", "scipy", "torch")},
-        **{name: f"python3-{name}-pip" for name in ("mujoco", "rosbags")},
+        **{name: f"python3-{name}-pip" for name in ("mujoco", "onnxruntime", "rosbags")},
         "pillow": "python3-pil",
         "pyyaml": "python3-yaml",
         "ruamel-yaml": "python3-ruamel.yaml",
-        "llvmlite": "python3-numba",
+        "llvmlite": "python3-numba",  # which brings it
         **dict.fromkeys(("mcap", "mcap-ros2-support"), "mcap-ros2-support"),
     }
-    without = {"msgspec", "pyarrow", "rerun-sdk"}
-    lines = (ROOT / "requirements" / "runtime.txt").read_text().splitlines()
-    needed = {line.partition("==")[0] for line in lines if line[:1].isalpha()}
-    assert needed == keys.keys() | without
-    depends = {d.name for d in parse_package(ROOT).exec_depends}
-    assert {d for d in depends if d.startswith("python3-") or d == "mcap-ros2-support"} == set(
-        keys.values()
-    )
+    rules = yaml.safe_load((ROOT / "requirements" / "rosdep.yaml").read_text())
+    ours = {rule["ubuntu"]["pip"]["packages"][0]: key for key, rule in rules.items()}
+    assert all(rule["debian"] == rule["ubuntu"] for rule in rules.values())
+    text = "".join((ROOT / "requirements" / f"{n}.txt").read_text() for n in ("runtime", "onnx"))
+    needed = {line.partition("==")[0] for line in text.splitlines() if line[:1].isalpha()}
+    assert needed - {"rerun-sdk"} == rosdistro.keys() | ours.keys()  # it needs NumPy 2
+    known = {*rosdistro.values(), *ours.values()}
+    assert keys(ROOT) | keys(TRAINING) == known | of_ros(keys(ROOT)) | {"vgps_ros"}
+    assert not keys(ROOT) & keys(TRAINING)

@@ -33,6 +33,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,9 @@ from vgps_ros.core.records import Array
 # The curvature comes from a share of the samples, but not from too few of them. Seven divides few
 # horizons, so that all steps have their share.
 _PARTS, _LEAST_PART = 7, 1000
+
+# SciPy 1.11, as Ubuntu 24.04 has it, calls the relative tolerance tol.
+_RELATIVE = "rtol" if "rtol" in signature(cg).parameters else "tol"
 
 # Samples times parameters of a block: some milliseconds of one core.
 _BLOCK = 2**23
@@ -183,7 +187,8 @@ class Curvature:
 
         damped = LinearOperator((size, size), lambda s: self.times(s) + added * s, dtype=float)
         precondition = LinearOperator((size, size), inverse, dtype=float)
-        step, _ = cg(damped, -gradient, rtol=1e-2, maxiter=iterations, M=precondition)
+        tolerance: dict[str, Any] = {_RELATIVE: 1e-2, "atol": 0.0}
+        step, _ = cg(damped, -gradient, maxiter=iterations, M=precondition, **tolerance)
         return np.asarray(step)
 
     def _unpack(self, parameters: Array) -> list[list[torch.Tensor]]:

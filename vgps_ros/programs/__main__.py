@@ -1,12 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
 
+import ast
 import importlib
 import os
 import re
 import signal
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,10 +74,9 @@ def _run(words: Sequence[str]) -> None:
         parsed, unknown = parser.parse_known_args(words)
         if unknown:
             parsed.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
-        from vgps_ros.simulation.warnings import silence_mujoco
-
         name, sentence = parsed.parser.prog, parsed.interrupted
-        silence_mujoco()
+        if find_spec("mujoco"):  # a robot's computer does without it
+            importlib.import_module("vgps_ros.simulation.warnings").silence_mujoco()
         _module(parsed.command).run(parsed)
     except KeyboardInterrupt:
         sys.exit(f"{name}: {sentence}")
@@ -110,14 +111,19 @@ def _parser(words: Sequence[str]) -> "Parser":
     parser = Parser(prog="vgps", description=__doc__, words=words)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     for name in COMMANDS:
-        module = _module(name)
-        text = str(module.__doc__)
+        text = _description(name)
         command = commands.add_parser(
             name, help=text.partition("\n")[0], description=text, words=words[1:]
         )
         if words[:1] == [name]:
-            module.add_arguments(command)
+            _module(name).add_arguments(command)
     return parser
+
+
+def _description(command: str) -> str:
+    """Returns a module's docstring without importing it, which may need packages."""
+    file = Path(__file__).parent / f"{command.replace('-', '_')}.py"
+    return str(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))))
 
 
 def _module(command: str) -> Any:
