@@ -11,6 +11,8 @@ a velocimeter and the pose of the base or what is fixed to it; not of the height
 fitted to the model's readings, and tried on states that it was not fitted to.
 """
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -228,20 +230,24 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
         np.array(list(fitted.values())).reshape(-1, _width(layout)),
     )
     arrays: dict[str, Array] = {}
-    tree = {"format": _FORMAT, "deployment": to_tree(content, arrays)}
-    write_json(path, tree | {"arrays": {name: _listed(array) for name, array in arrays.items()}})
+    entries = to_tree(content, arrays)
+    listed = {name: _listed(array) for name, array in arrays.items()}
+    tree = {"format": _FORMAT, "sha256": _digest(entries, listed)}
+    write_json(path, tree | {"deployment": entries, "arrays": listed})
 
 
 def read_deployment(path: Path) -> Deployment:
     """Reads a deployment.
 
     Raises:
-        InvalidInputError: the file is missing, or is none.
+        InvalidInputError: the file is missing, is none, or was changed.
     """
     try:
         tree: Any = read_json(path)
         if tree["format"] != _FORMAT:
             raise ValueError(f"its format is {tree['format']}, but this version reads {_FORMAT}")
+        if tree["sha256"] != _digest(tree["deployment"], tree["arrays"]):
+            raise ValueError("its content has changed since it was written")
         arrays = {name: np.array(each, dtype=float) for name, each in tree["arrays"].items()}
         entries = dict(tree["deployment"])
         content: _Content = from_entries(_Content, entries, arrays)
@@ -271,6 +277,11 @@ def read_deployment(path: Path) -> Deployment:
         read=content.readings,
         sensors=content.sensors,
     )
+
+
+def _digest(*content: Any) -> str:
+    """Returns a digest of what the file holds, which tells a damaged file from a whole one."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _listed(array: Array) -> list[Any]:
