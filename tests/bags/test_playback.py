@@ -185,7 +185,7 @@ def test_an_error_while_reading_comes_after_what_was_read_and_ends_steps():
 
 def test_ticks_of_the_clock_come_before_what_came_after_them():
     times = [0.0, 0.25, 0.6]
-    mixed = list(with_clock(messages(*times), round(0.2e9)))
+    mixed = list(with_clock(messages(*times), lambda: round(0.2e9)))
     found = [((m.stamp - START) / 1e9, m.topic) for m in mixed]
     assert [t for t, topic in found if topic == "/clock"] == [0.0, 0.2, 0.4, 0.6]
     assert [t for t, topic in found if topic == "/a"] == times

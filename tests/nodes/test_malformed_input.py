@@ -24,6 +24,17 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
+from rosbag2_interfaces.srv import (
+    Burst,
+    IsPaused,
+    Pause,
+    Play,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    TogglePaused,
+)
 from sensor_msgs.msg import JointState
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import (
@@ -44,7 +55,6 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
 from unique_identifier_msgs.msg import UUID
 from vgps_msgs.action import TrainPolicy
@@ -253,9 +263,10 @@ class World:
         self._check_optimizer()
         self._check_robot()
         for node in ("recorder", "player"):
-            self.call(Trigger, f"{node}/resume")
-            assert self.call(Trigger, f"{node}/pause").success
-        assert self.call(Trigger, "recorder/resume").success
+            self.call(Resume, f"{node}/resume")
+            self.call(Pause, f"{node}/pause")
+            assert self.call(IsPaused, f"{node}/is_paused").paused
+        self.call(Resume, "recorder/resume")
 
     def _check_optimizer(self):
         response = self.call(OptimizeTrajectory, "trajectory_optimizer/optimize", FIRST)
@@ -614,14 +625,25 @@ def test_questions_for_results_and_cancels_of_goals_that_no_one_sent(world):
 
 
 def test_orders_for_recorder_and_player(world):
+    times = st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
     orders = st.tuples(
-        st.sampled_from(("recorder/pause", "recorder/resume"))
-        | st.sampled_from(("player/pause", "player/step", "player/resume"))
+        st.sampled_from(((Pause, "recorder/pause"), (Resume, "recorder/resume")))
+        | st.sampled_from(((Pause, "player/pause"), (Resume, "player/resume")))
+        | st.sampled_from(((PlayNext, "player/play_next"), (TogglePaused, "player/toggle_paused"))),
+        st.builds(SetRate.Request, rate=st.floats()),
+        st.builds(Burst.Request, num_messages=st.integers(0, 2**64 - 1)),
+        st.builds(Seek.Request, time=times),
+        st.builds(Play.Request, start_offset=times, playback_until_timestamp=times),
     )
 
     def send(batch):
-        for response in world.calls([(Trigger, name, Trigger.Request()) for (name,) in batch]):
-            assert is_sentence(response.message)
+        calls = []
+        for (kind, name), rate, burst, seek, play in batch:
+            calls += [(kind, name, kind.Request()), (SetRate, "player/set_rate", rate)]
+            calls += [(Burst, "player/burst", burst), (Seek, "player/seek", seek)]
+            calls += [(Play, "player/play", play)]
+        for response in world.calls(calls):
+            assert not isinstance(response, Play.Response) or not response.success
 
     world.flood(orders, 0.02, send)
 

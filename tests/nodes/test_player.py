@@ -6,23 +6,37 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbag2_interfaces.srv import (
+    Burst,
+    GetRate,
+    IsPaused,
+    Pause,
+    Play,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    Stop,
+    TogglePaused,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from vgps_msgs.msg import GaussianPolicy, RobotModel, TrajectoryDistribution
 
 from tests.bags.altered import SAMPLE
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
-from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg
+from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg, stamp_of
 from vgps_ros.nodes.recorder import profile_in_bag
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
@@ -111,8 +125,15 @@ def play_to_end(graph, bag: Path, **parameters: object):
     return player
 
 
-def trigger(graph, name: str) -> Trigger.Response:
-    return graph.call(Trigger, f"player/{name}")
+def ask(graph, kind: Any, **request: Any) -> Any:
+    """Calls the player's service of this type, whose name rosbag2 makes of the type's."""
+    name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+    return graph.call(kind, f"player/{name}", kind.Request(**request))
+
+
+def at(t: float) -> Time:
+    """Returns the stamp of a time after the bag's start [s]."""
+    return stamp_of(START + round(t * 1e9))
 
 
 def test_all_topics_come_back_byte_for_byte_in_order_and_in_time(graph, make_bag):
@@ -171,26 +192,77 @@ def test_services_pause_step_and_resume(graph, make_bag):
     bag = make_bag(states(0.0, 30.0, 30.2, 60.0))
     received = listen(graph, "/joint_states")
     player = graph.start("player", bag=bag, start_paused=True)
-    assert "at 0.00 s" in trigger(graph, "step").message
-    answer = trigger(graph, "step")
-    assert answer.success
-    assert "Played a message of /joint_states, at 30.00 s" in answer.message
+    assert ask(graph, PlayNext).success
+    assert ask(graph, PlayNext).success
+    assert ask(graph, IsPaused).paused
     graph.spin_for(0.5)
     assert seconds(received) == [0, 1]
-    assert not trigger(graph, "pause").success
-    assert trigger(graph, "resume").success
-    assert not trigger(graph, "resume").success
-    assert "not paused" in trigger(graph, "step").message
+    ask(graph, Pause)  # already
+    ask(graph, TogglePaused)
+    assert not ask(graph, IsPaused).paused
+    ask(graph, Resume)  # already
+    assert not ask(graph, PlayNext).success
+    assert not ask(graph, Burst).actually_burst
     graph.spin_until(lambda: len(received) == 3, what="the third message")
-    assert trigger(graph, "pause").success
+    ask(graph, Pause)
     status = graph.diagnosis("player", DiagnosticStatus.OK)
     values = {entry.key: entry.value for entry in status.values}
     assert values["paused"] == "True"
     assert values["messages"] == "3"
-    assert trigger(graph, "step").success
+    assert ask(graph, PlayNext).success
     graph.spin_until(lambda: not player.running, what="the player to end")
     assert player.wait() == 0, player.output
     assert seconds(received) == [0, 1, 2, 3]
+
+
+def test_it_seeks_and_changes_its_rate_and_the_clock_follows(graph, make_bag):
+    bag = make_bag(states(*range(101)))
+    received = listen(graph, "/joint_states")
+    clocks = graph.messages(Clock, "/clock", DEEP)
+    player = graph.start("player", bag=bag, start_paused=True, clock_rate=50.0)
+    assert not ask(graph, SetRate, rate=0.0).success
+    assert not ask(graph, SetRate, rate=float("nan")).success
+    assert ask(graph, GetRate).rate == 1.0
+    assert ask(graph, SetRate, rate=20.0).success
+    assert ask(graph, GetRate).rate == 20.0
+    assert not ask(graph, Seek, time=at(101.0)).success
+    clocks.clear()
+    assert ask(graph, Seek, time=at(50.0)).success
+    graph.spin_until(lambda: clocks, what="the clock")
+    assert clocks[-1].clock == at(50.0)
+    assert not seconds(received)  # while it is paused
+    assert ask(graph, Burst, num_messages=3).actually_burst == 3
+    assert ask(graph, Seek, time=at(0.0)).success
+    assert ask(graph, PlayNext).success
+    assert ask(graph, Seek, time=at(90.0)).success
+    graph.spin_for(0.3)
+    clocks.clear()
+    ask(graph, Resume)
+    graph.spin_until(lambda: not player.running, what="the player to end")
+    assert player.wait() == 0, player.output
+    graph.spin_for(0.3)
+    assert seconds(received) == [50, 51, 52, 0, *range(90, 101)]
+    ticks = [tick.clock.sec + 1e-9 * tick.clock.nanosec - START * 1e-9 for tick in clocks]
+    assert np.diff(ticks) == pytest.approx(20.0 / 50.0, abs=1e-6)
+    assert ticks[0] == pytest.approx(90.0, abs=0.41)
+
+
+def test_stop_ends_it_and_one_that_stays_plays_a_part_again(graph, make_bag):
+    bag = make_bag(states(0.0, 0.1, 0.2, 0.3, 100.0))
+    stopped = graph.start("player", bag=bag, start_paused=True)
+    assert not ask(graph, Play).success  # it plays
+    ask(graph, Stop)
+    assert stopped.wait() == 0, stopped.output
+    received = listen(graph, "/joint_states")
+    player = graph.start("player", bag=bag, stay=True)
+    graph.spin_until(lambda: len(received) == 4, what="four messages")
+    ask(graph, Stop)
+    graph.spin_until_output(player, "~/play plays again")
+    tenths = {"start_offset": Time(nanosec=10**8), "playback_duration": Duration(nanosec=10**8)}
+    graph.spin_until(lambda: ask(graph, Play, **tenths).success, what="the end of its thread")
+    graph.spin_until(lambda: player.output.count("~/play plays again") == 2, what="its end")
+    assert player.running
+    assert seconds(received) == [0, 1, 2, 3, 1, 2]
 
 
 def test_the_clock_ticks_at_its_rate_in_place_of_the_recorded_one(graph, make_bag):

@@ -2,15 +2,15 @@
 """Plays recorded messages back with the delays with which they were received.
 
 A message that was received t seconds after the bag's start is due at origin + t / rate. The origin
-moves only when playing resumes after a pause or starts again, so a message that is late does not
-delay the next one.
+moves only when playing resumes after a pause, starts again, seeks or changes its rate, so a message
+that is late does not delay the next one.
 """
 
 import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vgps_ros.bags.reader import BagMessage
 from vgps_ros.core.settings import check_settings, setting
@@ -52,6 +52,7 @@ class Playback:
         settings: rate, offset and delay of the playback.
 
     Attributes:
+        rate: seconds of the bag per second of the wall clock.
         paused: True while it waits for `resume` or `step`.
         ended: True once all messages are played, or `stop` was called.
 
@@ -71,8 +72,10 @@ class Playback:
         self._publish = publish
         self._start = start
         self._settings = settings
+        self.rate = settings.rate
         self._offset = round(settings.start_offset * _SECOND)
         self._changed = threading.Condition()  # guards all attributes below
+        self._sought: int | None = None  # position at which to go on [ns]
         self._earliest = 2**62  # monotonic time of the first message [ns]; far off until `run`
         self._position = self._offset  # lower bound of the time since the bag's start [ns]
         self._set_origin()
@@ -95,11 +98,19 @@ class Playback:
         with self._changed:
             self._earliest = time.monotonic_ns() + round(self._settings.delay * _SECOND)
             self._set_origin()
+        begin = self._offset
         try:
-            while self._play_once() and self._settings.loop:
-                with self._changed:  # the next round starts when the last message was due
-                    self._origin += round((self._position - self._offset) / self._settings.rate)
-                    self._position = self._offset
+            while True:
+                again = self._play_from(begin) or begin > self._offset
+                with self._changed:
+                    if self._sought is not None:
+                        begin, self._sought = self._sought, None
+                    elif self.ended or not (self._settings.loop and again):
+                        break
+                    else:  # the next round starts when the last message was due
+                        begin = self._offset
+                        self._origin += round((self._position - begin) / self.rate)
+                        self._position = begin
         finally:
             self.stop()
 
@@ -117,6 +128,26 @@ class Playback:
                 self.paused = False
                 self._set_origin()
                 self._changed.notify_all()
+
+    def set_rate(self, rate: float) -> None:
+        """Plays on at another rate.
+
+        Raises:
+            InvalidInputError: it is out of range.
+        """
+        check_settings(replace(self._settings, rate=rate))
+        with self._changed:
+            self._position = self._now()
+            self.rate = rate
+            self._set_origin()
+            self._changed.notify_all()
+
+    def seek(self, position: int) -> None:
+        """Goes on from another time since the bag's start [ns], and stays there while paused."""
+        with self._changed:
+            self._position = self._sought = position
+            self._set_origin()
+            self._changed.notify_all()
 
     def step(self) -> BagMessage | None:
         """Plays one message at once while paused, and moves the position to its time.
@@ -139,10 +170,10 @@ class Playback:
             self.ended = True
             self._changed.notify_all()
 
-    def _play_once(self) -> bool:
-        """Plays all messages once. Returns True if there were any and `stop` was not called."""
+    def _play_from(self, begin: int) -> bool:
+        """Plays from a position [ns]; returns True if it came to the end, and played any."""
         played = False
-        first = self._start + self._offset
+        first = self._start + begin
         for message in self._read():
             if message.stamp < first:
                 continue
@@ -150,23 +181,23 @@ class Playback:
                 return False
             self._publish(message)
             played = True
-            if self._step_wanted:
+            if self._step_wanted and not isinstance(message, ClockTick):
                 with self._changed:
                     self._step_wanted, self._stepped = False, message
                     self._changed.notify_all()
         return played
 
     def _wait_for(self, position: int) -> bool:
-        """Waits until a message at this position is due. Returns False after `stop`."""
+        """Waits until a message at this position is due. Returns False after `stop` or `seek`."""
         with self._changed:
-            while not self.ended:
+            while not self.ended and self._sought is None:
                 if self.paused:
                     if self._step_wanted:
                         self._position = max(self._position, position)
                         return True
                     self._changed.wait()
                 else:
-                    due = self._origin + round(position / self._settings.rate)
+                    due = self._origin + round(position / self.rate)
                     left = due - time.monotonic_ns()
                     if left <= 0:
                         self._position = max(self._position, position)
@@ -178,28 +209,37 @@ class Playback:
         """Sets the origin so that playing goes on from the position, now or after the delay."""
         now = max(time.monotonic_ns(), self._earliest)
         # The origin is the monotonic time [ns] that corresponds to the bag's start.
-        self._origin = now - round(self._position / self._settings.rate)
+        self._origin = now - round(self._position / self.rate)
 
     def _now(self) -> int:
         """Returns the position at this moment [ns]."""
         if self.paused or self.ended:
             return self._position
         elapsed = time.monotonic_ns() - self._origin
-        return max(self._position, round(elapsed * self._settings.rate))
+        return max(self._position, round(elapsed * self.rate))
 
 
-def with_clock(messages: Iterable[BagMessage], period: int) -> Iterator[BagMessage]:
+class ClockTick(BagMessage):
+    """A message on /clock that the bag does not have; a step does not count it."""
+
+    @classmethod
+    def at(cls, stamp: int) -> "ClockTick":
+        """Returns the one of a time [ns]."""
+        data = _CDR_HEADER + struct.pack("<iI", *divmod(stamp, _SECOND))
+        return cls(CLOCK_TOPIC, CLOCK_KIND, stamp, data)
+
+
+def with_clock(messages: Iterable[BagMessage], period: Callable[[], int]) -> Iterator[BagMessage]:
     """Yields the messages, and before each message the ticks of /clock that are due by then.
 
     Args:
         messages: messages in the order in which they were received; the first starts the clock.
-        period: time between two ticks [ns].
+        period: returns the time between two ticks [ns], which may change.
     """
     tick: int | None = None
     for message in messages:
         tick = message.stamp if tick is None else tick
         while tick <= message.stamp:
-            time = _CDR_HEADER + struct.pack("<iI", *divmod(tick, 10**9))
-            yield BagMessage(CLOCK_TOPIC, CLOCK_KIND, tick, time)
-            tick += period
+            yield ClockTick.at(tick)
+            tick += period()
         yield message

@@ -5,6 +5,8 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,24 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from std_srvs.srv import Trigger
+from rosbag2_interfaces.srv import (
+    Burst,
+    GetRate,
+    IsPaused,
+    Pause,
+    Play,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    Stop,
+    TogglePaused,
+)
 
 from vgps_ros.bags.playback import (
     CLOCK_KIND,
     CLOCK_TOPIC,
+    ClockTick,
     Playback,
     PlaybackSettings,
     with_clock,
@@ -25,12 +40,13 @@ from vgps_ros.bags.playback import (
 from vgps_ros.bags.reader import BagMessage, BagReader
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
+from vgps_ros.messages.conversions import nanoseconds
 from vgps_ros.messages.names import installed_hash, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import Runnable
-from vgps_ros.ros_runtime.services import answered, steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 
 BAG = Setting("bag", "", "folder of the bag; must be given")
 INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")
@@ -42,6 +58,8 @@ CLOCK_RATE = Setting(
     minimum=0.0,
     maximum=10000.0,
 )
+
+STAY = Setting("stay", False, "whether to wait for ~/play where the bag ends, or ~/stop ends it")
 
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
@@ -59,6 +77,7 @@ class Player(Node):
         self._settings = declare_settings(self, PlaybackSettings())
         include, exclude = (declare(self, s) for s in (INCLUDE, EXCLUDE))
         self._clock_rate = declare(self, CLOCK_RATE)
+        self._stays = declare(self, STAY)
         self._health = Health(self)
         if not path:
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")
@@ -71,19 +90,29 @@ class Player(Node):
         self._played: Counter[str] = Counter()
         self._is_closing = threading.Event()
         self._topics = self._add_topics(TopicFilter(include, exclude))
-        self._playback = Playback(self._read, self._publish, self._bag.start, self._settings)
+        self._prepare(self._settings)
         self._error: VgpsError | None = None
         self._looks = 0
-        self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
-        self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
-        self.create_service(Trigger, "~/step", self._step, qos_profile=CALLS)
+        for kind, name, answer in (  # as `ros2 bag play` has them
+            (Pause, "pause", self._pause),
+            (Resume, "resume", self._resume),
+            (TogglePaused, "toggle_paused", self._toggle),
+            (IsPaused, "is_paused", self._tell_paused),
+            (GetRate, "get_rate", self._tell_rate),
+            (SetRate, "set_rate", self._set_rate),
+            (PlayNext, "play_next", self._play_next),
+            (Burst, "burst", self._burst),
+            (Seek, "seek", self._seek),
+            (Play, "play", self._play_again),
+            (Stop, "stop", self._stop),
+        ):
+            self.create_service(kind, f"~/{name}", answer, qos_profile=CALLS)
         steady_timer(self, _LOOK_PERIOD, self._look)
         self._end = self.create_guard_condition(self._on_end)
         self.get_logger().info(
             f"Plays {len(self._topics)} topics of {path}, {self._duration:.1f} s long, "
             f"at rate {self._settings.rate:g}{', paused' * self._settings.start_paused}."
         )
-        self._thread = threading.Thread(target=self._play, name="playback")
         # Not here: a signal may still end this constructor, and a running thread would keep the
         # node to the end of the process, and others would take it for alive.
         self.create_guard_condition(self._thread.start).trigger()
@@ -145,11 +174,20 @@ class Player(Node):
             )
         self._replayed[topic] = self.create_publisher(found, topic, profile)
 
-    def _read(self) -> Iterable[BagMessage]:
-        messages = self._bag.messages(self._topics)
-        if not self._clock_rate:
-            return messages
-        return with_clock(messages, max(1, round(1e9 * self._settings.rate / self._clock_rate)))
+    def _prepare(self, settings: PlaybackSettings, until: int = 2**63) -> None:
+        """Prepares to play the bag, and the messages up to a time of receipt [ns]."""
+
+        def read() -> Iterable[BagMessage]:
+            messages = takewhile(lambda m: m.stamp <= until, self._bag.messages(self._topics))
+            if not self._clock_rate:
+                return messages
+            return with_clock(
+                messages, lambda: max(1, round(1e9 * self._playback.rate / self._clock_rate))
+            )
+
+        self._is_stopped = False  # by ~/stop
+        self._playback = Playback(read, self._publish, self._bag.start, settings)
+        self._thread = threading.Thread(target=self._play, name="playback")
 
     # The playback's thread
 
@@ -182,7 +220,7 @@ class Player(Node):
         """
         if self._is_closing.is_set():
             return
-        if not self._played:
+        if not (self._played or self._is_stopped):
             raise InvalidInputError(
                 f"start_offset is {self._settings.start_offset:g} s, but the bag is only "
                 f"{self._duration:.2f} s long."
@@ -200,7 +238,9 @@ class Player(Node):
     def _on_end(self) -> None:
         if self._error:
             raise self._error
-        raise ExternalShutdownException
+        if not self._stays:
+            raise ExternalShutdownException
+        self.get_logger().info("Played to the end; ~/play plays again.")
 
     def _look(self) -> None:
         self._show()
@@ -211,30 +251,90 @@ class Player(Node):
 
     def _show(self) -> None:
         self._health.set_value("position", f"{self._playback.position:.2f} s")
-        self._health.set_value("rate", f"{self._settings.rate:g}")
+        self._health.set_value("rate", f"{self._playback.rate:g}")
         self._health.set_value("messages", self._played.total())
         self._health.set_value("paused", self._playback.paused)
 
-    def _pause(self, *_: object) -> Trigger.Response:
-        was_paused = self._playback.paused
+    def _log(self, words: str) -> None:
+        self._show()
+        self.get_logger().info(f"{words}, at {self._playback.position:.2f} s.")
+
+    # Services
+
+    def _pause(self, _: object, response: Pause.Response) -> Pause.Response:
         self._playback.pause()
-        self._show()
-        at = f"at {self._playback.position:.2f} s"
-        return answered(not was_paused, f"Paused {at}.", f"It was paused already, {at}.")
+        self._log("Paused")
+        return response
 
-    def _resume(self, *_: object) -> Trigger.Response:
-        was_paused, at = self._playback.paused, f"at {self._playback.position:.2f} s"
+    def _resume(self, _: object, response: Resume.Response) -> Resume.Response:
         self._playback.resume()
-        self._show()
-        return answered(was_paused, f"Goes on {at}.", "It was not paused.")
+        self._log("Goes on")
+        return response
 
-    def _step(self, *_: object) -> Trigger.Response:
-        if not self._playback.paused:
-            return Trigger.Response(message="It is not paused; call ~/pause first.")
-        if (message := self._playback.step()) is None:
-            return Trigger.Response(message="No message is left.")
-        sentence = f"Played a message of {message.topic}, at {self._playback.position:.2f} s."
-        return Trigger.Response(success=True, message=sentence)
+    def _toggle(self, _: object, response: TogglePaused.Response) -> TogglePaused.Response:
+        (self._resume if self._playback.paused else self._pause)(_, response)
+        return response
+
+    def _tell_paused(self, _: object, response: IsPaused.Response) -> IsPaused.Response:
+        response.paused = self._playback.paused
+        return response
+
+    def _tell_rate(self, _: object, response: GetRate.Response) -> GetRate.Response:
+        response.rate = self._playback.rate
+        return response
+
+    def _set_rate(self, request: SetRate.Request, response: SetRate.Response) -> SetRate.Response:
+        try:
+            self._playback.set_rate(request.rate)
+        except InvalidInputError as error:
+            self.get_logger().warning(str(error))
+        else:
+            response.success = True
+            self._log(f"Plays at rate {request.rate:g}")
+        return response
+
+    def _play_next(self, _: object, response: PlayNext.Response) -> PlayNext.Response:
+        response.success = self._playback.step() is not None
+        return response
+
+    def _burst(self, request: Burst.Request, response: Burst.Response) -> Burst.Response:
+        whole = sum(self._bag.counts[topic] for topic in self._topics)  # a loop has no end
+        steps = islice(iter(self._playback.step, None), min(request.num_messages or whole, whole))
+        response.actually_burst = sum(1 for _ in steps)
+        return response
+
+    def _seek(self, request: Seek.Request, response: Seek.Response) -> Seek.Response:
+        stamp = nanoseconds(request.time)
+        position = max(0, stamp - self._bag.start)
+        if position > self._bag.duration or self._playback.ended:
+            return response
+        self._playback.seek(position)
+        if self._clock_rate:  # also while it is paused
+            self._publish(ClockTick.at(self._bag.start + position))
+        response.success = True
+        self._log("Seeks")
+        return response
+
+    def _play_again(self, request: Play.Request, response: Play.Response) -> Play.Response:
+        """Plays a part of the bag; times of zero leave it whole."""
+        offset = nanoseconds(request.start_offset)
+        if self._thread.is_alive() or not (
+            self._playback.ended and 0 <= offset <= self._bag.duration
+        ):
+            return response
+        duration = nanoseconds(request.playback_duration)
+        ends = [self._bag.start + offset + duration] * (duration > 0)
+        ends += [nanoseconds(request.playback_until_timestamp)]
+        settings = replace(self._settings, start_offset=offset * 1e-9, start_paused=False)
+        self._prepare(settings, max(ends) if max(ends) > 0 else 2**63)
+        self._thread.start()
+        response.success = True
+        return response
+
+    def _stop(self, _: object, response: Stop.Response) -> Stop.Response:
+        self._is_stopped = True
+        self._playback.stop()
+        return response
 
 
 def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:

@@ -28,7 +28,7 @@ from rclpy.qos import (
 )
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from std_srvs.srv import Trigger
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 
 from vgps_ros.bags import BagWriter
 from vgps_ros.bags.writer import COMPRESSIONS, UnfinishedBagError
@@ -39,7 +39,7 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import Runnable
-from vgps_ros.ros_runtime.services import answered, steady_timer
+from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.storage.software import environment
 
 _DISCOVERY_PERIOD = 0.2  # between two looks for new topics [s]
@@ -112,8 +112,12 @@ class Recorder(Node):
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
         self._collector = _ParameterCollector(self)
-        self.create_service(Trigger, "~/pause", self._pause, qos_profile=CALLS)
-        self.create_service(Trigger, "~/resume", self._resume, qos_profile=CALLS)
+        for kind, name, answer in (  # as `ros2 bag record` has them
+            (Pause, "pause", partial(self._hold, True)),
+            (Resume, "resume", partial(self._hold, False)),
+            (IsPaused, "is_paused", self._tell_paused),
+        ):
+            self.create_service(kind, f"~/{name}", answer, qos_profile=CALLS)
         steady_timer(self, _DISCOVERY_PERIOD, self._discover)
         steady_timer(self, _ATTACHMENT_PERIOD, self._save)
         self.get_logger().info(f"Recording to {self._writer.path}.")
@@ -209,13 +213,15 @@ class Recorder(Node):
             stamp = self._wall_clock.now().nanoseconds
             self._writer.attach("parameters.yaml", self._collector.text(), stamp)
 
-    def _pause(self, *_: object) -> Trigger.Response:
-        was_paused, self._paused = self._paused, True
-        return answered(not was_paused, "Recording pauses.", "It was paused already.")
+    def _hold(self, paused: bool, _: object, response: Any) -> Any:
+        if paused != self._paused:
+            self._paused = paused
+            self.get_logger().info("Recording pauses." if paused else "Recording goes on.")
+        return response
 
-    def _resume(self, *_: object) -> Trigger.Response:
-        was_paused, self._paused = self._paused, False
-        return answered(was_paused, "Recording goes on.", "It was not paused.")
+    def _tell_paused(self, _: object, response: IsPaused.Response) -> IsPaused.Response:
+        response.paused = self._paused
+        return response
 
 
 def profile_in_bag(profile: QoSProfile) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.task import Future
 from rclpy.timer import Timer
-from std_srvs.srv import Trigger
 
 from vgps_ros.core.checks import printable
 
@@ -81,11 +80,6 @@ def answer_later(service: Service) -> Service:
 
     service.send_response = send_response  # type: ignore[method-assign]
     return service
-
-
-def answered(done: bool, yes: str, no: str) -> Trigger.Response:
-    """Returns the response to an order that was carried out or not, with a sentence for each."""
-    return Trigger.Response(success=done, message=yes if done else no)
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
