@@ -43,7 +43,7 @@ def outcome(bag, capsys) -> tuple[int, str]:
 
 
 def commanded(change):
-    """Returns what `copy` takes: the torques of command i become change(i, stamp, torques)."""
+    """Returns what `copy` takes: the controls of command i become change(i, stamp, controls)."""
     count = iter(range(10_000))
 
     def apply(message):
@@ -51,8 +51,8 @@ def commanded(change):
             return message.data
         command = deserialize_message(message.data, JointState)
         stamp = command.header.stamp.sec * 10**9 + command.header.stamp.nanosec
-        torques = change(next(count), stamp, np.array(command.effort))
-        return message.data[:-16] + struct.pack("<2d", *torques)  # efforts come last
+        controls = change(next(count), stamp, np.array(command.effort))
+        return message.data[:-16] + struct.pack("<2d", *controls)  # efforts come last
 
     return apply
 
@@ -86,8 +86,8 @@ def test_the_sample_agrees_and_the_last_line_says_what_that_proves(capsys):
     *_, last = words.splitlines()
     assert code == 0
     assert last.startswith(
-        f"Proved: {ALL} of {ALL} torques, 500 of 500 steps from state to state, the digest of each "
-        "file. Not proved: when, where and by whom"
+        f"Proved: {ALL} of {ALL} controls, 500 of 500 steps from state to state, the digest of "
+        "each file. Not proved: when, where and by whom"
     )
 
 
@@ -108,7 +108,7 @@ def test_one_bit_of_one_torque_is_found_with_its_time_and_joint(tmp_path, capsys
     time = command.header.stamp.sec + command.header.stamp.nanosec * 1e-9
     assert code == WRONG
     assert f"at {time:.3f} s the torque of {command.name[1]} is" in words
-    assert "Wrong: 1 torques are not what the policy gives" in words
+    assert "Wrong: 1 controls are not what the policy gives" in words
 
 
 def test_root_coordinates_times_ten_are_found_where_the_policy_does_not_read_them(tmp_path, capsys):
@@ -118,15 +118,15 @@ def test_root_coordinates_times_ten_are_found_where_the_policy_does_not_read_the
 
     code, words = outcome(copy(tmp_path / "bag", stated(change)), capsys)
     assert code == WRONG
-    assert "states do not follow from the state and the torque before them" in words
+    assert "states do not follow from the state and the control before them" in words
     assert "root_x/position" in words
 
 
 def test_zeroed_torques_with_a_safe_action_in_the_diagnostics_are_found(tmp_path, capsys):
-    zero = commanded(lambda i, stamp, torques: torques * (not 200 <= i < 205))
+    zero = commanded(lambda i, stamp, controls: controls * (not 200 <= i < 205))
     code, words = outcome(copy(tmp_path / "bag", said_to_be_safe(zero)), capsys)
     assert code == WRONG
-    assert "5 states do not follow from the state and the torque before them" in words
+    assert "5 states do not follow from the state and the control before them" in words
 
 
 def test_five_seconds_that_were_cut_out_are_named(tmp_path, capsys):
@@ -153,7 +153,7 @@ def test_deleted_torques_are_named(tmp_path, capsys, removed):
 
     code, words = outcome(copy(tmp_path / "bag", change), capsys)
     assert code in (MISSING, WRONG)
-    assert "states lack the torque that answers them" in words
+    assert "states lack the control that answers them" in words
 
 
 def test_a_lost_state_is_named(tmp_path, capsys):
@@ -165,14 +165,14 @@ def test_a_lost_state_is_named(tmp_path, capsys):
 
     code, words = outcome(copy(tmp_path / "bag", change), capsys)
     assert code == MISSING
-    assert "Missing: 1 torques answer states that are not in the bag" in words
+    assert "Missing: 1 controls answer states that are not in the bag" in words
 
 
 def test_torques_are_compared_within_the_recorded_limits(tmp_path, capsys):
-    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    change = commanded(lambda i, stamp, controls: np.clip(controls, -20, 20))
     _, words = outcome(copy(tmp_path / "good", change, torque_limits=[20.0, 20.0]), capsys)
-    assert f"{ALL} torques are bit for bit what the policy gives" in words
-    change = commanded(lambda i, stamp, torques: np.clip(torques, -20, 20))
+    assert f"{ALL} controls are bit for bit what the policy gives" in words
+    change = commanded(lambda i, stamp, controls: np.clip(controls, -20, 20))
     code, words = outcome(copy(tmp_path / "bad", change, torque_limits=[20.0, 30.0]), capsys)
     assert code == WRONG
     assert "the torque of back_joint is" in words
@@ -183,17 +183,17 @@ def test_a_rate_limit_is_followed_from_torque_to_torque(tmp_path, capsys, bad):
     controls = make_task("swimmer").controls
     limiter = ControlLimiter(SafetySettings(torque_rate_limit=200.0), controls, 0.02)
 
-    def change(i, stamp, torques):
-        torques = limiter.limited(torques, stamp, np.zeros(10))
-        limiter.note(torques, stamp)
-        return torques + (i == bad) * np.array([0.0, 1e-9])
+    def change(i, stamp, controls):
+        controls = limiter.limited(controls, stamp, np.zeros(10))
+        limiter.note(controls, stamp)
+        return controls + (i == bad) * np.array([0.0, 1e-9])
 
     bag = copy(tmp_path / "bag", commanded(change), torque_rate_limit=200.0)
     _, words = outcome(bag, capsys)
     if bad is None:
-        assert f"{ALL} torques are bit for bit" in words
+        assert f"{ALL} controls are bit for bit" in words
     else:
-        assert "torques are not what the policy gives for their states" in words
+        assert "controls are not what the policy gives for their states" in words
         assert "the torque of back_joint is" in words
 
 
@@ -225,13 +225,16 @@ def test_torques_of_the_safe_action_count_where_a_key_says_that_it_drove(tmp_pat
         q = distribution_from_msg(bag.decode(last)).first(swimmer.horizon)
     marginals = TrainingMarginals(q, swimmer.observation, 2)
 
-    def change(i, stamp, torques):
+    def change(i, stamp, controls):
         if not 200 <= i < 205:
-            return torques
+            return controls
         return safe_control(settings, states()[stamp], swimmer.controls, np.zeros(2), [marginals])
 
     for value, sentence in (
-        ("True", "5 torques are those of the safe action, or zero, while the policy did not drive"),
+        (
+            "True",
+            "5 controls are those of the safe action, or zero, while the policy did not",
+        ),
         ("False", "The diagnostics do not say that the safe action drove"),
     ):
         said = said_to_be_safe(commanded(change), value)
@@ -262,14 +265,14 @@ def test_a_scaled_policy_that_drove_is_found(tmp_path, capsys):
 
     code, words = outcome(copy(tmp_path / "bag", change), capsys)
     assert code == WRONG
-    assert "torques are not what the policy gives" in words
+    assert "controls are not what the policy gives" in words
 
 
 @pytest.mark.parametrize(
     ("digest", "sentence"),
     [
-        ("", f"Proved: {ALL} of {ALL} torques"),
-        ("own", f"Proved: {ALL} of {ALL} torques"),
+        ("", f"Proved: {ALL} of {ALL} controls"),
+        ("own", f"Proved: {ALL} of {ALL} controls"),
         ("0" * 64, "has no policy that its robot could use"),
     ],
     ids=("unknown", "own", "another"),
@@ -316,7 +319,7 @@ def test_what_cannot_be_read_is_wrong_and_the_rest_is_checked_all_the_same(tmp_p
     assert code == WRONG
     assert "Wrong: 2 policies cannot be read; of the first one: The policy of iteration 2" in words
     assert "Wrong: 1 commands cannot be read; of the first one: At 1.880 s" in words
-    assert f"Proved: {ALL - 3} of {ALL - 1} torques" in words
+    assert f"Proved: {ALL - 3} of {ALL - 1} controls" in words
 
 
 def test_a_bag_without_digests_says_so(tmp_path, capsys):

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A bag of a robot that was told what to do: its clock and its torques are computed again."""
+"""A bag of a robot that was told what to do: its clock and its controls are computed again."""
 
 import re
 
@@ -84,7 +84,7 @@ def bag(graph, told, tmp_path, request):  # noqa: F811
     for _ in range(4):
         graph.call(StepSimulation, "simulation/step_simulation", steps)
         graph.spin_for(0.5)
-    graph.spin_until(lambda: len(commands) > 20, what="the torques")
+    graph.spin_until(lambda: len(commands) > 20, what="the controls")
     graph.spin_for(1.5)  # for the diagnostics
     assert recorder.end() == 0
     return tmp_path / "bag"
@@ -101,7 +101,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
 
     wrong = check_bag(rewritten(bag, tmp_path / "turned", altered(turn, 0.4))).wrong
     assert any("contexts are none that the executor tells" in words for words in wrong), wrong
-    assert any("torques are not what the policy gives" in words for words in wrong), wrong
+    assert any("controls are not what the policy gives" in words for words in wrong), wrong
 
     def exceed(values):
         values[0] = 3.0
@@ -113,7 +113,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
         if values[0]:
             values[0] = 0.25
 
-    # Within its range, and with a clock and torques that somebody may have computed for it.
+    # Within its range, and with a clock and controls that somebody may have computed for it.
     missing = check_bag(rewritten(bag, tmp_path / "other", altered(instead))).missing
     assert any("angle is 0.25" in words for words in missing), missing
 

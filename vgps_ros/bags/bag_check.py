@@ -1,18 +1,18 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks a bag by computing again what can be computed from its own content.
 
-- Torques: from each recorded state and policy, within the executor's recorded limits. Ours have the
-  same bits on every machine; those of an ONNX policy depend on the machine and agree within
-  `onnx_policy.TOLERANCE`. Torques of the safe action count where the diagnostics say that it drove.
-- States: in lock-step, x' = f(x, u) from each recorded state and torque, by MuJoCo and the recorded
-  MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
+- Controls: from each recorded state and policy, within the executor's recorded limits. Ours have
+  the same bits on every machine; those of an ONNX policy depend on the machine and agree within
+  `onnx_policy.TOLERANCE`. Those of the safe action count where the diagnostics say that it drove.
+- States: in lock-step, x' = f(x, u) from each recorded state and control, by MuJoCo and the
+  recorded MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
 - Contexts: the clock that the executor told its policy in each state. A command is at rest, or was
   received on `cmd_vel` or `command` no longer before than `command_timeout`.
 - Files: by the digests in `SHA256SUMS`.
 
 What is missing is named, but is not called wrong: a recorder may have been paused, and may have
-lost messages. A torque answers the state that has the same stamp. The topics reach a recorder
-independently, so the bag may hold a state or a policy somewhat later than the torque that was
+lost messages. A control answers the state that has the same stamp. The topics reach a recorder
+independently, so the bag may hold a state or a policy somewhat later than the control that was
 computed from it.
 """
 
@@ -28,11 +28,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vgps_ros.bags.control_check import BagCheck, Stamped, check_controls, unreadable
 from vgps_ros.bags.episode import GAP, recorded_states
 from vgps_ros.bags.metadata import check_digests
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import SLACK, RecordedExecutor, Timeline
-from vgps_ros.bags.torque_check import BagCheck, Stamped, check_torques, unreadable
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import (
@@ -81,7 +81,7 @@ def check_bag(
         commands = _commands(bag, executor, found)
         contexts = _contexts(bag, executor, found)
         answered = sorted([*states, *_measured(bag, executor)], key=attrgetter("received"))
-        check_torques(bag, executor, trusted, (answered, commands, contexts), found)
+        check_controls(bag, executor, trusted, (answered, commands, contexts), found)
         period = _check_gaps(states, found)
         _check_contexts(bag, executor, contexts, found)
         if executor.is_in_lock_step and period:
@@ -118,7 +118,7 @@ def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[Stamped]:
     """Yields the states that the executor may have joined of messages with stamps of their own.
 
     Which `imu` or `odom` was the newest, no message says. Those within the executor's tolerance of
-    the stamp of `joint_states` are few, and only the right one gives the torques bit for bit.
+    the stamp of `joint_states` are few, and only the right one gives the controls bit for bit.
     """
     model = executor.model
     for is_blind, base in ((True, IMU), (False, ODOMETRY)):
@@ -263,9 +263,9 @@ def _check_states(
     found: BagCheck,
 ) -> None:
     dynamics = Dynamics(model, max(1, round(period * 1e-9 / model.opt.timestep)), threads=1)
-    torques: dict[int, list[Stamped]] = defaultdict(list)
+    controls: dict[int, list[Stamped]] = defaultdict(list)
     for command in commands:
-        torques[command.stamp].append(command)
+        controls[command.stamp].append(command)
     pushed = _pushed(bag, executor, states)
     agreeing = different = unanswered = excused = 0
     first = ""
@@ -278,7 +278,7 @@ def _check_states(
         if abs(state.stamp - previous[-1].stamp - period) > 2:
             continue  # a reset, or a gap
         begin, end = previous[0].received - SLACK, state.received + SLACK
-        answers = [c for c in torques[previous[-1].stamp] if begin <= c.received <= end]
+        answers = [c for c in controls[previous[-1].stamp] if begin <= c.received <= end]
         scale = np.maximum(1.0, np.abs(state.values))
         differences = [
             (dynamics.step(one.values, answer.values) - state.values) / scale
@@ -304,10 +304,10 @@ def _check_states(
         found.proved.append(f"{agreeing} of {total} steps from state to state")
     if different:
         found.wrong.append(
-            f"{different} states do not follow from the state and the torque before them: {first}"
+            f"{different} states do not follow from the state and the control before them: {first}"
         )
     if unanswered:
-        found.missing.append(f"{unanswered} states lack the torque that answers them")
+        found.missing.append(f"{unanswered} states lack the control that answers them")
     if excused:
         found.unproved.append(f"{excused} steps under a push")
 

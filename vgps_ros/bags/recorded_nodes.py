@@ -151,7 +151,7 @@ class RecordedExecutor:
         is_in_lock_step: whether a simulation waited for the answer to each state.
         model: the robot.
         robot: what messages say of it.
-        seeds: those of the noise that torques may have; None is no noise.
+        seeds: those of the noise that controls may have; None is no noise.
         settings: safety settings of the executor.
         controls: what the robot's controls are.
         limiter: limits of the controls, which depend on those that were noted before.
@@ -207,7 +207,7 @@ class RecordedExecutor:
         self.limiter = ControlLimiter(self.settings, self.controls, period)
 
     def _seeds(self, node: str) -> list[int | None]:
-        """Returns the seeds of the noise that torques may have; None is no noise."""
+        """Returns the seeds of the noise that controls may have; None is no noise."""
         noisy = set(self.parameters.values(node, "stochastic")) or {False}
         seeds = set(self.parameters.values(node, "seed"))
         for seed in seeds:
@@ -230,12 +230,12 @@ class RecordedExecutor:
         """Refuses a policy that no executor of this robot could use.
 
         Raises:
-            InvalidInputError: the robot lacks what it reads, or has another number of torques.
+            InvalidInputError: the robot lacks what it reads, or has another number of controls.
         """
         self._observation_of(policy)
         wanted = len(self.controls.names)
         if (given := len(policy.noise_std)) != wanted:
-            raise InvalidInputError(f"The policy has {given} torques, but the robot has {wanted}.")
+            raise InvalidInputError(f"The policy has {given} controls, but the robot has {wanted}.")
 
     def _observation_of(self, policy: Policy) -> Observation:
         names = tuple(policy.observed)

@@ -167,7 +167,7 @@ class ExecutedPolicy:
         """Returns the control u, shape (n_u,) [N·m], for inputs o of shape (n_o,).
 
         It is μ(o), plus noise if a seed is given. The noise depends only on that seed and on the
-        time of the state, `stamp` [ns], so that recorded torques can be checked. A policy that
+        time of the state, `stamp` [ns], so that recorded controls can be checked. A policy that
         remembers begins anew where time goes back.
         """
         noise: Array | float = 0.0

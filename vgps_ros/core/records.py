@@ -21,7 +21,7 @@ class Trajectory:
 
     Attributes:
         states: positions [m, rad, quaternions], velocities [m/s, rad/s], then activations.
-        controls: of the actuators, joint torques [N·m] for motors.
+        controls: of the actuators, each in its own unit.
     """
 
     states: Annotated[Array, Shape("T+1", "n_x")]
@@ -76,8 +76,8 @@ class TrajectoryDistribution:
 
     Attributes:
         mean: x̄, ū.
-        gains: K_t, [N·m] per unit of the state.
-        control_covariances: Quu_t⁻¹, [N²·m²].
+        gains: K_t, in units of the controls per unit of the state.
+        control_covariances: Quu_t⁻¹, in squares of their units.
         linear_dynamics: f_x, f_u around the mean.
         state_covariances: Σ_t of the marginals q(x_t).
         context: z_t, the commands and the clock that q was optimised for; n_z is often 0.

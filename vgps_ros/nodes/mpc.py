@@ -69,7 +69,7 @@ class Mpc(Controller):
         self._horizon = PlanFollower(planner, every, seed, self._take_plan)
 
     def law(self, state: Array, stamp: int, context: Array) -> Array:
-        """Returns the newest plan's torques; a plan holds the commands.
+        """Returns the newest plan's controls; a plan holds the commands.
 
         Raises:
             InvalidInputError: the newest plan is too old.
@@ -80,12 +80,12 @@ class Mpc(Controller):
         assert policy is None or isinstance(policy, GaussianPolicy)  # others are refused
         ahead = self.instructions.ahead(self._steps)
         try:
-            torques, age = self._horizon.control(state, step, policy, ahead)
+            control, age = self._horizon.control(state, step, policy, ahead)
         finally:
             trouble = self._horizon.trouble
             self.health.report("plan", warning=f"At step {step} {trouble}" if trouble else "")
         self.health.set_value(PLAN_AGE, f"{age * self.robot.time_step:.3f} s")
-        return torques
+        return control
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forgets the trouble with plans."""
@@ -93,7 +93,7 @@ class Mpc(Controller):
         return super().on_deactivate(state)
 
     def end(self) -> None:
-        """Stops the torques and what is being planned."""
+        """Stops the commands and what is being planned."""
         self.stop()
         self._horizon.stop()
 

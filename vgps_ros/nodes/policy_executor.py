@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Lifecycle node `policy_executor`: torques from the latest policy, for each state that comes.
+"""Lifecycle node `policy_executor`: controls from the latest policy, for each state that comes.
 
 Where the policy must not drive, the safe action does; `safety.supervisor` decides.
 """
@@ -15,7 +15,7 @@ STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to 
 
 
 class PolicyExecutor(Controller):
-    """Answers each state with the policy's torques."""
+    """Answers each state with the policy's controls."""
 
     def __init__(self) -> None:
         super().__init__("policy_executor", needs_policy=True)
@@ -26,7 +26,7 @@ class PolicyExecutor(Controller):
             declare(self, setting, may_change=True)
 
     def law(self, state: Array, stamp: int, context: Array) -> Array:
-        """Returns the policy's torques, with its noise where asked."""
+        """Returns the policy's controls, with its noise where asked."""
         policy = self.training.policy
         assert policy is not None  # no state comes here before
         seed = value(self, SEED) if value(self, STOCHASTIC) else None

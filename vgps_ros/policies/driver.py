@@ -61,7 +61,7 @@ class Driver:
         return law
 
     def mean(self, states: Array) -> Array:
-        """Returns the controls without noise in states (..., n_x), shape (..., n_u), [N·m].
+        """Returns the controls without noise in states (..., n_x), shape (..., n_u).
 
         Where the policy is told something, the states are those of the steps of the observation's
         context, or the observation must be `within` that of a single step.

@@ -83,12 +83,12 @@ def _shown(attached: bytes) -> Any:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Computes torques and states again; 1 if any differs, 3 if anything is missing.
+    """Computes controls and states again; 1 if any differs, 3 if anything is missing.
 
     The last line says what is proved, and what is not.
     """
     from vgps_ros.bags.bag_check import UNPROVED, check_bag
-    from vgps_ros.bags.torque_check import AGREEING
+    from vgps_ros.bags.control_check import AGREEING
     from vgps_ros.policies.policy_file import open_policy
 
     trusted = open_policy(arguments.policy) if arguments.policy else None

@@ -108,7 +108,7 @@ class PolicyRun(Node):
         # The executor answers the reset's state, though nothing moves yet, and the first step may
         # take that answer. Once it is here, nothing from before the reset is on its way any more.
         self._wait(
-            lambda: 0 in self._states and 0 in self._commands, f"No torque came. {_NO_EXECUTOR}"
+            lambda: 0 in self._states and 0 in self._commands, f"No command came. {_NO_EXECUTOR}"
         )
         self._commands = {0: self._commands[0]}
         at_once, period = _STEPS_AT_ONCE, self._task.dynamics.time_step

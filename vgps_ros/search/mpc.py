@@ -9,7 +9,7 @@ plans the robot follows
 so that a plan which comes late is made up for by its gains. The next plan improves the cheapest of
 some motions on the true dynamics from the new state: the old plan, followed with its gains and
 continued by the tail; another motion with gains, where one is known; and the tail alone, which
-brings back a robot that the plan has lost. The tail is the learned policy's motion, or no torques
+brings back a robot that the plan has lost. The tail is the learned policy's motion, or no control
 where there is no policy.
 
 `PlanFollower` answers states with feedback along the newest plan, and `AdjustableCost` has the
@@ -203,7 +203,7 @@ class Planner:
         )
 
     def _tail(self, state: Array, policy: GaussianPolicy | None, context: Array) -> Trajectory:
-        """Returns the policy's motion from a state, or that of no torques, over a context."""
+        """Returns the policy's motion from a state, or that of no control, over a context."""
         task, count = self._task, len(context)
         zero = np.zeros((count, task.dynamics.control_dim))
         if policy is None:
@@ -276,7 +276,7 @@ class PlanFollower:
         policy: GaussianPolicy | None = None,
         context: Array | None = None,
     ) -> tuple[Array, int]:
-        """Returns the torques in a state, shape (n_u,), [N·m], and the age of their plan in steps.
+        """Returns the control in a state, shape (n_u,), and the age of their plan in steps.
 
         Args:
             state: x, shape (n_x,).

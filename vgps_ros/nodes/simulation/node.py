@@ -69,8 +69,8 @@ COMMAND_TIMEOUT = Setting(
     minimum=0.01,
     maximum=86400.0,
 )
-TORQUE_AGE_LIMIT = Setting(
-    "torque_age_limit",
+COMMAND_AGE_LIMIT = Setting(
+    "command_age_limit",
     10,
     "in real_time mode, control steps for which a command may be held before that is an error",
     minimum=1,
@@ -109,14 +109,14 @@ class SimulationNode(Node):
         self._lock_step = declare(self, MODE) == "lock_step"
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
-        age_limit = declare(self, TORQUE_AGE_LIMIT)
+        age_limit = declare(self, COMMAND_AGE_LIMIT)
         declare(self, PUSH_DURATION, may_change=True)
         self.control = RunControl(paused=declare(self, START_PAUSED))
         model = self._task.dynamics.model
         self._frames = FrameBroadcaster(self, model)
         self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._torque_age = TorqueAge(self._health, age_limit)
+        self._command_age = CommandAge(self._health, age_limit)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held_stamp = 0  # of the state that the held command answers [ns]
@@ -251,7 +251,7 @@ class SimulationNode(Node):
             )
             self._health.report("command", error=sentence)
         else:
-            self._torque_age.held(self.robot.steps_since(self._held_stamp))
+            self._command_age.held(self.robot.steps_since(self._held_stamp))
         self._advance(self._held)
 
     def _repeat(self) -> None:
@@ -293,8 +293,8 @@ class SimulationNode(Node):
         self._publish()
 
 
-class TorqueAge:
-    """Shows on /diagnostics for how many control steps each torque was held; one is right."""
+class CommandAge:
+    """Shows on /diagnostics for how many control steps each command was held; one is right."""
 
     def __init__(self, health: Health, limit: int):
         self._health, self._limit = health, limit  # steps from which on it is an error
@@ -305,7 +305,7 @@ class TorqueAge:
         self._since, self._ages, self._oldest, self._count = time.monotonic(), 0, 0, 0
 
     def held(self, age: int) -> None:
-        """Notes a step under a torque whose state is so many steps older than the newest one."""
+        """Notes a step under a command whose state is so many steps older than the newest one."""
         self._steps += 1
         self._overruns += age > 0
         self._ages += age
@@ -313,15 +313,15 @@ class TorqueAge:
         self._oldest = max(self._oldest, age)
         if age == self._limit:
             sentence = (
-                f"A torque was held for {age} control steps or more, but each step needs a new "
+                f"A command was held for {age} control steps or more, but each step needs a new "
                 "one: give the controller more of the processor, or bring it nearer."
             )
-            self._health.report("torque age", error=sentence)
+            self._health.report("command age", error=sentence)
         if time.monotonic() - self._since > _FIGURE_PERIOD:
             if self._oldest < self._limit:
-                self._health.clear("torque age")
+                self._health.clear("command age")
             mean = self._ages / self._count
-            self._health.set_value("torque age", f"mean {mean:.2f}, largest {self._oldest} steps")
+            self._health.set_value("command age", f"mean {mean:.2f}, largest {self._oldest} steps")
             self._health.set_value("overruns", f"{self._overruns} of {self._steps}")
             self._begin()
 

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Computes the torques of a bag again, from its states, contexts and policies."""
+"""Computes the controls of a bag again, from its states, contexts and policies."""
 
 from collections import Counter, defaultdict
 from contextlib import suppress
@@ -38,7 +38,7 @@ class BagCheck:
         wrong: a sentence on each kind of thing that differs, or is damaged.
         missing: a sentence on each kind of thing without which something could not be computed.
         unproved: what nothing in the bag proves.
-        counts: the torques by what they agree with, for the user.
+        counts: the controls by what they agree with, for the user.
     """
 
     proved: list[str] = field(default_factory=list)
@@ -67,14 +67,14 @@ def unreadable(kind: str, sentences: list[str]) -> str:
     return f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"
 
 
-def check_torques(
+def check_controls(
     bag: BagReader,
     executor: RecordedExecutor,
     trusted: PolicyFile | None,
     recorded: tuple[list[Stamped], list[Stamped], list[Stamped]],
     found: BagCheck,
 ) -> None:
-    """Computes the torques again.
+    """Computes the controls again.
 
     Args:
         bag: the bag.
@@ -92,7 +92,7 @@ def check_torques(
     for values_of, those in ((by_stamp, states), (told, contexts)):
         for each in those:
             values_of[each.stamp].add(each.received, each.values)
-    check = _TorqueCheck(bag, executor, _policies(bag, executor, trusted, found))
+    check = _ControlCheck(bag, executor, _policies(bag, executor, trusted, found))
     first = ""
     counts = found.counts
     for command in commands:
@@ -110,39 +110,39 @@ def check_torques(
         first = first or sentence
     agreeing = sum(counts[kind] for kind in AGREEING)
     if agreeing:
-        found.proved.append(f"{agreeing} of {len(commands)} torques")
+        found.proved.append(f"{agreeing} of {len(commands)} controls")
     if counts["different"]:
-        words = f"{counts['different']} torques are not what the policy gives for their states"
+        words = f"{counts['different']} controls are not what the policy gives for their states"
         found.wrong.append(f"{words}: {first}")
     if counts["posed"]:
-        found.unproved.append(f"{counts['posed']} torques of standing up, holding or sitting down")
+        found.unproved.append(f"{counts['posed']} controls of standing up, holding or sitting down")
     for kind, words in (
         (
             "stateless",
-            "torques answer states that are not in the bag"
+            "controls answer states that are not in the bag"
             + ", or whose context is not" * bool(executor.signals.names),
         ),
-        ("first", "torques are the first under a torque_rate_limit, so that none before is known"),
+        ("first", "controls are the first under a torque_rate_limit, so that none before is known"),
         (
             "remembering",
-            "torques depend on steps that are not in the bag, which a policy remembers",
+            "controls depend on steps that are not in the bag, which a policy remembers",
         ),
     ):
         if counts[kind]:
             found.missing.append(f"{counts[kind]} {words}")
 
 
-# Kinds of torques that were computed again, with what they are.
+# Kinds of controls that were computed again, with what they are.
 AGREEING = {
-    "mean": "torques are bit for bit what the policy gives for their states, without noise.",
-    "noisy": "torques are bit for bit what the policy gives, with the noise of the seed.",
-    "close": "torques are those of an ONNX policy within its rounding.",
-    "safe": "torques are those of the safe action, or zero, while the policy did not drive.",
+    "mean": "controls are bit for bit what the policy gives for their states, without noise.",
+    "noisy": "controls are bit for bit what the policy gives, with the noise of the seed.",
+    "close": "controls are those of an ONNX policy within its rounding.",
+    "safe": "controls are those of the safe action, or zero, while the policy did not drive.",
 }
 
 
-class _TorqueCheck:
-    """Computes torques again."""
+class _ControlCheck:
+    """Computes controls again."""
 
     def __init__(self, bag: BagReader, executor: RecordedExecutor, policies: Timeline):
         self._executor = executor
@@ -157,7 +157,7 @@ class _TorqueCheck:
         self._unsure, self._stamp, self._is_limited = 0, -1, False
 
     def kind_of(self, command: Stamped, states: list[tuple[Array, Array]]) -> tuple[str, str]:
-        """Returns what recorded torques are, and a sentence if they are wrong.
+        """Returns what recorded controls are, and a sentence if they are wrong.
 
         They may answer the states, each of which has its context, the likeliest first.
         """
