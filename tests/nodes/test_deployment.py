@@ -72,3 +72,14 @@ def test_a_task_without_its_packages_is_refused_in_a_sentence(graph, bare):
         "the file of 'vgps export --deployment', which needs none."
     )
     assert "Traceback" not in executor.output
+
+
+def test_a_policy_without_its_packages_is_refused_in_a_sentence(graph, bare, tmp_path):
+    deployment, policy = tmp_path / "robot.json", tmp_path / "policy.onnx"
+    write_deployment(make_task(str(BLIND)).deployment, deployment)
+    policy.write_bytes(b"a network")
+    given = {"task": str(deployment), "policy_file": str(policy)}
+    executor = graph.start("policy_executor", prefix=bare, **given)
+    assert executor.wait() == 1
+    assert "An ONNX policy needs the package onnx" in executor.output.strip().splitlines()[-1]
+    assert "Traceback" not in executor.output

@@ -213,7 +213,7 @@ class Controller(LifecycleNode):
         """Loads the policy and the task, and listens to the robot's sensors."""
         try:
             self._load()
-        except InvalidInputError as error:
+        except VgpsError as error:
             self._refusal = str(error)
             self._free()
             if not self._is_starting:  # then it is the last that the node says
