@@ -122,7 +122,8 @@ def test_each_node_is_allowed_what_it_uses_and_hardly_more(whole_graph):
         unused |= {(name, r) for r in allowed if not any(is_covered(use, r) for use in used)}
     assert {name for _, name in uses} == {path.strip("/") for path in enclaves()}
     clocks = {(name, Use("subscribe", "/clock")) for _, name in uses}
-    assert unused <= SOMETIMES | clocks
+    events = {(name, Use("publish", f"{ns.rstrip('/')}/*/_service_event")) for ns, name in uses}
+    assert unused <= SOMETIMES | clocks | events
 
 
 def test_the_policy_has_an_enclave_for_each_node_and_program_of_the_graph(whole_graph):

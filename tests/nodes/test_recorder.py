@@ -19,10 +19,12 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Attachment
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
+from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import GaussianPolicy
 
@@ -360,3 +362,46 @@ def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whol
     stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]
     assert stamps == list(range(len(stamps)))
     assert len(stamps) >= 150
+
+
+def test_events_of_services_and_feedback_of_actions_are_recorded_where_asked(
+    graph, random_policy, tmp_path
+):
+    bag = tmp_path / "bag"
+    graph.start("simulation", start_paused=True, service_introspection="contents")
+    recorder = graph.start("recorder", output=bag, services=True, actions=True)
+    graph.spin_until_output(recorder, "Recording to")
+    event = "/simulation/step_simulation/_service_event"
+    feedback = "/simulation/simulate_steps/_action/feedback"
+    for topic in (event, feedback):
+        graph.spin_until(lambda topic=topic: graph.node.get_subscriptions_info_by_topic(topic))
+    request = StepSimulation.Request(steps=0)
+    answer = graph.call(StepSimulation, "simulation/step_simulation", request).result
+    save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
+    graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+    client = ActionClient(graph.node, SimulateSteps, "simulation/simulate_steps")
+    graph.spin_until(client.server_is_ready)
+    goal = client.send_goal_async(SimulateSteps.Goal(steps=3))
+    graph.spin_until(goal.done)
+    result = goal.result().get_result_async()
+    graph.spin_until(result.done)
+    graph.spin_for(1.0)
+    assert recorder.end(signal.SIGINT) == 0, recorder.output
+    with BagReader(bag) as reader:
+        kinds = {event: StepSimulation.Event, feedback: SimulateSteps.Impl.FeedbackMessage}
+        found = {topic: [] for topic in kinds}
+        for m in reader.messages([*kinds]):
+            found[m.topic].append(deserialize_message(m.data, kinds[m.topic]))
+        assert reader.topics[event] == "simulation_interfaces/srv/StepSimulation_Event"
+    assert [m.completed_steps for m in (f.feedback for f in found[feedback])] == [1, 2, 3]
+    asked, answered = found[event]
+    assert asked.request[0].steps == 0
+    assert not asked.response
+    assert answered.response[0].result.error_message == answer.error_message
+    vgps(["bag", "info", str(bag)])
+    vgps(["bag", "check", str(bag)])
+    events = graph.messages(StepSimulation.Event, event)
+    player = graph.start("player", bag=bag, include=["_service_event", "feedback"], rate=20.0)
+    assert player.wait() == 0, player.output
+    assert "Does not play" not in player.output
+    graph.spin_until(lambda: len(events) == 2)

@@ -8,6 +8,7 @@ its last file, which `repair` makes anew.
 
 import math
 import os
+import re
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ from vgps_ros.bags.metadata import (
 from vgps_ros.bags.reader import storage_files
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.messages.names import file_of
 from vgps_ros.storage.disk import Disk, is_being_written
 
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
@@ -404,8 +406,35 @@ class MessageDefinitions:
         Raises:
             InvalidInputError: the type's package is not installed, or has no such message.
         """
+        if "/msg/" not in name:
+            return self._of_call(name)
         self._register(name)
         return self._store.generate_msgdef(name, ros_version=2)[0]
+
+    def _of_call(self, name: str) -> str:
+        """Returns the definition of a service's events, or of an action's feedback.
+
+        ROS has no file of it; it is put together as a message's.
+        """
+        package, _, _ = name.partition("/")
+        call, _, kind = name.rpartition("/")[2].rpartition("_")
+        parts = re.split(r"^---.*$", self._path(name).read_text(), flags=re.MULTILINE)
+        if kind == "Event":
+            own = dict(zip(("Request", "Response"), parts, strict=True))
+            fields = "service_msgs/ServiceEventInfo info\n"
+            fields += f"{package}/{call}_Request[<=1] request\n"
+            fields += f"{package}/{call}_Response[<=1] response\n"
+        else:
+            own = {"Feedback": parts[2]}
+            fields = f"unique_identifier_msgs/UUID goal_id\n{package}/{call}_Feedback feedback\n"
+        sections = {f"MSG: {package}/{call}_{part}\n{text.strip()}\n" for part, text in own.items()}
+        made = {f"{package}/msg/{call}_{part}" for part in own}
+        for text in (fields, *own.values()):
+            for _, (_, description) in get_types_from_msg(text, f"{package}/msg/X").popitem()[1][1]:
+                for inner in set(_type_names(description)) - made:
+                    first, *others = self.find(inner).split(f"{'=' * 80}\n")
+                    sections |= {f"MSG: {inner.replace('/msg/', '/')}\n{first}", *others}
+        return f"{'=' * 80}\n".join([fields, *sorted(sections)])
 
     def _register(self, name: str) -> None:
         """Adds a type and the types of its fields to the store."""
@@ -419,9 +448,9 @@ class MessageDefinitions:
         self._store.register(types)
 
     def _path(self, name: str) -> Path:
-        package, _, message = name.partition("/msg/")
+        package, space, _ = name.split("/")
         try:
-            path = Path(get_package_share_directory(package), "msg", f"{message}.msg")
+            path = Path(get_package_share_directory(package), f"{file_of(name)}.{space}")
         except (PackageNotFoundError, ValueError):
             path = Path()
         if not path.is_file():

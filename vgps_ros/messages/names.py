@@ -73,23 +73,34 @@ def driver(message: str, values: Mapping[str, str]) -> str | None:
 def message_type(kind: str) -> type:
     """Returns the class of a type such as `sensor_msgs/msg/JointState`.
 
+    Services and actions have types too, such as `std_srvs/srv/SetBool_Event`.
+
     The name may come from a bag or from another host, so that only what an installed interface
     package lists is imported.
 
     Raises:
         InvalidInputError: its package is not installed, or has no such message.
     """
-    package, _, name = kind.partition("/msg/")
     try:
+        package, space, name = kind.split("/")
         listed = get_resource("rosidl_interfaces", package)[0].split() if package else []
-        if f"msg/{name}.idl" not in listed:  # one is made of each .msg file
+        if f"{file_of(kind)}.idl" not in listed:  # one is made of each .msg file
             raise LookupError(kind)
-        found: type = getattr(import_module(f"{package}.msg"), name)
+        module, call = import_module(f"{package}.{space}"), name.partition("_FeedbackMessage")
+        found: type = (
+            getattr(module, call[0]).Impl.FeedbackMessage if call[1] else getattr(module, name)
+        )
     except (LookupError, ImportError, AttributeError, ValueError, OSError) as error:
         raise InvalidInputError(
             f"the type {kind} is not installed; build or source its package."
         ) from error
     return found
+
+
+def file_of(kind: str) -> str:
+    """Returns where a package defines a type, without the ending: `srv/SetBool` for its events."""
+    _, _, place = kind.partition("/")
+    return place if place.startswith("msg/") else place.rpartition("_")[0]
 
 
 def installed_hash(kind: str) -> str:
@@ -99,7 +110,6 @@ def installed_hash(kind: str) -> str:
         InvalidInputError: its package is not installed.
     """
     message_type(kind)
-    package, _, name = kind.partition("/msg/")
-    file = Path(get_package_share_directory(package), "msg", f"{name}.json")
+    file = Path(get_package_share_directory(kind.partition("/")[0]), f"{file_of(kind)}.json")
     hashes = json.loads(file.read_text())["type_hashes"] if file.is_file() else []
     return {each["type_name"]: each["hash_string"] for each in hashes}.get(kind, "")

@@ -63,6 +63,8 @@ class RecorderSettings:
     output: str = setting("", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
     include: tuple[str, ...] = setting((".*",), "regular expressions of topics to record")
     exclude: tuple[str, ...] = setting(("^$",), "regular expressions of topics to leave out")
+    services: bool = setting(False, "whether to record the events of services that publish them")
+    actions: bool = setting(False, "whether to record status and feedback of actions")
     compression: str = setting(
         "none", "of the bag's chunks; zstd is smallest", choices=COMPRESSIONS
     )
@@ -93,6 +95,7 @@ class Recorder(Node):
     def __init__(self) -> None:
         super().__init__("recorder")
         settings = declare_settings(self, RecorderSettings())
+        self._with_services, self._with_actions = settings.services, settings.actions
         self._filter = TopicFilter(settings.include, settings.exclude)
         self._cache_size = settings.cache_size
         self._paused = settings.start_paused
@@ -141,8 +144,11 @@ class Recorder(Node):
             del self._passed_over[topic]
             self._health.clear(topic)
         for topic, kinds in found:
-            hidden = any(part.startswith("_") for part in topic.split("/"))  # insides of actions
-            if hidden or topic in self._writer.topics or not self._filter.wants(topic):
+            if (
+                not self._may_record(topic)
+                or topic in self._writer.topics
+                or not self._filter.wants(topic)
+            ):
                 continue
             if time.monotonic() < self._passed_over.get(topic, 0.0):
                 continue
@@ -153,6 +159,16 @@ class Recorder(Node):
                 self._record(topic, kinds[0], publishers)
         self._collector.look()
         self._report()
+
+    def _may_record(self, topic: str) -> bool:
+        """Returns whether a topic is wanted; those of services and actions on request alone."""
+        if not self._filter.wants(topic):
+            return False
+        if "/_action/" in topic:
+            return self._with_actions
+        if topic.endswith("/_service_event"):
+            return self._with_services
+        return not any(part.startswith("_") for part in topic.split("/"))
 
     def _report(self) -> None:
         writer, health = self._writer, self._health

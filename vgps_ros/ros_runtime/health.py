@@ -15,7 +15,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
 from vgps_ros.ros_runtime.qos import STREAM, is_lively
 from vgps_ros.ros_runtime.runner import end_with
-from vgps_ros.ros_runtime.services import steady_timer
+from vgps_ros.ros_runtime.services import SERVICE_INTROSPECTION, steady_timer
 
 _PERIOD = 1.0  # between two diagnostics [s]
 _DISCOVERY = 1.2  # in which a new node discovers the others [s]
@@ -52,6 +52,7 @@ class Health:
     ):
         self._node = node
         declare(node, WAIT_TIMEOUT, may_change=True)
+        declare(node, SERVICE_INTROSPECTION)
         check_given_parameters(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about

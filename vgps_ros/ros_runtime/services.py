@@ -13,17 +13,30 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.service import Service
+from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from rclpy.timer import Timer
+from type_description_interfaces.srv import GetTypeDescription
 
 from vgps_ros.core.checks import printable
+from vgps_ros.core.settings import Setting
+from vgps_ros.ros_runtime.qos import CALLS
 
 # rclpy serves these itself, and raises on a type or a transition that does not exist.
+SERVICE_INTROSPECTION = Setting(
+    "service_introspection",
+    "off",
+    "what each service publishes of its calls on SERVICE/_service_event",
+    choices=("off", "metadata", "contents"),
+)
+
 _GUARDED = (SetParameters, SetParametersAtomically, ChangeState)
 
 
 def guard_services(node: Node) -> None:
     """Lets a node refuse bad requests for parameters and transitions, which would end it.
+
+    Its services publish events where its parameter `service_introspection` says so.
 
     A read-only parameter may be set to the value that it has: `ros2 param load` does so with what
     `ros2 param dump` of the same node wrote.
@@ -31,6 +44,13 @@ def guard_services(node: Node) -> None:
     for service in node.services:
         if service.srv_type in _GUARDED:
             service.callback = partial(_answer_or_refuse, node, service.callback)
+    name = SERVICE_INTROSPECTION.name
+    shown = node.get_parameter(name).value if node.has_parameter(name) else "off"
+    if shown != "off":
+        state = getattr(ServiceIntrospectionState, shown.upper())
+        for service in node.services:
+            if service.srv_type is not GetTypeDescription:  # which rcl answers by itself
+                service.configure_introspection(node.get_clock(), CALLS, state)
 
 
 def _answer_or_refuse(node: Node, callback: Any, request: Any, response: Any) -> Any:
