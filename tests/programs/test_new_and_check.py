@@ -10,6 +10,7 @@ import pytest
 from tests.simulation.robots import EVERYTHING
 from tests.tasks.hopper_file import HOPPER
 from vgps_ros.programs.__main__ import main
+from vgps_ros.programs.check import inexact
 from vgps_ros.tasks import make_task
 
 PENDULUM = """
@@ -80,19 +81,19 @@ def test_the_first_file_of_any_robot_makes_a_task_whose_cost_ddp_lowers(robot, f
 
 
 def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(folder):
-    text = HOPPER.replace("<worldbody>", '<option timestep="0.003"/><worldbody>')
+    text = HOPPER.replace("<worldbody>", '<option timestep="0.007"/><worldbody>')
     (folder / "robot.xml").write_text(text)
     main(["new", "mine", "--model", "robot.xml"])
     task = make_task(str(folder / "mine"))
     dt = task.dynamics.time_step
-    assert dt == pytest.approx(0.009)
-    assert task.horizon * dt == pytest.approx(2.0, abs=dt)
+    assert dt == pytest.approx(0.021)
+    assert task.horizon * dt == pytest.approx(1.0, abs=dt)
     leaning = task.initial_state.copy()
     leaning[2] = 1.2
     assert task.fallen(leaning)
     assert not task.fallen(task.initial_state)
     scored = (folder / "mine" / "task.yaml").read_text()
-    assert "{sensor: up, index: [x], target: [0], weight: 5.0}" in scored
+    assert "{sensor: up, index: [x], target: [0], weight: 20}" in scored
 
 
 def test_a_robot_with_a_ball_alone_is_read_and_held_by_its_quaternion(folder, capsys):
@@ -171,7 +172,7 @@ def test_the_first_file_stands_the_robot_on_its_ground(folder, ground, pose, hei
     place = model.jnt_qposadr[model.joint("base_free").id]
     assert task.initial_state[place + 2] == pytest.approx(height, abs=2e-3)
     assert not task.fallen(task.initial_state[None])[0]
-    assert [each for each in task.observation.names if "base_free" in each]
+    assert "velocity: {type: velocimeter, xbody: base}" in (folder / "mine/task.yaml").read_text()
 
 
 def test_a_fixed_robot_gets_no_floor(folder):
@@ -269,3 +270,69 @@ def test_a_task_of_ones_own_is_trained_and_evaluated_from_anywhere(folder, capsy
     found = json.loads(capsys.readouterr().out)
     assert found["task"] == str(folder / "task.yaml")
     assert found["cost_per_step"]["mean"] < 1.0
+
+
+FLAWED = """
+<mujoco>
+  <option timestep="0.01" {option}/>
+  <worldbody><geom name="floor" type="plane" size="1 1 1"/>
+    <body name="box" pos="0 0 {height}"><freejoint/>
+      <geom name="box" type="box" size=".1 .1 .1" mass="1"/>
+      <body name="arm" pos="0 0 .1"><joint name="hinge" axis="0 1 0" {range}/>
+        <geom name="arm" type="capsule" size=".03" fromto="0 0 0 0 0 .3" mass=".3"/></body></body>
+  </worldbody>
+  <actuator><motor joint="hinge" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "height", "turn", "sentence"),
+    [
+        ("", 0.02, "", r"the geoms floor and box are 0\.08 m inside each other"),
+        ("", 0.1, 'limited="true" range="20 90"', "hinge starts at 0, beyond its range from 0.349"),
+    ],
+)
+def test_a_start_or_a_solver_that_is_wrong_is_named(folder, capsys, option, height, turn, sentence):
+    text = FLAWED.format(option=option, height=height, range=turn)
+    (folder / "pendulum.xml").write_text(text)
+    begin = ("cost:", "begin: {law: noise, std: 0.5}\ncost:")
+    shown = check(folder, capsys, ("start: {positions: {hinge: 1.0}}\n", ""), begin)
+    assert re.search(sentence, shown), shown
+
+
+def test_a_start_at_the_goal_is_said(folder, capsys):
+    shown = check(folder, capsys, ("start: {positions: {hinge: 1.0}}\n", ""))
+    assert "Note: the start is the goal, where the robot stays without a control" in shown
+
+
+def test_a_solver_that_ends_early_is_blamed_before_contact(folder):
+    text = PENDULUM.replace("<option ", '<option solver="PGS" tolerance="1e-4" ')
+    (folder / "pendulum.xml").write_text(text)
+    (folder / "task.yaml").write_text(TASK.replace("WEIGHT", "1.0"))
+    task = make_task("task.yaml")
+    assert "PGS with a tolerance of 0.0001" in inexact(task, [0.5] * 10)[0]
+    (folder / "pendulum.xml").write_text(PENDULUM.replace("<option ", '<option tolerance="1e-10" '))
+    assert "contact is too hard" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
+    assert not inexact(task, [1e-6] * 10)
+
+
+def test_weights_that_leave_the_noise_to_the_limits_are_named(folder, capsys):
+    small = ("{sensor: hinge/position}", "{sensor: hinge/position, weight: 1.0e-4}")
+    shown = check(folder, capsys, small, weight="1.0e-3")
+    assert "The first noise of the control of hinge" in shown
+
+
+def test_the_first_motion_is_made_once(folder, capsys):
+    begin = "begin: {law: sampling, samples: 4, elites: 2, iterations: 1}\ncost:"
+    check(folder, capsys, ("cost:", begin))
+    assert capsys.readouterr().err.count("Samples a first motion") <= 1
+
+
+def test_a_motion_that_dives_at_its_end_is_named(folder, capsys):
+    (folder / "robot.xml").write_text(HOPPER)
+    main(["new", "mine", "--model", "robot.xml"])
+    path = folder / "mine" / "task.yaml"
+    path.write_text(re.sub("lookahead.*", "", path.read_text()))
+    main(["check", "mine"])
+    assert "lets itself fall at its end" in " ".join(capsys.readouterr().out.split())

@@ -5,9 +5,13 @@ It takes seconds, and changes nothing. Example: vgps check hopper/task.yaml
 """
 
 import argparse
+import os
+import signal
+import sys
+import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,9 +29,16 @@ if TYPE_CHECKING:
 
 ITERATIONS = Setting("iterations", 40, "most iterations of DDP", minimum=1, maximum=10_000)
 
+SECONDS = Setting("seconds", 30.0, "time after which DDP makes no more iterations [s]", minimum=0.0)
+
 _POINTS = 40  # steps whose derivatives are compared with centred differences
 _HARD = 1e-2  # error of a derivative from which on contact is too hard
 _AT_LIMIT = 0.1  # share of the steps in which a control may be at its limit
+_SMALL = 1e-3  # an iteration of DDP that brings a smaller share of the cost is the last one
+_DEEP = 0.05  # depth from which on geoms overlap, as a share of the model's extent
+_DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the motion dives
+_WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
+_GRACE = 1.0  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
 
@@ -41,13 +52,14 @@ class TaskCheck:
     seconds: float = 0.0  # wall time of all iterations
     errors: list[float] = field(default_factory=list)  # of the derivatives, of the largest entry
     troubles: list[str] = field(default_factory=list)  # a sentence on each
+    notes: list[str] = field(default_factory=list)  # what may be meant
     optimized: Trajectory | None = None
 
 
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of this command."""
     parser.add_argument("task", help="a name, a task file or its folder, or FILE.py:FUNCTION")
-    parser.add_settings(ITERATIONS, SEED)
+    parser.add_settings(ITERATIONS, SECONDS, SEED)
     text = "file for a picture of the optimised motion, such as motion.png"
     parser.add_output("--picture", text, type=picture)
 
@@ -61,6 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.picture:
         refuse_existing([arguments.picture], overwrite=arguments.overwrite)
+    _end_soon()
     task = make_task(arguments.task)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task("DDP", total=arguments.iterations)
@@ -69,10 +82,34 @@ def run(arguments: argparse.Namespace) -> None:
             arguments.iterations,
             arguments.seed,
             lambda index, _: progress.update(bar, completed=index),
+            arguments.seconds,
         )
     _show(task, found)
     if arguments.picture and found.optimized:
         _draw(task, found, arguments.picture)
+
+
+def _end_soon() -> None:
+    """Ends this program soon after a signal, even while compiled code runs, which hears of none."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    heard, wakes = os.pipe()
+    os.set_blocking(wakes, False)
+    signal.set_wakeup_fd(wakes)
+
+    def wait() -> None:
+        while os.read(heard, 1)[0] not in (signal.SIGINT, signal.SIGTERM):
+            pass
+        time.sleep(_GRACE)
+        sys.stderr.write(
+            "\x1b[?25hvgps check: interrupted.\n"
+            if sys.stderr.isatty()
+            else "vgps check: interrupted.\n"
+        )
+        sys.stderr.flush()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _show(task: "Task", found: TaskCheck) -> None:
@@ -118,6 +155,8 @@ def _show(task: "Task", found: TaskCheck) -> None:
             f"Derivatives differ from centred differences by {median:.1e} (median over steps), "
             f"{most:.1e} (90 %)."
         )
+    for note in found.notes:
+        console.print(f"Note: {note}", highlight=False)
     for trouble in found.troubles:
         console.print(Text.assemble(("!", "bold red"), f" {trouble}"))
     if not found.troubles:
@@ -141,11 +180,16 @@ def _draw(task: "Task", found: TaskCheck, path: Path) -> None:
 
 
 def examine_task(
-    task: "Task", iterations: int, seed: int, on_iteration: Callable[[int, float], None]
+    task: "Task",
+    iterations: int,
+    seed: int,
+    on_iteration: Callable[[int, float], None],
+    seconds: float = np.inf,
 ) -> TaskCheck:
     """Looks a task over.
 
-    `on_iteration` is called with the number of each iteration and the cost after it.
+    `on_iteration` is called with the number of each iteration and the cost after it. DDP makes no
+    more iterations after so many seconds.
 
     Raises:
         InvalidInputError: the task's settings of the policy search are out of range, or do not
@@ -156,11 +200,14 @@ def examine_task(
     from vgps_ros.search.situations import check_situations
     from vgps_ros.search.trajectory_optimization import optimize
 
-    check_situations(task, search_settings(task), seed)
-    found = TaskCheck()
+    settings = search_settings(task)
+    check_situations(task, settings, seed)
+    found = TaskCheck(troubles=_at_start(task))
     request = first_request(task, seed, iterations)
+    told = task.in_context(request.situation.context)
     try:
-        first = nominal_of(task, request).trajectory
+        nominal = nominal_of(told, request)
+        first = nominal.trajectory
         found.costs.append(float(task.cost.values(first).sum()))
     except VgpsError as error:
         found.troubles.append(f"The first rollout fails: {error}")
@@ -171,23 +218,25 @@ def examine_task(
             '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
         )
         return found
+    found.notes += _nothing_to_do(task)
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
-    found.troubles += _unmoved(task, first, linear)
-    if (hardness := float(np.quantile(found.errors, 0.9))) >= _HARD:
-        found.troubles.append(
-            f"The derivatives are off by {100 * hardness:.0f} % in a tenth of the steps: contact "
-            'is too hard; soften it (changes: {geoms: {"*": {solref: [0.04, 1], solimp: [0, 0.95, '
-            "0.02, 0.5, 2]}}})."
-        )
+    found.troubles += _unmoved(task, first, linear) + inexact(task, found.errors)
+    began = time.perf_counter()
 
     def note(iteration: "Iteration") -> None:
         found.costs.append(iteration.cost)
         on_iteration(iteration.index, iteration.cost)
 
-    began = time.perf_counter()
+    quick = replace(task, optimizer=replace(task.optimizer, first_tolerance=_SMALL))
+    start = replace(nominal, linear_dynamics=linear)
     try:
-        found.optimized = optimize(task, request, note).distribution.mean
+        result = optimize(
+            quick, request, note, lambda: time.perf_counter() - began > seconds, start
+        )
+        found.optimized = result.distribution.mean
+        stds = np.sqrt(np.diagonal(result.distribution.control_covariances, axis1=1, axis2=2))
+        found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
@@ -201,6 +250,86 @@ def examine_task(
     if found.optimized:
         found.troubles += _after(task, found.optimized, found.costs)
     return found
+
+
+def _at_start(task: "Task") -> list[str]:
+    """Names what is wrong with the state from which the task starts."""
+    import mujoco
+
+    model, troubles = task.dynamics.model, list[str]()
+    data = mujoco.MjData(model)
+    data.qpos[:] = task.initial_state[: model.nq]
+    mujoco.mj_forward(model, data)
+    deep = sorted(data.contact, key=lambda contact: contact.dist)[:1]
+    if deep and deep[0].dist < -_DEEP * model.stat.extent:
+        one, other = (model.geom(int(i)).name for i in deep[0].geom)
+        troubles.append(
+            f"At the start the geoms {one} and {other} are {-deep[0].dist:.2g} m inside each "
+            "other, which throws the robot off: change the start (start: positions), or leave this "
+            "contact out (changes: only_contacts)."
+        )
+    for i in np.flatnonzero(model.jnt_limited & (model.jnt_type >= 2)):
+        at, (low, high) = data.qpos[model.jnt_qposadr[i]], model.jnt_range[i]
+        if not low - 0.01 <= at <= high + 0.01:
+            troubles.append(
+                f"The joint {model.joint(i).name} starts at {at:.3g}, beyond its range from "
+                f"{low:.3g} to {high:.3g}: change the start (start: positions)."
+            )
+    return troubles
+
+
+def _nothing_to_do(task: "Task") -> list[str]:
+    """Says whether the start is the goal: nothing costs there, and the robot stays by itself."""
+    rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
+    stays = task.dynamics.rollout(task.initial_state, lambda *_: rest, 20)
+    cost = task.cost.values(stays).sum()
+    moves = np.abs(stays.states - task.initial_state).max()
+    if cost > 1e-9 or not moves < 1e-6:
+        return []
+    return [
+        "the start is the goal, where the robot stays without a control; a policy learns no more "
+        "than to hold it. Start elsewhere, or choose another target, if more is meant."
+    ]
+
+
+def inexact(task: "Task", errors: list[float]) -> list[str]:
+    """Names what makes derivatives worthless: a solver that ends early, or contact."""
+    import mujoco
+
+    if (hardness := float(np.quantile(errors, 0.9))) < _HARD:
+        return []
+    option, solver = task.dynamics.model.opt, "Newton"
+    share = (
+        f"The derivatives are off by {100 * min(hardness, 99.0):.0f} % in a tenth of the steps: "
+    )
+    exact = "(changes: {option: {solver: Newton, tolerance: 1.0e-10, iterations: 100}})."
+    if option.solver != mujoco.mjtSolver.mjSOL_NEWTON:
+        solver = mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_")
+    if solver != "Newton" or option.tolerance > 1e-9 or option.iterations < 20:
+        return [
+            f"{share}the solver of constraints, {solver} with a tolerance of {option.tolerance:g} "
+            f"and {option.iterations} iterations, ends before they balance; let it go on {exact}"
+        ]
+    return [
+        f'{share}contact is too hard; soften it (changes: {{geoms: {{"*": {{solref: [0.04, 1], '
+        "solimp: [0, 0.95, 0.02, 0.5, 2]}}})."
+    ]
+
+
+def _wild(task: "Task", stds: Array) -> list[str]:
+    """Names controls whose noise, as the weights leave it, is wilder than what they can do."""
+    low, high = task.dynamics.control_limits
+    half = (high - low) / 2
+    wild = np.flatnonzero(np.isfinite(half) & (stds > _WILD * half))
+    if not wild.size:
+        return []
+    i = wild[(stds[wild] / half[wild]).argmax()]
+    more = (stds[i] / half[i]) ** 2
+    return [
+        f"The first noise of the control of {task.controls.names[i]} has a standard deviation of "
+        f"{stds[i]:.2g}, beyond its limits of ±{half[i]:.2g}, so that mostly the limits act: give "
+        f"controls about {more:.2g} times the weight, or scale the other terms (cost)."
+    ]
 
 
 def derivative_errors(task: "Task", trajectory: Trajectory) -> list[float]:
@@ -232,6 +361,22 @@ def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> list[s
     ]
 
 
+def _dives(task: "Task", motion: Trajectory) -> bool:
+    """Returns whether the centre of mass is lowest at the end, and sinks faster than before."""
+    import mujoco
+
+    model, heights = task.dynamics.model, list[float]()
+    data = mujoco.MjData(model)
+    for state in motion.states:
+        data.qpos[:] = state[: model.nq]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        heights.append(float(data.subtree_com[0, 2]))
+    speeds = np.diff(heights)
+    before = np.quantile(np.abs(speeds[: -max(1, len(speeds) // 5)]), 0.9, method="lower")
+    return bool(heights[-1] == min(heights) and -speeds[-1] > _DIVES * before)
+
+
 def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
     """Names what looks wrong about the optimised motion."""
     troubles = []
@@ -249,6 +394,11 @@ def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."
+        )
+    if task.fallen.readings.names and not task.lookahead and _dives(task, motion):
+        troubles.append(
+            "The motion lets itself fall at its end, since nothing after it counts: add a "
+            "lookahead of about 0.5 s."
         )
     if task.fallen(motion.states[: task.horizon]).any():
         troubles.append(

@@ -46,8 +46,16 @@ def run(arguments: argparse.Namespace) -> None:
     found = find_model(file, _Flag(Path.cwd() / "task.yaml", {}, {}))
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    model = compile_model(self_contained(changed_spec(found, {}, {})))
-    text = first_task_file(reference, model, str(SCHEMA_PATH))
+    dropped = []
+    try:
+        spec = changed_spec(found, {}, {})
+    except InvalidInputError as error:  # files of meshes that only show may be elsewhere
+        try:
+            spec, dropped = changed_spec(found, {"drop": ["visual"]}, {}), ["visual"]
+        except InvalidInputError:
+            raise error from None
+    model = compile_model(self_contained(spec))
+    text = first_task_file(reference, model, str(SCHEMA_PATH), dropped)
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     name = shlex.quote(str(path))

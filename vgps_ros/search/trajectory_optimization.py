@@ -63,10 +63,12 @@ def optimize(
     request: OptimizationRequest,
     on_iteration: Callable[[Iteration], None] = lambda _: None,
     is_cancelled: Callable[[], bool] = lambda: False,
+    start: Nominal | None = None,
 ) -> OptimizationResult:
     """Optimises q(ζ) with the settings that the task names.
 
-    Whether to end is asked between the parts of each iteration.
+    `start` is the request's first motion, where the caller has made it already. Whether to end is
+    asked between the parts of each iteration.
 
     Raises:
         InvalidInputError: a value of the request does not fit the task.
@@ -77,7 +79,7 @@ def optimize(
     here = request.situation.of(task)
     warned_before = here.dynamics.warnings()
     told = task.in_context(request.situation.context)
-    start = nominal_of(told, request, is_cancelled)
+    start = start or nominal_of(told, request, is_cancelled)
     if here.dynamics is not task.dynamics and request.previous is None:
         start = Nominal.guessed(start.trajectory, here.dynamics, start.simulator_steps)
     task = here

@@ -2,8 +2,9 @@
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
 Changes and added sensors are plain data, of the form that `vgps_ros.tasks.schema` declares. They
-are made in this order: a floor is added, actuators are removed, options set, joints and geoms
-changed, contacts restricted, motors and sensors added. Bodies, joints, geoms and actuators without
+are made in this order: what only shows is dropped, a floor is added, bodies, joints and actuators
+are removed, joints locked, options set, joints, geoms and masses changed, contacts restricted,
+motors and sensors added. Bodies, joints, geoms and actuators without
 a name get one first, so that changes and tasks can name them: a body after the one that carries it,
 a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after what it drives.
 """
@@ -18,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known, matching, one_of, quoted
+from vgps_ros.core.checks import known, matching, one_of, quoted, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
@@ -80,6 +81,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     except _ERRORS as error:
         raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
     name_all(spec)
+    _drop(spec, changes.get("drop", ()))
     if changes.get("floor"):
         if spec.geom("floor") is not None:
             raise InvalidChangeError(
@@ -90,11 +92,30 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
         for actuator in _matching(spec.actuators, "actuator", pattern, "remove_actuators", i):
             spec.delete(actuator)
+    for i, pattern in enumerate(changes.get("remove_bodies", ())):
+        for body in _matching(spec.bodies[1:], "body", pattern, "remove_bodies", i):
+            if spec.body(body.name) is not None:  # not with one that carries it
+                spec.delete(body)
+    gone, locked = list[str](), dict[str, float]()
+    for i, pattern in enumerate(changes.get("remove_joints", ())):
+        found = _matching(spec.joints, "joint", pattern, "remove_joints", i)
+        gone += [joint.name for joint in found]
+    for pattern, values in changes.get("joints", {}).items():
+        if "lock" in values:
+            found = _matching(spec.joints, "joint", pattern, "joints", pattern)
+            locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
+    if gone or locked:
+        _remove_joints(spec, gone, locked)
     _set_option(spec.option, changes.get("option", {}))
     for kind, elements in (("joint", spec.joints), ("geom", spec.geoms)):
         for pattern, values in changes.get(f"{kind}s", {}).items():
+            if "lock" in values:
+                continue
             for element in _matching(elements, kind, pattern, f"{kind}s", pattern):
                 _change(spec, element, values, ("changes", f"{kind}s", pattern))
+    for pattern, values in changes.get("bodies", {}).items():
+        for body in _matching(spec.bodies[1:], "body", pattern, "bodies", pattern):
+            _weigh(spec, body, values["mass"], ("changes", "bodies", pattern))
     if "only_contacts" in changes:
         _restrict_contacts(spec, changes["only_contacts"])
     for name, motor in changes.get("actuators", {}).items():
@@ -108,8 +129,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
             warnings.simplefilter("ignore")
             model = spec.compile()
     except _ERRORS as error:
-        sentence = f"the model, as it is changed, does not compile: {error}."
-        raise InvalidChangeError(("model",), sentence) from error
+        raise _not_compiled(error) from error
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
     return spec
@@ -125,6 +145,156 @@ def name_all(spec: mujoco.MjSpec) -> None:
                 candidates = chain([name], (f"{name}_{number}" for number in count(2)))
                 element.name = next(each for each in candidates if each not in taken)
                 taken.add(element.name)
+
+
+def _not_compiled(error: Exception) -> InvalidChangeError:
+    sentence = f"the model, as it is changed, does not compile: {told(error)}"
+    if "opening file" in sentence or "resource" in sentence:
+        sentence += "; `changes: {drop: [visual]}` leaves out what only shows, `drop: [meshes]` all"
+        sentence += " meshes and what they are the shape of"
+    return InvalidChangeError(("model",), f"{sentence}.")
+
+
+def _drop(spec: mujoco.MjSpec, what: Sequence[str]) -> None:
+    """Removes what only shows: always skins and the pictures in files, which no text could hold."""
+    for skin in list(spec.skins):
+        spec.delete(skin)
+    pictures = {
+        texture.name
+        for texture in spec.textures
+        if "textures" in what or texture.file or any(texture.cubefiles)
+    }
+    for material in spec.materials:
+        material.textures = ["" if name in pictures else name for name in material.textures]
+    for texture in list(spec.textures):
+        if texture.name in pictures:
+            spec.delete(texture)
+    touched = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    for geom in list(spec.geoms):
+        weighs = not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0)
+        touches = geom.contype or geom.conaffinity or geom.name in touched
+        is_shown = not (touches or (weighs and geom.parent.name != "world"))
+        is_mesh = geom.type == mujoco.mjtGeom.mjGEOM_MESH
+        if (is_mesh and "meshes" in what) or (is_shown and "visual" in what):
+            spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if "meshes" in what or ("visual" in what and mesh.name not in used):
+            spec.delete(mesh)
+
+
+def _remove_joints(spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str, float]) -> None:
+    """Removes joints with all that is of them; a locked one leaves its body turned or shifted.
+
+    A body's joints act one after another, X = B J₁ J₂. If J₂ is locked, its motion goes into B, and
+    J₁ is named in the frame behind it: X = (B J₂) (J₂⁻¹ J₁ J₂).
+    """
+    before = _compiled(spec)
+    names = {*gone, *locked}
+    joint_type, kinds = mujoco.mjtObj.mjOBJ_JOINT, (0, 1)  # of a joint's transmission
+    tied = {
+        int(np.flatnonzero(before.tendon_adr <= place)[-1])
+        for place in range(before.nwrap)
+        if before.wrap_type[place] == mujoco.mjtWrap.mjWRAP_JOINT
+        and before.joint(before.wrap_objid[place]).name in names
+    }
+    tendons = {tendon.name: tendon for i, tendon in enumerate(spec.tendons) if i in tied}
+    for actuator in list(spec.actuators):
+        of_tendon = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
+        if actuator.target in (
+            tendons if of_tendon else names if actuator.trntype in kinds else ()
+        ):
+            spec.delete(actuator)
+    left = {actuator.name for actuator in spec.actuators}
+    for sensor in list(spec.sensors):
+        of = {
+            joint_type: sensor.objname in names,
+            mujoco.mjtObj.mjOBJ_TENDON: sensor.objname in tendons,
+            mujoco.mjtObj.mjOBJ_ACTUATOR: sensor.objname not in left,
+        }
+        if of.get(sensor.objtype):
+            spec.delete(sensor)
+    for equality in list(spec.equalities):
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and names & {equality.name1, equality.name2}:
+            spec.delete(equality)
+    for tendon in tendons.values():
+        spec.delete(tendon)
+    for body in spec.bodies:
+        kept: list[Any] = []
+        if any(joint.name in locked for joint in body.joints):
+            body.pos, body.quat = before.body(body.name).pos, before.body(body.name).quat
+            body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        for joint in list(body.joints):
+            if joint.name in locked:
+                _lock(before, body, joint, locked[joint.name], kept)
+            if joint.name not in names:
+                kept.append(joint)
+    for joint in [each for each in spec.joints if each.name in names]:
+        spec.delete(joint)
+    for key in spec.keys:
+        key.qpos, key.qvel, key.ctrl, key.act = [], [], [], []
+    after = _compiled(spec)
+    for k, key in enumerate(spec.keys):
+        positions, velocities = after.qpos0.copy(), np.zeros(after.nv)
+        for i in range(after.njnt):
+            old = before.joint(after.joint(i).name)
+            positions[after.jnt_qposadr[i] :][: len(old.qpos0)] = before.key_qpos[k][
+                old.qposadr[0] :
+            ][: len(old.qpos0)]
+            size = len(before.dof_jntid[before.dof_jntid == old.id])
+            velocities[after.jnt_dofadr[i] :][:size] = before.key_qvel[k][old.dofadr[0] :][:size]
+        key.qpos, key.qvel = positions, velocities
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return spec.compile()
+    except _ERRORS as error:
+        raise _not_compiled(error) from error
+
+
+def _lock(model: mujoco.MjModel, body: Any, joint: Any, at: float, kept: Sequence[Any]) -> None:
+    """Moves a body as its joint would to a position [m, rad], and its joints before that one."""
+    i = model.joint(joint.name).id
+    axis, pivot = model.jnt_axis[i], model.jnt_pos[i]
+    way = at - float(model.qpos0[model.jnt_qposadr[i]])
+    turn, matrix = np.array([1.0, 0, 0, 0]), np.eye(3).ravel()
+    shift = way * axis
+    if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+        mujoco.mju_axisAngle2Quat(turn, axis, way)
+        mujoco.mju_quat2Mat(matrix, turn)
+        shift = pivot - matrix.reshape(3, 3) @ pivot
+    inner = matrix.reshape(3, 3)
+    outer, quat = np.empty(9), np.array(body.quat)
+    mujoco.mju_quat2Mat(outer, quat)
+    body.pos = np.array(body.pos) + outer.reshape(3, 3) @ shift
+    after = np.empty(4)
+    mujoco.mju_mulQuat(after, quat, turn)
+    body.quat = after
+    for other in kept:
+        other.axis = inner.T @ np.array(other.axis)
+        other.pos = inner.T @ (np.array(other.pos) - shift)
+
+
+def _weigh(spec: mujoco.MjSpec, body: Any, mass: float, place: Place) -> None:
+    """Sets the mass of a body [kg]; its inertia grows alike."""
+    own = float(_compiled(spec).body(body.name).mass[0])
+    if not own:
+        raise InvalidChangeError(
+            place,
+            f"{quoted(body.name)} weighs nothing, so that no share of "
+            "its inertia could grow; give it an inertial in the model.",
+        )
+    share = mass / own
+    if body.explicitinertial:
+        body.mass *= share
+        body.inertia = share * np.array(body.inertia)
+        body.fullinertia = share * np.array(body.fullinertia)
+    for geom in body.geoms:
+        geom.density *= share
+        geom.mass *= share  # nan, where density decides
 
 
 def _natural_name(element: Any) -> str:
@@ -202,7 +372,8 @@ def _restrict_contacts(spec: mujoco.MjSpec, pairs: Sequence[Sequence[str]]) -> N
 
 def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
     """Adds a motor or a servo to a joint, or to each hinge and slide that a pattern matches."""
-    pattern, limit, place = motor["joint"], motor.get("limit"), ("changes", "actuators", key)
+    limit, place = motor.get("limit"), ("changes", "actuators", key)
+    patterns = [motor["joint"]] if isinstance(motor["joint"], str) else motor["joint"]
     stiffness = motor.get("stiffness")
     if stiffness is None and "damping" in motor:
         raise InvalidChangeError(
@@ -210,16 +381,17 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
         )
     joints = [
         joint
+        for pattern in patterns
         for joint in _matching(spec.joints, "joint", pattern, *place[1:], "joint")
         if joint.type in _SCALAR_JOINTS
     ]
     if not joints:
         raise InvalidChangeError(
             (*place, "joint"),
-            f"{quoted(pattern)} is neither a hinge nor a slide, but a motor drives only those.",
+            f"{quoted(patterns[0])} is neither a hinge nor a slide, but a motor drives only those.",
         )
     for joint in joints:
-        name = key if joint.name == pattern else joint.name
+        name = key if [joint.name] == patterns else joint.name
         if name in {actuator.name for actuator in spec.actuators}:
             raise InvalidChangeError(
                 place,
@@ -314,9 +486,7 @@ def self_contained(spec: mujoco.MjSpec) -> str:
     Raises:
         InvalidInputError: the model needs a file of another kind.
     """
-    with warnings.catch_warnings():  # the same as when it was first compiled
-        warnings.simplefilter("ignore")
-        model = spec.compile()
+    model = _compiled(spec)
     if in_files := [hfield.name for hfield in spec.hfields if hfield.file]:
         raise InvalidInputError(
             f"The height field '{in_files[0]}' is in a file, which is not supported: write its "
@@ -325,15 +495,11 @@ def self_contained(spec: mujoco.MjSpec) -> str:
     for mesh in spec.meshes:
         if mesh.file:
             _write_in(model, mesh)
-    drawn = {texture.name for texture in spec.textures if texture.file or any(texture.cubefiles)}
-    for material in spec.materials:
-        material.textures = ["" if name in drawn else name for name in material.textures]
-    for texture in list(spec.textures):
-        if texture.name in drawn:
-            spec.delete(texture)
     spec.meshdir = spec.texturedir = ""
-    spec.compile()
-    return str(spec.to_xml())
+    _compiled(spec)
+    with warnings.catch_warnings():  # the same as when it was first compiled
+        warnings.simplefilter("ignore")
+        return str(spec.to_xml())
 
 
 def _write_in(model: mujoco.MjModel, mesh: mujoco.MjsMesh) -> None:

@@ -235,7 +235,7 @@ class _Reader:
         def places(among: list[str]) -> list[int]:
             found = []
             for name in among:
-                other = _exchanged(name, entry.swap)
+                other = exchanged(name, entry.swap)
                 self.document.refuse(
                     other not in among or signs[other] != signs[name],
                     ("mirror",),
@@ -290,7 +290,7 @@ class _Reader:
         return values
 
 
-def _exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
+def exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
     """Returns a name with the parts of each pair exchanged."""
     for one, other in pairs:
         name = other.join(part.replace(other, one) for part in name.split(one))

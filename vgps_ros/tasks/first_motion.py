@@ -125,7 +125,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class AlongPath:
-    """Goes through given states, without controls; the solve closes the gaps.
+    """Goes through given states, with servos at rest at the start; the solve closes the gaps.
 
     Attributes:
         states: they need not satisfy the dynamics, shape (T+1, n_x).
@@ -139,9 +139,8 @@ class AlongPath:
     ) -> Nominal:
         """Returns the path, which begins at the start."""
         states = np.concatenate([start[None], self.states[1 : steps + 1]])
-        return Nominal.guessed(
-            Trajectory(states, Drawn().controls(task, steps, rng)), task.dynamics
-        )
+        rest = task.dynamics.controls.resting(start)
+        return Nominal.guessed(Trajectory(states, np.tile(rest, (steps, 1))), task.dynamics)
 
 
 @dataclass(frozen=True)

@@ -246,6 +246,12 @@ class Option(Record, frozen=True, kw_only=True):
 class JointChange(Record, frozen=True, kw_only=True):
     """Changes of joints; units are those of a hinge, and of a slide with m and N instead."""
 
+    lock: Annotated[
+        Number | None,
+        about(
+            "removes the joint, with its motor, at this position [rad]; nothing else counts", 0.0
+        ),
+    ] = None
     damping: Annotated[NonNegative | None, about("damping [N·m·s/rad]", 1.0)] = None
     stiffness: Annotated[NonNegative | None, about("stiffness of a spring [N·m/rad]", 0.0)] = None
     springref: Annotated[Number | None, about("position at which it rests [rad]", 0.0)] = None
@@ -302,14 +308,20 @@ class GeomChange(Record, frozen=True, kw_only=True):
     gap: Annotated[NonNegative | None, about("part of it that bears no force [m]", 0.0)] = None
 
 
+class BodyChange(Record, frozen=True, kw_only=True):
+    """Changes of bodies."""
+
+    mass: Annotated[Positive, about("its mass, with which its inertia grows [kg]", 2.0)]
+
+
 class Motor(Record, frozen=True, kw_only=True):
     """A motor that is added, or with a stiffness a servo, whose control is a position [rad]."""
 
     joint: Annotated[
-        Name,
+        Name | tuple[Name, ...],
         about(
-            "the joint that it drives; a pattern adds a motor for each hinge and slide that it "
-            "matches, named as its joint",
+            "the joint that it drives; a pattern or a list adds a motor for each of the hinges and "
+            "slides, named as its joint",
             "hip",
         ),
     ]
@@ -329,6 +341,14 @@ class Motor(Record, frozen=True, kw_only=True):
 class Changes(Record, frozen=True, kw_only=True):
     """Changes of the model, made in memory; a pattern such as *_hip names several things."""
 
+    drop: Annotated[
+        tuple[Literal["visual", "meshes", "textures"], ...],
+        about(
+            "what to leave out: geoms that neither touch nor weigh anything, all meshes and what "
+            "they are the shape of, or all textures; skins and pictures in files always are",
+            ["visual"],
+        ),
+    ] = ()
     option: Annotated[Option, about("options of the simulation", {"timestep": 0.005})] = field(
         default_factory=Option
     )
@@ -340,6 +360,18 @@ class Changes(Record, frozen=True, kw_only=True):
         dict[str, GeomChange],
         about("changes by a geom's name or pattern; later ones win", {"*foot": {"condim": 3}}),
     ] = field(default_factory=dict)
+    bodies: Annotated[
+        dict[str, BodyChange],
+        about("changes by a body's name or pattern; later ones win", {"trunk": {"mass": 12.0}}),
+    ] = field(default_factory=dict)
+    remove_bodies: Annotated[
+        tuple[Name, ...],
+        about("names or patterns of bodies to remove, with all that they carry", ["arm"]),
+    ] = ()
+    remove_joints: Annotated[
+        tuple[Name, ...],
+        about("names or patterns of joints to remove, with their actuators and tendons", ["root"]),
+    ] = ()
     remove_actuators: Annotated[
         tuple[Name, ...], about("names or patterns of actuators to remove first", ["*"])
     ] = ()

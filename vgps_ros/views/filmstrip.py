@@ -54,6 +54,7 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
             f"or libosmesa6 and set MUJOCO_GL=osmesa: {error}"
         ) from error
     with renderer:
+        _show_all(model)
         shape, camera = RobotShape(model), mujoco.MjvCamera()
         camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
         half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
@@ -122,6 +123,14 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
     duration = round(1000 * stride * run.time_step)
     first.save(path, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
     return True
+
+
+def _show_all(model: mujoco.MjModel) -> None:
+    """Shows all geoms of a body of which nothing is to be seen, as if they were drawn."""
+    is_seen = (model.geom_group < 3) & (model.geom_rgba[:, 3] > 0)
+    hidden = ~np.isin(model.geom_bodyid, model.geom_bodyid[is_seen]) & (model.geom_bodyid > 0)
+    model.geom_group[hidden] = 0
+    model.geom_rgba[hidden & (model.geom_rgba[:, 3] == 0), 3] = 1.0
 
 
 def _with_surroundings(mjcf: str) -> mujoco.MjModel:

@@ -1,0 +1,111 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Edits of a model: locked and removed joints, removed bodies, what only shows, masses, motors."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
+
+ARM = """
+<mujoco><compiler angle="degree"/>
+  <asset><mesh name="lost" file="lost.obj"/><texture name="t" type="2d" file="lost.png"/>
+    <material name="m" texture="t"/></asset>
+  <worldbody><body name="base"><freejoint name="root"/><geom size=".1" material="m"/>
+    <body name="upper" pos=".1 0 0" euler="0 30 0">
+      <joint name="yaw" axis="1 .2 0" pos="0 0 .3"/>
+      <joint name="pitch" axis="0 1 0" pos="0 0 .1" ref="10"/>
+      <joint name="roll" axis="1 0 0" pos="0 .1 .1"/>
+      <geom name="upper" size=".1"/>
+      <geom name="paint" type="box" size=".1 .1 .1" contype="0" conaffinity="0" mass="0"/>
+      <body name="lower" pos="0 0 .3"><joint name="elbow" axis="1 1 0"/>
+        <inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .05"/>
+        <geom name="lower" pos=".1 .1 .3" size=".1"/>MESH</body></body></body></worldbody>
+  <tendon><fixed name="cable"><joint joint="pitch" coef="1"/>
+    <joint joint="elbow" coef="1"/></fixed></tendon>
+  <equality><joint joint1="pitch" joint2="elbow"/></equality>
+  <actuator><motor name="pitch" joint="pitch"/><motor name="elbow" joint="elbow"/>
+    <motor name="cable" tendon="cable"/></actuator>
+  <sensor><jointpos name="angle" joint="pitch"/><actuatorfrc name="pull" actuator="cable"/></sensor>
+  <keyframe><key name="k" qpos="0 0 1 1 0 0 0 .4 .1 .3 .2" ctrl="1 2 3"/></keyframe>
+</mujoco>"""
+SHOWN = '<geom type="mesh" mesh="lost" contype="0" conaffinity="0"/>'
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM.replace("MESH", ""))
+    return tmp_path / "arm.xml"
+
+
+def changed(path, **changes):
+    return mujoco.MjModel.from_xml_string(
+        self_contained(changed_spec(path, {"drop": ["visual"], **changes}, {}))
+    )
+
+
+@pytest.mark.parametrize(
+    "locked",
+    [{"pitch": 0.5}, {"roll": -0.4}, {"yaw": 0.3}, {"pitch": 0.5, "roll": 0.2}, {"elbow": 0.2}],
+)
+def test_a_locked_joint_leaves_the_rest_as_if_it_stood_there(arm, locked):
+    before, after = changed(arm), changed(arm, joints={j: {"lock": at} for j, at in locked.items()})
+    assert after.njnt == before.njnt - len(locked)
+    assert not {after.actuator(i).name for i in range(after.nu)} & set(locked)
+    data = [mujoco.MjData(model) for model in (before, after)]
+    for model, each in zip((before, after), data, strict=True):
+        mujoco.mj_resetDataKeyframe(model, each, 0)
+    for joint, at in locked.items():
+        data[0].qpos[before.joint(joint).qposadr] = at
+    for model, each in zip((before, after), data, strict=True):
+        mujoco.mj_kinematics(model, each)
+    for one, other in zip(*(each.geom("lower").xpos for each in data), strict=True):
+        assert one == pytest.approx(other, abs=1e-6)
+    turns = [each.body("lower").xmat for each in data]
+    np.testing.assert_allclose(*turns, atol=1e-5)
+
+
+def test_removing_a_joint_or_a_body_removes_all_that_is_of_it(arm):
+    model = changed(arm, remove_joints=["pitch"])
+    assert [model.joint(i).name for i in range(model.njnt)] == ["root", "yaw", "roll", "elbow"]
+    assert (model.nu, model.ntendon, model.neq, model.nsensor) == (1, 0, 0, 0)
+    assert model.key_qpos[0] == pytest.approx([0, 0, 1, 1, 0, 0, 0, 0.4, 0.3, 0.2])
+    model = changed(arm, remove_bodies=["lower"])
+    assert [model.body(i).name for i in range(model.nbody)] == ["world", "base", "upper"]
+    assert model.nu == 1
+
+
+def test_a_mass_is_set_and_inertia_grows_alike(arm):
+    before, after = (
+        changed(arm),
+        changed(arm, bodies={"lower": {"mass": 6.0}, "upper": {"mass": 1}}),
+    )
+    assert after.body("lower").mass == pytest.approx(6.0)
+    assert after.body("upper").mass == pytest.approx(1.0, rel=1e-5)
+    assert after.body("lower").inertia == pytest.approx(3.0 * before.body("lower").inertia)
+
+
+def test_what_only_shows_is_dropped_and_weighs_as_before(arm):
+    arm.write_text(ARM.replace("MESH", SHOWN))
+    with pytest.raises(InvalidChangeError, match=r"lost\.obj.*drop: \[visual\]"):
+        changed_spec(arm, {}, {})
+    model = changed(arm)
+    assert {model.geom(i).name for i in range(model.ngeom)} == {"base_geom", "upper", "lower"}
+    assert model.body("lower").mass == pytest.approx(2.0)
+    arm.write_text(
+        ARM.replace("MESH", SHOWN.replace("contype", "group").replace("conaff", "gro")).replace(
+            'groinity="0"', ""
+        )
+    )
+    assert changed(arm, drop=["meshes"]).nmesh == 0
+
+
+def test_motors_take_a_list_of_joints_with_one_limit(arm):
+    actuators = {
+        "weak": {"joint": ["yaw", "roll"], "limit": 2.0},
+        "servo": {"joint": "elbow", "stiffness": 30.0, "damping": 1.0, "limit": 5.0},
+    }
+    model = changed(arm, remove_actuators=["*"], actuators=actuators)
+    assert [model.actuator(i).name for i in range(model.nu)] == ["yaw", "roll", "servo"]
+    assert model.actuator("roll").ctrlrange == pytest.approx([-2.0, 2.0])
+    assert model.actuator("servo").forcerange == pytest.approx([-5.0, 5.0])

@@ -1,0 +1,189 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""The first task file of each kind of robot: it is taken for what it is, and starts soundly."""
+
+import numpy as np
+import pytest
+
+from vgps_ros.programs.__main__ import main
+from vgps_ros.tasks import make_task
+
+GROUND = '<geom name="ground" type="plane" size="0 0 1"/>'
+LEG = """
+<body name="{name}_thigh" pos="{x} {y} 0">
+  <joint name="{name}_roll" axis="1 0 0" range="-40 40"/>
+  <joint name="{name}_hip" axis="0 1 0" range="-90 90"/>
+  <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2" contype="0" conaffinity="0"/>
+  <body name="{name}_shank" pos="0 0 -.2"><joint name="{name}_knee" axis="0 1 0" range="0 150"/>
+    <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.18" contype="0" conaffinity="0"/>
+    <geom name="{name}_foot" size=".02" pos="0 0 -.2"/></body>
+</body>"""
+
+
+def walker(*legs, motor="motor", extra="", joint='<freejoint name="base"/>'):
+    """Returns a trunk on legs, each of which has a name and a place."""
+    joints = [f"{name}_{part}" for name, *_ in legs for part in ("roll", "hip", "knee")]
+    return f"""<mujoco><compiler autolimits="true"/><option timestep="0.002"/>
+    <default><joint damping=".5" armature=".01"/></default>
+    <worldbody>{GROUND}<body name="trunk" pos="0 0 .6">{joint}
+      <geom name="trunk" type="box" size=".2 .1 .05" mass="5"/>
+      {"".join(LEG.format(name=name, x=x, y=y) for name, x, y in legs)}</body></worldbody>
+    <actuator>{"".join(f'<{motor} name="{j}" joint="{j}" {extra}/>' for j in joints)}</actuator>
+    </mujoco>"""
+
+
+TWO = (("left", 0, 0.1), ("right", 0, -0.1))
+FOUR = (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("HL", -0.2, 0.1), ("HR", -0.2, -0.1))
+SERVO = 'kp="60" kv="1" forcerange="-30 30" ctrlrange="-2.6 2.6"'
+LINK = '<geom type="capsule" size=".02" fromto="0 0 0 0 0 .4"/>'
+ACROBOT = f"""<mujoco><worldbody><body name="upper" pos="0 0 2">
+  <joint name="shoulder" axis="0 1 0"/>
+  {LINK}<body name="lower" pos="0 0 .4"><joint name="elbow" axis="0 1 0"/>{LINK}</body>
+  </body></worldbody><option><flag contact="disable"/></option>
+  <actuator><motor name="elbow" joint="elbow" ctrlrange="-2 2" ctrllimited="true"/></actuator>
+  </mujoco>"""
+ARM = ACROBOT.replace(
+    "<actuator>", '<actuator><motor joint="shoulder" ctrlrange="-9 9" ctrllimited="true"/>'
+)
+SEGMENT = """<body pos="0 .1 0"><joint name="{0}" axis="0 0 1"/>
+  <geom type="capsule" size=".01" fromto="0 0 0 0 .08 0"/>"""
+FISH = f"""<mujoco><option density="1000"><flag gravity="disable"/></option><worldbody>
+  <body name="head" pos="0 0 1"><freejoint name="root"/><geom type="ellipsoid" size=".02 .05 .02"/>
+  {SEGMENT.format("neck")}{SEGMENT.format("tail")}</body></body></body>
+  {{target}}</worldbody><actuator><position joint="neck" kp=".01"/><position joint="tail" kp=".01"/>
+  </actuator></mujoco>"""
+SPINNER = ARM.replace(
+    "</worldbody>",
+    '<body name="top" pos=".5 0 2"><joint name="spin" axis="0 1 0"/><geom size=".1"/></body>'
+    "</worldbody>",
+)
+CUP = """<mujoco><worldbody><body name="cup" pos="0 0 1">
+  <joint name="cup" type="slide" axis="0 0 1" stiffness="20" damping="3"/>
+  <geom type="box" size=".1 .1 .01"/>
+  <site name="target" pos="0 0 .1"/></body>
+  <body name="ball" pos="0 0 1.2"><joint name="fall" type="slide" axis="0 0 1"/>
+  <geom size=".03"/></body>
+  </worldbody><actuator><motor joint="cup" ctrlrange="-9 9" ctrllimited="true"/>
+  </actuator></mujoco>"""
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    """Returns a function that writes a task for a model, and returns its text and the task."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(model):
+        (tmp_path / "robot.xml").write_text(model)
+        main(["new", "mine", "--model", "robot.xml", "--overwrite"])
+        return (tmp_path / "mine" / "task.yaml").read_text(), make_task("mine")
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "words"),
+    [
+        (walker(*FOUR), "Legs, 4", ["command: turn", "clock: {frequency", "begin: {law: pd}"]),
+        (walker(*TWO), "Legs, 2", ["swap: [[left, right]]", "begin: {law: path}"]),
+        (walker(("mid", 0, 0)), "Legs, 1", ["clock: {frequency"]),
+        (ACROBOT, "underactuated", ["shoulder/cos, target: 1, weight: 1", "shoulder: 3.1416"]),
+        (ARM, "An arm or a hand", ["shoulder/position, target: 0.5"]),
+        (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
+        (
+            FISH.format(target='<site name="target" pos="0 .3 1"/>'),
+            "A swimmer",
+            ["sensor: to_target"],
+        ),
+        (SPINNER, "An arm or a hand", ["sensor: spin/velocity"]),
+        (CUP, "An arm or a hand", ["xbody: ball, relative_to: {site: target}", "index: [z]"]),
+    ],
+)
+def test_each_kind_of_robot_gets_the_task_that_it_is_meant_for(written, model, kind, words):
+    text, task = written(model)
+    assert kind in text
+    for word in words:
+        assert word in text
+    assert np.isfinite(task.initial_state).all()
+
+
+def test_legs_start_bent_with_their_feet_on_the_ground(written):
+    for legs in (FOUR, TWO):
+        _, task = written(walker(*legs))
+        model = task.dynamics.model
+        bent = {model.joint(j).name: model.jnt_qposadr[j] for j in range(model.njnt)}
+        assert all(task.initial_state[i] > 0.3 for name, i in bent.items() if "knee" in name)
+        feet = [name for name in task.cost_names if name.startswith("foot_")]
+        assert len(feet) == len(legs)
+        assert not task.fallen(task.initial_state[None])[0]
+        assert model.opt.timestep == 0.005
+
+
+def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
+    text, task = written(walker(*FOUR))
+    assert "swap: [[FL, FR], [HL, HR]]" in text
+    assert "FL_roll" in text.partition("flip:")[2].partition("\n")[0]
+    assert "FL_hip" not in text.partition("flip:")[2].partition("\n")[0]
+    assert task.augmentation.mirror is not None
+
+
+def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(written):
+    text, _ = written(walker(*FOUR, motor="position", extra=SERVO))
+    assert "{control: all, pose: start, weight: 12}" in text
+    strong = walker(*TWO, extra='ctrlrange="-10 10"').replace(
+        'joint="left_knee" ctrlrange="-10 10"', 'joint="left_knee" ctrlrange="-20 20"'
+    )
+    text, task = written(strong)
+    weights = dict(zip(task.actuated_joint_names, task.cost.control_weights, strict=True))
+    assert weights["left_hip"] == pytest.approx(4 * weights["left_knee"], rel=0.05)
+
+
+def test_what_makes_derivatives_worthless_is_changed_and_activations_are_read(written):
+    slack = ARM.replace("<option>", '<option solver="PGS" tolerance="1e-4" iterations="3">')
+    lagging = slack.replace("<motor name=", '<general dyntype="filter" dynprm=".1" name=', 1)
+    text, task = written(lagging)
+    assert "solver: Newton, iterations: 100, tolerance: 1.0e-10" in text
+    assert "elbow/activation" in task.observation.names
+
+
+def test_a_robot_without_actuators_gets_servos_as_strong_as_its_load(written):
+    bare = walker(*FOUR).partition("<actuator>")[0] + "</mujoco>"
+    text, task = written(bare)
+    assert "stiffness:" in text
+    assert task.dims["n_u"] == 12
+    held = task.dynamics.rollout(
+        task.initial_state, lambda *_: task.dynamics.controls.resting(task.initial_state), 100
+    )
+    assert not task.fallen(held.states).any()
+
+
+def test_a_nose_along_y_is_noticed(written):
+    places = [(name, -y, x) for name, x, y in FOUR]
+    turned = walker(*places).replace('size=".2 .1 .05"', 'size=".1 .2 .05"')
+    turned = turned.replace(
+        "</body></worldbody>",
+        '<body name="head" pos="0 .4 0"><geom size=".05"/></body></body></worldbody>',
+    )
+    for old, new in (("1 0 0", "other"), ("0 1 0", "1 0 0"), ("other", "0 1 0")):
+        turned = turned.replace(f'axis="{old}"', f'axis="{new}"')
+    text, _ = written(turned)
+    assert "index: y, target: {command: forward}" in text
+
+
+def test_a_mesh_whose_file_is_missing_is_dropped_where_it_only_shows(written, capsys):
+    shown = ARM.replace("<worldbody>", '<asset><mesh name="m" file="gone.obj"/></asset><worldbody>')
+    geom = '<geom type="mesh" mesh="m" {}/>'
+    text, _ = written(
+        shown.replace(LINK, LINK + geom.format('contype="0" conaffinity="0" mass="0"'), 1)
+    )
+    assert "drop: [visual]" in text
+    with pytest.raises(SystemExit) as stop:
+        written(shown.replace(LINK, LINK + geom.format(""), 1))
+    assert "gone.obj" in str(stop.value)
+    assert "drop: [meshes]" in str(stop.value)
+
+
+def test_only_free_bodies_are_no_robot(written):
+    with pytest.raises(SystemExit) as stop:
+        written(
+            '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+        )
+    assert "no hinge or slide that a motor could drive" in str(stop.value)
