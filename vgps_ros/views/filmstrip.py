@@ -128,7 +128,7 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
 def _show_all(model: mujoco.MjModel) -> None:
     """Shows all geoms of a body of which nothing is to be seen, as if they were drawn."""
     is_seen = (model.geom_group < 3) & (model.geom_rgba[:, 3] > 0)
-    hidden = ~np.isin(model.geom_bodyid, model.geom_bodyid[is_seen]) & (model.geom_bodyid > 0)
+    hidden = ~np.isin(model.geom_bodyid, model.geom_bodyid[is_seen])
     model.geom_group[hidden] = 0
     model.geom_rgba[hidden & (model.geom_rgba[:, 3] == 0), 3] = 1.0
 
