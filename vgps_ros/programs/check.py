@@ -38,7 +38,7 @@ _SMALL = 1e-3  # an iteration of DDP that brings a smaller share of the cost is 
 _DEEP = 0.05  # depth from which on geoms overlap, as a share of the model's extent
 _DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the motion dives
 _WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
-_GRACE = 1.0  # time that a signal leaves for an orderly end [s]
+_GRACE = 0.7  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
 
@@ -64,8 +64,19 @@ def add_arguments(parser: Parser) -> None:
     parser.add_output("--picture", text, type=picture)
 
 
+_heard = threading.Event()  # whether Python has heard of a signal, and says so itself
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Checks the task, and prints what it finds."""
+    try:
+        _run(arguments)
+    except KeyboardInterrupt:
+        _heard.set()
+        raise
+
+
+def _run(arguments: argparse.Namespace) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
@@ -101,11 +112,9 @@ def _end_soon() -> None:
         while os.read(heard, 1)[0] not in (signal.SIGINT, signal.SIGTERM):
             pass
         time.sleep(_GRACE)
-        sys.stderr.write(
-            "\x1b[?25hvgps check: interrupted.\n"
-            if sys.stderr.isatty()
-            else "vgps check: interrupted.\n"
-        )
+        if not _heard.is_set():
+            cursor = "\x1b[?25h" if sys.stderr.isatty() else ""
+            sys.stderr.write(f"{cursor}vgps check: interrupted.\n")
         sys.stderr.flush()
         os._exit(1)
 
