@@ -862,14 +862,9 @@ def _rates(joint: str) -> list[str]:
 
 
 def _begin(robot: _Robot) -> str:
-    model = robot.model
-    high = controls_of(model).limits[1] if model.nu else np.full(1, np.inf)
-    kinds = set(controls_of(model).kinds) if model.nu else set()
+    kinds = set(controls_of(robot.model).kinds) if robot.model.nu else set()
     if len(robot.feet) == 2 and robot.is_free:
         return "begin: {law: path}          # the start, as if it held; DDP makes it feasible"
     if robot.height or (robot.kind == "arm" and kinds == {ControlKind.POSITION}):
         return "begin: {law: pd}            # the first motion holds the start"
-    share = 0.5 if robot.kind == "pendulum" else 0.2
-    std = [share * h if np.isfinite(h) and h > 0 else 1.0 for h in high.tolist()]
-    noise = {"law": "noise", "std": std if len(set(std)) > 1 else std[0], "time_constant": 0.3}
-    return f"begin: {_flow(noise)}   # smooth noise"
+    return "begin: {law: best}          # of several first motions, each improved by DDP"
