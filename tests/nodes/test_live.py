@@ -84,7 +84,7 @@ def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(graph):
 def test_without_viser_it_names_the_file_that_installs_it(domain_id):
     code = "import sys; sys.modules['viser'] = None; from vgps_ros.programs.node import start; "
     run = subprocess.run(
-        [sys.executable, "-c", f"{code}start('live', [])"],
+        [sys.executable, "-c", f"{code}start(['live'])"],
         env=os.environ | {"ROS_DOMAIN_ID": str(domain_id)},
         capture_output=True,
         text=True,

@@ -86,8 +86,7 @@ def test_a_node_that_cannot_start_ends_all_with_its_sentence(graph, tmp_path, gi
 
 def test_a_node_with_another_executor_ends_all_too(graph, tmp_path):
     first = graph.start("simulation")
-    states = graph.messages(JointState, "joint_states")
-    graph.spin_until(lambda: states)
+    graph.spin_until_output(first, "Waiting for joint_command")  # it has looked for others
     nodes = graph.start(
         "node", "recorder", "simulation", "--ros-args", "-p", f"recorder:output:={tmp_path / 'bag'}"
     )

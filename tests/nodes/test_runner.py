@@ -142,7 +142,7 @@ def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
 
 
 @pytest.mark.parametrize(
-    "lacks", [("-u", "HOME", "-u", "ROS_LOG_DIR"), ("ROS_LOG_DIR=/proc/none",)]
+    "lacks", [("-u", "HOME", "-u", "ROS_HOME", "-u", "ROS_LOG_DIR"), ("ROS_LOG_DIR=/proc/none",)]
 )
 def test_a_node_that_cannot_write_a_log_file_says_so_and_runs(graph, lacks):
     node = graph.start("watchdog", prefix=("env", *lacks))
