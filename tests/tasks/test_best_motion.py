@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tests.limited_pendulum import write_task
+from vgps_ros.programs.__main__ import main
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
@@ -61,3 +62,9 @@ def test_it_tries_laws_paths_and_noise(tmp_path, kind):
     begin = hanging(tmp_path, "{law: best}").begin
     assert isinstance(begin, Best)
     assert any(isinstance(each, kind) for each in begin.candidates)
+
+
+def test_a_check_does_not_ask_for_another_motion_than_the_best(tmp_path, capsys):
+    task = hanging(tmp_path, "{law: best}")
+    main(["check", task.name, "--iterations", "1"])
+    assert "hardly lowers" not in capsys.readouterr().out

@@ -86,6 +86,7 @@ def written(tmp_path, monkeypatch):
         (walker(*TWO), "Legs, 2", ["swap: [[left, right]]", "begin: {law: path}"]),
         (walker(("mid", 0, 0)), "Legs, 1", ["clock: {frequency"]),
         (ACROBOT, "underactuated", ["shoulder/cos, target: 1, weight: 1", "shoulder: 3.1416"]),
+        (ACROBOT, "underactuated", ["begin: {law: best}"]),
         (ARM, "An arm or a hand", ["shoulder/position, target: 0.5"]),
         (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
         (

@@ -388,6 +388,8 @@ def _dives(task: "Task", motion: Trajectory) -> bool:
 
 def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
     """Names what looks wrong about the optimised motion."""
+    from vgps_ros.tasks.first_motion import Best
+
     troubles = []
     low, high = task.dynamics.control_limits
     beyond = ((motion.controls <= low) | (motion.controls >= high)) & np.isfinite(high)
@@ -399,7 +401,8 @@ def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
                 "which DDP keeps to: allow more, or give controls more weight, if it should have "
                 "some left for what disturbs it."
             )
-    if costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0]):  # nothing can be below 0
+    is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0])  # none is below 0
+    if is_poor and not isinstance(task.begin, Best):  # which DDP has improved already
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."

@@ -862,9 +862,15 @@ def _rates(joint: str) -> list[str]:
 
 
 def _begin(robot: _Robot) -> str:
-    kinds = set(controls_of(robot.model).kinds) if robot.model.nu else set()
+    model = robot.model
+    high = controls_of(model).limits[1] if model.nu else np.full(1, np.inf)
+    kinds = set(controls_of(model).kinds) if model.nu else set()
     if len(robot.feet) == 2 and robot.is_free:
         return "begin: {law: path}          # the start, as if it held; DDP makes it feasible"
     if robot.height or (robot.kind == "arm" and kinds == {ControlKind.POSITION}):
         return "begin: {law: pd}            # the first motion holds the start"
-    return "begin: {law: best}          # of several first motions, each improved by DDP"
+    if robot.kind == "pendulum":
+        return "begin: {law: best}          # of several first motions, each improved by DDP"
+    std = [0.2 * h if np.isfinite(h) and h > 0 else 1.0 for h in high.tolist()]
+    noise = {"law": "noise", "std": std if len(set(std)) > 1 else std[0], "time_constant": 0.3}
+    return f"begin: {_flow(noise)}   # smooth noise"
