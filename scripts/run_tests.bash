@@ -22,6 +22,7 @@ processes() { grep -lsz "^$marker\$" /proc/[0-9]*/environ | grep -o '[0-9]\+' ||
 run() {
   env "$marker" HOME="$scratch/home" TMPDIR="$scratch/tmp" ROS_HOME="$scratch/ros" ROS_LOG_DIR="$scratch/ros/log" \
     XDG_CACHE_HOME="$scratch/home/.cache" XDG_CONFIG_HOME="$scratch/home/.config" MPLCONFIGDIR="$scratch/home/matplotlib" \
+    TORCHINDUCTOR_CACHE_DIR="$scratch/home/inductor" \
     python -m pytest -q -o cache_dir="$scratch/cache" "$@"
 }
 
