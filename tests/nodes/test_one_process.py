@@ -55,6 +55,7 @@ def test_a_robot_moves_in_one_process_bit_for_bit_as_in_two(graph, random_policy
         assert not graph.call(
             StepSimulation, "simulation/step_simulation", STEPS
         ).result.error_message
+        graph.spin_until(lambda at=states: len({s.header.stamp.nanosec for s in at}) > STEPS.steps)
         by_stamp = {(s.header.stamp.sec, s.header.stamp.nanosec): s for s in states}
         runs.append({stamp: (s.position, s.velocity) for stamp, s in by_stamp.items()})
         request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
