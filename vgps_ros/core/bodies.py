@@ -142,6 +142,11 @@ class StateLayout:
         firsts = (body.first_position + 3 * body.is_free for body in self.bodies)
         return StateSpace(len(self.names), tuple(sorted(firsts)))
 
+    @cached_property
+    def joint_places(self) -> NDArray[np.intp]:
+        """Where x has the positions of all joints, and then their velocities."""
+        return self.places(self.joints)
+
     def places(self, joints: tuple[str, ...]) -> NDArray[np.intp]:
         """Returns where x has the positions of joints, and then their velocities."""
         names = [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in joints]

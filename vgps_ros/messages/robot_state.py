@@ -88,7 +88,7 @@ class StateMessages:
     ):
         self._layout = layout
         self.joint_names = list(layout.joints)
-        self._joints = layout.places(layout.joints)
+        self._joints = layout.joint_places
         activations = layout.names[layout.first_activation :]
         self._actuators = [name.rpartition("/")[0] for name in activations]
         self.base, self._planar = layout.base, layout.planar

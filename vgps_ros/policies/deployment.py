@@ -114,7 +114,7 @@ class MeasuredReadings:
 
 def _measured(layout: StateLayout, states: Array) -> Array:
     """Returns the numbers to the right of W in (1), shape (..., f)."""
-    hinges = states[..., layout.places(layout.joints)[: len(layout.joints)]]
+    hinges = states[..., layout.joint_places[: len(layout.joints)]]
     parts = [np.ones((*states.shape[:-1], 1)), states, np.sin(hinges), np.cos(hinges)]
     if layout.base:
         _, q, v, omega = layout.base.parts(states)

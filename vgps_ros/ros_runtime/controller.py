@@ -394,8 +394,8 @@ class Controller(LifecycleNode):
             "sit": ("sits down", self._sitting if poses.sit_keyframe else None, poses.sit_duration),
         }[name]
         is_short = self._has_law and not duration
-        motion = partial(PoseMotion, says, controls, poses, goal, duration, self._pose)
-        self._set_pose(None if is_short else motion())
+        given = says, controls, poses, goal, duration, self._pose
+        self._set_pose(None if is_short else PoseMotion(*given))
 
     def _set_pose(self, pose: PoseMotion | None) -> None:
         self._pose = pose
