@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose
 
 from vgps_ros.core.bound import expected_cost, expected_divergence
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.methods import search
+from vgps_ros.search.metrics import uncut
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
@@ -50,20 +52,25 @@ def log_likelihood(task, policy, alpha):
     return exponent - 0.5 * np.linalg.slogdet(sigma**2 * hessian)[1]
 
 
-@pytest.mark.parametrize("alpha", [1.0, 5.0])
+@pytest.mark.parametrize("limit", [np.inf, 0.03])
+@pytest.mark.parametrize("alpha", [0.2, 0.5, 1.0, 5.0, 20.0])
 def test_the_bound_is_the_log_likelihood_for_the_best_q_and_below_it_for_others(
-    rotor, linear_policy, rng, alpha
+    rotor, linear_policy, rng, alpha, limit
 ):
     """Section 3: log p(O|θ) − L(q, θ) is a divergence, which the q-step brings to zero."""
     marginals = replace(rotor.optimizer.marginals, initial_std_factor=0.0)
-    task = replace(rotor, optimizer=replace(rotor.optimizer, marginals=marginals))
+    optimizer = replace(rotor.optimizer, marginals=marginals)
+    task = replace(rotor, optimizer=optimizer, std_limit=np.full(2, limit))
     first = replace(first_request(task, 0, 20), guess=np.zeros((50, 1)))
     others = optimize(task, first).distribution
     request = replace(first, cost_scale=alpha, guess=None, previous=others, policy=linear_policy)
     best = optimize(task, request).distribution
     expected = log_likelihood(task, linear_policy, alpha)
-    assert_allclose(bound(task, best, linear_policy, alpha, rng), expected, rtol=1e-6)
-    assert bound(task, others, linear_policy, alpha, rng) < expected - 1.0
+    found = bound(task, uncut(task, best), linear_policy, alpha, rng)
+    assert_allclose(found, expected, rtol=1e-6)
+    assert bound(task, uncut(task, others), linear_policy, alpha, rng) < expected - 1.0
+    cut = bound(task, best, linear_policy, alpha, rng)
+    assert (cut > expected + 0.01) == (limit < 1.0)  # which is why it is not the one that is told
 
 
 def test_the_expected_cost_is_the_mean_over_draws(rotor, rng):
@@ -85,6 +92,19 @@ def test_at_a_fixed_alpha_no_step_lowers_the_bound(rotor):
     gains = [i.m_step_gain + i.q_step_gain for i in iterations[1:]]
     assert_allclose(np.diff(bounds), gains, rtol=1e-9)
     assert not any("bound" in warning for i in iterations for warning in i.warnings)
+
+
+def test_the_bound_that_is_told_is_that_of_q_uncut(rotor):
+    task = replace(rotor, std_limit=np.full(2, 0.03))
+    settings = replace(FIXED, iterations=1)
+    (told,) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    q = told.solutions[0].distribution
+    found = [
+        bound(task, each, told.policy, 1.0, generator(0, Stream.BOUND, 0))
+        for each in (uncut(task, q), q)
+    ]
+    assert told.bound == found[0]
+    assert abs(found[1] - found[0]) > 0.1
 
 
 def test_an_iteration_that_lowers_the_bound_says_so(rotor):

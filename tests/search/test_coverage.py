@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 
+from tests.limited_pendulum import write_task
 from vgps_ros.search.methods import search
-from vgps_ros.search.metrics import LEAST_COVERAGE, coverage
+from vgps_ros.search.metrics import LARGEST_COVERAGE, LEAST_COVERAGE, coverage
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
@@ -46,6 +47,17 @@ def test_marginals_half_as_wide_as_they_should_be_cover_the_least(rotor, q):
 
 def test_a_rollout_that_diverges_is_not_covered(rotor, q):
     assert coverage(rotor, replace(q, gains=q.gains + 1e6), np.random.default_rng(0)) < 0.1
+
+
+def test_noise_that_the_limits_of_controls_cut_is_told_of(tmp_path):
+    """Of a spread of 6.9 N·m the motor gives less than 2."""
+    weak = ("target: 1.5, weight: 100.0", "target: 0.2, weight: 1.0"), ("1.0e-3", "0.1")
+    task = make_task(write_task(tmp_path, *weak))
+    for alpha, is_told in ((100.0, False), (0.1, True)):
+        settings = replace(QUICK, iterations=2, alphas=(alpha,))
+        _, found = search("vgps", task, settings, 0, partial(optimize_all, task))
+        assert (found.coverage >= LARGEST_COVERAGE) == is_told
+        assert any("reaches the controls' limits" in w for w in found.warnings) == is_told
 
 
 def test_marginals_that_do_not_hold_are_told_of(short_swimmer):

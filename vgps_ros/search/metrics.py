@@ -13,10 +13,13 @@ q and θ as iteration k − 1 left them, at the α_k of iteration k,
 
 Neither is negative where both steps are exact, and neither mixes values of different α. The horizon
 is the scored one, so where steps are planned beyond it, a q-step may give some of it up for them.
+The gains are those over the marginals that the steps take. Where the task's std_limit cuts these
+they are not those of q, and L over them is no bound: the bound itself is that of q uncut.
 
 And both steps trust the marginals N(x̄_t, Σ_t) of q, which are linearised (section 4). Where the
 linearisation holds, 95 % of the coordinates of rollouts of π_G, with its noise, lie within two of
-its standard deviations: that is the coverage.
+its standard deviations: that is the coverage. More do where the limits of the controls cut the
+noise, which marginals do not know of.
 """
 
 import math
@@ -27,8 +30,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from vgps_ros.core.bound import expected_cost, expected_divergence
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import entropy
-from vgps_ros.core.marginals import sample_deviations, sample_rollout_noise
+from vgps_ros.core.marginals import sample_deviations, sample_rollout_noise, state_covariances
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -257,13 +261,30 @@ def bound_metrics(
         ]
     fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
     policy, qs = pairs[i]
-    bound = -cost(after) - divergence(after, theta)
+    try:
+        whole = [uncut(work.tasks[i], q) for i, q in zip(stayed, after, strict=True)]
+        bound = -cost(whole) - divergence(whole, theta)
+    except DivergenceError:  # without std_limit the marginals explode
+        bound = -math.inf
     return {
         "bound": bound,
         "m_step_gain": divergence(qs, policy) - fitted,
-        "q_step_gain": bound + cost(qs) + fitted,
+        "q_step_gain": cost(qs) + fitted - cost(after) - divergence(after, theta),
         "policy_kl": fitted / task.horizon,
     }
+
+
+def uncut(task: "Task", q: TrajectoryDistribution) -> TrajectoryDistribution:
+    """Returns q with the marginals that it has where the task's std_limit does not cut them.
+
+    Raises:
+        DivergenceError: they explode.
+    """
+    unlimited = np.full_like(task.std_limit, np.inf)
+    settings = task.optimizer.marginals
+    spread = settings.spread(task.initial_std, unlimited, task.velocities, 1.0)
+    sigma = state_covariances(q.linear_dynamics, q.gains, q.control_covariances, spread)
+    return replace(q, state_covariances=sigma)
 
 
 def lost_bound(metrics: IterationMetrics) -> list[str]:
@@ -284,6 +305,7 @@ def _mean(values: Sequence[float]) -> float:
 _ROLLOUTS = 4  # of each q
 # What two standard deviations cover of a Gaussian that is twice as wide as predicted.
 LEAST_COVERAGE = 0.68
+LARGEST_COVERAGE = 0.999  # of one that is at most half as wide; few rollouts seldom reach it
 
 
 def coverage(task: "Task", q: TrajectoryDistribution, rng: np.random.Generator) -> float:
@@ -305,14 +327,20 @@ def coverage(task: "Task", q: TrajectoryDistribution, rng: np.random.Generator) 
 
 
 def lost_coverage(metrics: IterationMetrics) -> list[str]:
-    """Returns a sentence if the linearisation does not hold after an iteration.
+    """Returns a sentence if the marginals are not those of q's rollouts after an iteration.
 
-    Iteration 1 is passed over: the policy's first noise is wide, and usually too wide for it.
+    Iteration 1 is passed over: the policy's first noise is wide, and usually too wide for them.
     """
-    if metrics.k == 1 or metrics.coverage >= LEAST_COVERAGE:
+    if metrics.k == 1 or LEAST_COVERAGE <= metrics.coverage < LARGEST_COVERAGE:
         return []
+    remedy = (
+        "Usual in the first iterations; if it stays, raise alpha, or the task's std_limit where it "
+        "cuts the marginals."
+        if metrics.coverage < LEAST_COVERAGE
+        else "Where noise reaches the controls' limits rollouts spread less than it does; if it "
+        "stays, raise alpha or the controls' weight in the cost."
+    )
     return [
         f"Iteration {metrics.k}: the linear model is inaccurate (its 95 % band covers "
-        f"{100.0 * metrics.coverage:.0f} % of rollouts). Usual in the first iterations; if it "
-        "stays, raise alpha, or the task's std_limit where it cuts the marginals."
+        f"{100.0 * metrics.coverage:.0f} % of rollouts). {remedy}"
     ]
