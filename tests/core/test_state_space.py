@@ -78,6 +78,11 @@ def test_derivatives_are_carried_back_to_the_state_that_was_moved(states, rng, f
         lambda e: reading @ SPACE.add(SPACE.add(x, e), delta), np.zeros(21)
     )
     assert_allclose(SPACE.carried_back(there, delta), expected, atol=1e-8)
+    for size in (1.0, 1e-3, 0.0):  # and by the deviation itself
+        moved = SPACE.add(x, size * delta)
+        there = finite_differences(lambda e, y=moved: reading @ SPACE.add(y, e), np.zeros(21))
+        by_delta = finite_differences(lambda d: reading @ SPACE.add(x, d), size * delta)
+        assert_allclose(SPACE.by_deviation(there, size * delta), by_delta, atol=1e-8)
 
 
 def test_a_rotation_is_taken_the_short_way_whatever_the_sign_of_its_quaternion(states):

@@ -3,6 +3,7 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,13 +12,29 @@ from tests.limited_pendulum import HIGH, write_task
 from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.marginals import sample_joint_deviations
 from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import make_task
+
+TUMBLING = """
+<mujoco>
+  <option timestep="0.1" gravity="0 0 0" integrator="implicitfast"/>
+  <worldbody>
+    <body>
+      <freejoint/>
+      <geom type="box" size="0.1 0.2 0.3" density="100"/>
+      <site name="jet" pos="0.1 0.2 0.3" euler="20 30 40"/>
+    </body>
+  </worldbody>
+  <actuator><general site="jet" gear="1 0.5 0.2 0.3 0.4 0.5"/></actuator>
+</mujoco>
+"""
 
 
 def sampled(task, count=4, width=1.0):
@@ -32,6 +49,32 @@ def test_a_linear_task_has_the_same_q(rng):
     for name, array in arrays_of(plain).items():
         scale = np.abs(array).max(initial=1e-9)
         assert_allclose(arrays_of(q)[name] / scale, array / scale, atol=1e-5, err_msg=name)
+
+
+def test_of_a_body_that_turns_they_are_those_of_where_it_comes_by_the_deviation(finite_differences):
+    """So by Stein's identity they are what a linear fit to samples of its motion tends to."""
+    dynamics, rng = Dynamics(mujoco.MjModel.from_xml_string(TUMBLING)), np.random.default_rng(0)
+    start = dynamics.space.add(np.eye(13)[3], rng.standard_normal(12))
+    start[10:13] = 3.0, -2.0, 4.0
+    nominal = dynamics.rollout(start, lambda *_: np.ones(1), 1)
+    here = dynamics.linearize(nominal)[0]
+    std = np.diag(np.repeat([0.1, 0.4, 0.3, 1.0], 3))
+    sigma, gains = np.stack(2 * [std**2]), np.full((1, 1, 12), 0.3)
+    q = TrajectoryDistribution(nominal, gains, np.ones((1, 1, 1)), here, sigma, np.empty((1, 0)))
+    z = np.concatenate(sample_joint_deviations(q, 40, np.random.default_rng(1)), axis=2)[:, 0]
+
+    def mean_motion(change):
+        """Returns the mean of f(x ⊕ δ, u + δu) ⊖ f(x, u), where δ and δu are changed alike."""
+        delta_x, delta_u = np.split(z + change, [12], axis=1)
+        moved, controls = dynamics.space.add(start, delta_x), 1.0 + delta_u
+        after = dynamics.rollouts(moved, lambda *_: controls, 1)[0][:, 1]
+        return dynamics.space.subtract(after, nominal.states[1]).mean(axis=0)
+
+    expected = finite_differences(mean_motion, np.zeros(13))
+    linear, _ = mean_derivatives(dynamics, q, 40, 1.0, np.random.default_rng(1))
+    found, plain = (np.hstack([f.f_x[0], f.f_u[0]]) for f in (linear, here))
+    assert_allclose(found, expected, atol=5e-4)
+    assert np.abs(plain - expected).max() > 5e-3
 
 
 def test_the_motion_stays_and_its_q_follows_the_samples(short_swimmer, first_request):

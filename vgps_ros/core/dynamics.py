@@ -73,18 +73,31 @@ class StateSpace:
         return deviations
 
     def carried_back(self, jacobians: Array, deviations: Array) -> Array:
-        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives over deviations of x.
+        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives by x, where δ stays.
 
         A rotation ε of x is Rᵀ ε in the frame of x ⊕ δ, where R is the rotation by δ.
         """
+        return self._turned_back(jacobians, deviations, lambda v: _turned(-v).as_matrix())
+
+    def by_deviation(self, jacobians: Array, deviations: Array) -> Array:
+        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives by δ itself.
+
+        A change ε of a rotation vector is J ε in the frame of x ⊕ δ, where J = ∫_0^1 R(s δ)ᵀ ds is
+        the right Jacobian of SO(3).
+        """
+        return self._turned_back(jacobians, deviations, _right_jacobians)
+
+    def _turned_back(
+        self, jacobians: Array, deviations: Array, turns: Callable[[Array], Array]
+    ) -> Array:
+        """Returns J times the matrix (N, 3, 3) of each rotation vector (N, 3)."""
         if not self.quaternions:
             return jacobians
         carried = jacobians.copy()
         for i, first in enumerate(self.quaternions):
             at = slice(first - i, first - i + 3)
-            turned = _turned(_rows(deviations, at, deviations.shape)).as_matrix()
-            turned = turned.reshape(*deviations.shape[:-1], 3, 3)
-            carried[..., at] = jacobians[..., at] @ np.swapaxes(turned, -1, -2)
+            turn = turns(_rows(deviations, at, deviations.shape))
+            carried[..., at] = jacobians[..., at] @ turn.reshape(*deviations.shape[:-1], 3, 3)
         return carried
 
     @cached_property
@@ -113,6 +126,14 @@ def _turned(vectors: Array) -> "Rotation":
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(vectors)
+
+
+def _right_jacobians(vectors: Array) -> Array:
+    """Returns I − (1 − cos θ)/θ² [v] + (1 − sin θ/θ)/θ² [v]², θ = |v|, of each vector (N, 3)."""
+    angles = np.linalg.norm(vectors, axis=1)[:, None, None]
+    back = np.cross(vectors[:, None], np.eye(3))  # −[v]
+    square = (1.0 - np.sinc(angles / np.pi)) / np.maximum(angles, 1e-4) ** 2
+    return np.eye(3) + 0.5 * np.sinc(angles / (2.0 * np.pi)) ** 2 * back + square * back @ back
 
 
 def _rows(deviations: Array, at: slice, shape: tuple[int, ...]) -> Array:

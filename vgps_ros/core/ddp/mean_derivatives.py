@@ -42,7 +42,7 @@ def mean_derivatives(
         moved = np.concatenate([space.add(x[:-1], delta_x), x[-1:]])
         controls = np.clip(u + delta_u, *dynamics.control_limits)
         linear, steps = dynamics.linearize(Trajectory(moved, controls))
-        found = _in_frame(space, linear, delta_x, delta_u)
+        found = _by_deviations(space, q.linear_dynamics, linear, delta_x, delta_u)
         f_x += found.f_x / count
         f_u += found.f_u / count
         taken += steps
@@ -55,15 +55,21 @@ def mean_derivatives(
     return LinearDynamics(f_x, f_u), taken
 
 
-def _in_frame(
-    space: StateSpace, linear: LinearDynamics, delta_x: Array, delta_u: Array
+def _by_deviations(
+    space: StateSpace,
+    here: LinearDynamics,
+    there: LinearDynamics,
+    delta_x: Array,
+    delta_u: Array,
 ) -> LinearDynamics:
-    """Returns derivatives at x̄ ⊕ δ over deviations of x̄, as deviations of f(x̄, ū).
+    """Returns derivatives at x̄ ⊕ δ as those of f(x̄ ⊕ δ, ū + δu) ⊖ f(x̄, ū) by δ and δu.
 
-    How far f moves between the two is known to first order.
+    How far f moves between the two is known to second order, from the derivatives at both.
     """
-    f_x, f_u = space.carried_back(linear.f_x, delta_x), linear.f_u
+    if not space.quaternions:
+        return there
+    f_x, f_u = 0.5 * (here.f_x + there.f_x), 0.5 * (here.f_u + there.f_u)
     after = np.einsum("txy,ty->tx", f_x, delta_x) + np.einsum("txu,tu->tx", f_u, delta_u)
-    return LinearDynamics(
-        *(np.swapaxes(space.carried_back(np.swapaxes(f, 1, 2), after), 1, 2) for f in (f_x, f_u))
-    )
+    turns = space.by_deviation(np.broadcast_to(np.eye(space.tangent_dim), f_x.shape), after)
+    f_x = space.by_deviation(there.f_x, delta_x)
+    return LinearDynamics(np.linalg.solve(turns, f_x), np.linalg.solve(turns, there.f_u))
