@@ -1,8 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """DAGGER's dataset: the oracle's actions, and the weights by the DDP marginals."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -35,7 +33,7 @@ def q(rng):
 def test_targets_are_what_the_local_policy_does_at_each_state(q, observation, rng):
     visited = rng.standard_normal((4, HORIZON, 3))
     visited[2, 1:] = np.nan  # that rollout diverged
-    targets, weights = oracle_targets([q], [visited], observation, log_weights=None)
+    targets, weights = oracle_targets([q], [visited], observation, weighted=False)
     assert weights is None
     assert len(targets.inputs) == 4 * HORIZON - 2
     row = 0
@@ -64,15 +62,13 @@ def test_weights_are_densities_relative_to_the_most_probable_state(q, observatio
 def test_weights_ignore_what_the_policy_does_not_read(q, observation, rng):
     states = rng.standard_normal((2, HORIZON, 3))
     moved = states + np.array([100.0, 0.0, 0.0])
-    weigh = partial(marginal_log_weights, observation=observation)
     (_, found), (_, expected) = (
-        oracle_targets([q], [visited], observation, weigh) for visited in (moved, states)
+        oracle_targets([q], [visited], observation, weighted=True) for visited in (moved, states)
     )
     assert_allclose(found, expected)
 
 
 def test_weights_sum_to_one_and_far_states_weigh_nothing(q, observation):
     states = np.stack([q.mean.states[:-1], q.mean.states[:-1] + 1e3])
-    weigh = partial(marginal_log_weights, observation=observation)
-    _, weights = oracle_targets([q], [states], observation, weigh)
+    _, weights = oracle_targets([q], [states], observation, weighted=True)
     assert_allclose(weights, [1 / HORIZON] * HORIZON + [0.0] * HORIZON, atol=1e-12)

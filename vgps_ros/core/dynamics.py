@@ -72,32 +72,22 @@ class StateSpace:
             deviations[..., at[1]] = vectors.reshape(deviations[..., at[1]].shape)
         return deviations
 
-    def carried_back(self, jacobians: Array, deviations: Array) -> Array:
-        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives by x, where δ stays.
-
-        A rotation ε of x is Rᵀ ε in the frame of x ⊕ δ, where R is the rotation by δ.
-        """
-        return self._turned_back(jacobians, deviations, lambda v: _turned(-v).as_matrix())
-
-    def by_deviation(self, jacobians: Array, deviations: Array) -> Array:
-        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives by δ itself.
-
-        A change ε of a rotation vector is J ε in the frame of x ⊕ δ, where J = ∫_0^1 R(s δ)ᵀ ds is
-        the right Jacobian of SO(3).
-        """
-        return self._turned_back(jacobians, deviations, _right_jacobians)
-
-    def _turned_back(
-        self, jacobians: Array, deviations: Array, turns: Callable[[Array], Array]
+    def carried_back(
+        self, jacobians: Array, deviations: Array, *, by_deviation: bool = False
     ) -> Array:
-        """Returns J times the matrix (N, 3, 3) of each rotation vector (N, 3)."""
+        """Returns derivatives (..., m, n_dx) at x ⊕ δ as derivatives by x where δ stays, or by δ.
+
+        A rotation ε of x is Rᵀ ε in the frame of x ⊕ δ, where R is the rotation by δ. A change ε of
+        δ is J ε there, where J = ∫_0^1 R(s δ)ᵀ ds is the right Jacobian of SO(3).
+        """
         if not self.quaternions:
             return jacobians
         carried = jacobians.copy()
         for i, first in enumerate(self.quaternions):
             at = slice(first - i, first - i + 3)
-            turn = turns(_rows(deviations, at, deviations.shape))
-            carried[..., at] = jacobians[..., at] @ turn.reshape(*deviations.shape[:-1], 3, 3)
+            vectors = _rows(deviations, at, deviations.shape)
+            turns = _right_jacobians(vectors) if by_deviation else _turned(-vectors).as_matrix()
+            carried[..., at] = jacobians[..., at] @ turns.reshape(*deviations.shape[:-1], 3, 3)
         return carried
 
     @cached_property

@@ -21,9 +21,8 @@ largest value in the same step, so that narrow steps do not outweigh broad ones,
 the marginals have a standard deviation of at least 0.01 in each direction.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.special import softmax
@@ -36,9 +35,6 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.tasks import Task
-
-LogWeights = Callable[[TrajectoryDistribution, Array], Array]
-"""Maps q and what the policy reads of N states a step, (N, T, n_o), to log w, shape (N, T)."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +49,14 @@ class Imitation(Update):
     visited: tuple[Array, ...]
 
 
-def dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
-    """Does iteration k of plain DAGGER."""
-    return imitate(work, last, k, log_weights=None, adapts=False)
-
-
 def imitate(
-    work: Workspace, last: Imitation | None, k: int, log_weights: LogWeights | None, *, adapts: bool
+    work: Workspace, last: Imitation | None, k: int, *, weighted: bool, adapts: bool
 ) -> Imitation:
-    """Does iteration k of DAGGER or of one of its variants.
+    """Does iteration k of DAGGER, or of a variant that weighs its dataset.
 
-    The weights are those of the dataset's states, all the same where there are none. A variant that
-    adapts optimises the DDP solutions anew against the policy (line 6).
+    A variant may adapt, too: "We also implemented an adapted variant, where the DDP solution is
+    re-optimized at each iteration to match the policy (in addition to weighting)." The current
+    solution then gives the actions and weights of the whole dataset.
     """
     settings = work.settings
     if last is None:
@@ -83,7 +75,7 @@ def imitate(
             for states, rollouts in zip(last.visited, draws, strict=True)
         )
         targets, weights = oracle_targets(
-            work.scored(solutions), visited, work.task.observation, log_weights
+            work.scored(solutions), visited, work.task.observation, weighted=weighted
         )
         policy = work.fit_samples(last.policy, targets, weights, k)
     if adapts:
@@ -95,9 +87,10 @@ def oracle_targets(
     distributions: Sequence[TrajectoryDistribution],
     visited: Sequence[Array],
     observation: Observation,
-    log_weights: LogWeights | None,
+    *,
+    weighted: bool,
 ) -> tuple[Targets, Array | None]:
-    """Returns the oracle's actions at the visited states, and weights, which sum to 1.
+    """Returns the oracle's actions at the visited states, and weights, if any, which sum to 1.
 
     The visited states of each q have shape (N, T, n_x), NaN after a rollout has diverged.
     """
@@ -106,34 +99,17 @@ def oracle_targets(
         finite = np.isfinite(states).all(axis=2)
         means = control_means(q, observation.space.subtract(states, q.mean.states[:-1]))
         inputs = observation.within(q.context)(states)
-        log_w = np.zeros(finite.shape) if log_weights is None else log_weights(q, inputs)
+        log_w = marginal_log_weights(q, inputs, observation) if weighted else np.zeros(finite.shape)
         columns = (inputs, means, log_w)
         rows.append([column[finite] for column in columns])
     inputs, means, log_w = (np.concatenate(column) for column in zip(*rows, strict=True))
     targets = Targets(inputs, means, np.zeros_like(means))
-    return targets, None if log_weights is None else np.asarray(softmax(log_w))
+    return targets, np.asarray(softmax(log_w)) if weighted else None
 
 
 def _around(task: Task, q: TrajectoryDistribution, samples: int, rng: np.random.Generator) -> Array:
     """Draws states from the marginals, shape (samples, T, n_x)."""
     return task.dynamics.space.add(q.mean.states[:-1], sample_deviations(q, samples, rng))
-
-
-def weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
-    """Does iteration k of DAGGER on a weighted dataset."""
-    weigh = partial(marginal_log_weights, observation=work.task.observation)
-    return imitate(work, last, k, weigh, adapts=False)
-
-
-def adapted_weighted_dagger(work: Workspace, last: Imitation | None, k: int) -> Imitation:
-    """Does iteration k of the variant whose oracle adapts to the policy as q(ζ) does in vgps.
-
-    "We also implemented an adapted variant, where the DDP solution is re-optimized at each
-    iteration to match the policy (in addition to weighting)." The current solution gives the
-    actions and weights of the whole dataset.
-    """
-    weigh = partial(marginal_log_weights, observation=work.task.observation)
-    return imitate(work, last, k, weigh, adapts=True)
 
 
 def marginal_log_weights(

@@ -200,25 +200,14 @@ class GuidedUpdate(Update):
     adapted: Batches
 
 
-def gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
-    """Does iteration k of guided policy search, guided by rollouts of the initial solutions."""
-    return _guided_search(work, last, k, adapts=False)
-
-
-def adaptive_gps(work: Workspace, last: GuidedUpdate | None, k: int) -> GuidedUpdate:
-    """Does iteration k of the adaptive variant, which adapts q(ζ) to the policy as vgps does.
-
-    It "runs DDP at every iteration and adapts to the current policy, in the same manner as our
-    method. However, samples from this adapted DDP solution are then included in the policy
-    optimization with importance sampling". They are kept as long as those of the policies.
-    """
-    return _guided_search(work, last, k, adapts=True)
-
-
-def _guided_search(
+def guided_search(
     work: Workspace, last: GuidedUpdate | None, k: int, *, adapts: bool
 ) -> GuidedUpdate:
-    """Does iteration k of guided policy search, or of its variant that adapts the solutions.
+    """Does iteration k of guided policy search, or of its variant that adapts q(ζ) as vgps does.
+
+    That one "runs DDP at every iteration and adapts to the current policy, in the same manner as
+    our method. However, samples from this adapted DDP solution are then included in the policy
+    optimization with importance sampling". They are kept as long as those of the policies.
 
     Raises:
         DivergenceError: all rollouts from an initial state diverged.

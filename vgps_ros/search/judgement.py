@@ -307,13 +307,14 @@ def command_grid(signals: Signals) -> Array:
     They are: all at rest; each command alone at its lowest and highest value and half way there;
     each pair of commands half way there.
     """
-    rest = signals.rest
+    rest, at = signals.rest, np.arange(len(signals.rest))
     half = [(0.5 * (c.lowest + c.rest), 0.5 * (c.rest + c.highest)) for c in signals.commands]
     rows = [rest]
     for i, command in enumerate(signals.commands):
-        rows += [_with(rest, {i: v}) for v in (command.lowest, *half[i], command.highest)]
+        rows += [np.where(at == i, v, rest) for v in (command.lowest, *half[i], command.highest)]
     for i, j in combinations(range(len(rest)), 2):
-        rows += [_with(rest, {i: v, j: w}) for v, w in product(half[i], half[j])]
+        pairs = product(half[i], half[j])
+        rows += [np.where(at == i, v, np.where(at == j, w, rest)) for v, w in pairs]
     return np.array(list(dict.fromkeys(tuple(row.tolist()) for row in rows)))
 
 
@@ -429,11 +430,3 @@ def settled(commands: Array, steps: int) -> NDArray[np.bool_]:
 def _mean(values: Array, counts: NDArray[np.int64]) -> Array:
     """Returns the means over the counted steps of values (N, T, m) that are 0 elsewhere, (N, m)."""
     return np.asarray(values.sum(axis=1) / np.maximum(counts, 1)[:, None])
-
-
-def _with(row: Array, values: dict[int, float]) -> Array:
-    """Returns a row with some other values."""
-    changed = row.copy()
-    for i, value in values.items():
-        changed[i] = value
-    return changed

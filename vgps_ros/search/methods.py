@@ -16,9 +16,9 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import check_settings
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.cost_weighted import cost_weighted
-from vgps_ros.search.dagger import Imitation, adapted_weighted_dagger, dagger, weighted_dagger
+from vgps_ros.search.dagger import Imitation, imitate
 from vgps_ros.search.evaluation import Evaluation, evaluate
-from vgps_ros.search.gps import GuidedUpdate, adaptive_gps, gps
+from vgps_ros.search.gps import GuidedUpdate, guided_search
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
@@ -51,11 +51,11 @@ class Method:
 
 METHODS = {
     "vgps": Method(vgps, Candidates, raises_bound=True),
-    "gps": Method(gps, GuidedUpdate),
-    "adaptive_gps": Method(adaptive_gps, GuidedUpdate),
-    "dagger": Method(dagger, Imitation),
-    "weighted_dagger": Method(weighted_dagger, Imitation),
-    "adapted_weighted_dagger": Method(adapted_weighted_dagger, Imitation),
+    "gps": Method(partial(guided_search, adapts=False), GuidedUpdate),
+    "adaptive_gps": Method(partial(guided_search, adapts=True), GuidedUpdate),
+    "dagger": Method(partial(imitate, weighted=False, adapts=False), Imitation),
+    "weighted_dagger": Method(partial(imitate, weighted=True, adapts=False), Imitation),
+    "adapted_weighted_dagger": Method(partial(imitate, weighted=True, adapts=True), Imitation),
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
     "plato": Method(plato, Lessons, check=check_teacher),

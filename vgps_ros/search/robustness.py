@@ -3,11 +3,12 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import takewhile
 from typing import Any
 
 import mujoco
@@ -52,7 +53,7 @@ KINDS = {
     "sensor_noise": "factor on usual sensor noise",
     "contacts": "contacts: 0 the model's, 1 MuJoCo's",
 }
-_FACTORS = ("masses", "frictions")  # that change nothing where they are 1
+_FACTORS = ("masses", "frictions")  # that change nothing where they are 1, the others at 0
 
 # Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
 USUAL = {
@@ -155,7 +156,7 @@ def robustness(
     found: dict[str, dict[str, Any]] = {}
     count = len(trials.starts)
     for kind, given in values.items():
-        ordered, calm = sorted(given), _calm(kind)
+        ordered, calm = sorted(given), float(kind in _FACTORS)
         both = [(shares("", 0.0) if v == calm else shares(kind, v)) for v in ordered]
         survive, obey = ([each[i] for each in both] for i in range(2))
         base = shares("", 0.0)
@@ -268,11 +269,6 @@ def _tried(task: Task, driver: Driver, kind: str, value: float, trials: Trials) 
     return behaviour(here, driver, given, (seconds,))
 
 
-def _calm(kind: str) -> float:
-    """Returns the size of a kind that changes nothing."""
-    return 1.0 if kind in _FACTORS else 0.0
-
-
 def _heavier(task: Task, body: int, factor: float) -> Task:
     """Returns the task where the mass and the inertia of a body are multiplied."""
     model = copy(task.dynamics.model)
@@ -302,15 +298,10 @@ def _with_default_contacts(task: Task) -> Task:
 
 def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:
     """Returns the range around no disturbance, which is borne, in which all values are borne."""
-    low = high = calm
-    for value, share in zip(values, shares, strict=True):
-        if value >= calm and share >= ENOUGH:
-            high = value
-        elif value >= calm:
-            break
-    for value, share in zip(reversed(values), reversed(shares), strict=True):
-        if value <= calm and share >= ENOUGH:
-            low = value
-        elif value <= calm:
-            break
-    return [low, high]
+    pairs = list(zip(values, shares, strict=True))
+
+    def end(pairs: Iterable[tuple[float, float]]) -> float:
+        """Returns the last value before the first one that is not borne."""
+        return [calm, *(v for v, _ in takewhile(lambda pair: pair[1] >= ENOUGH, pairs))][-1]
+
+    return [end(p for p in reversed(pairs) if p[0] <= calm), end(p for p in pairs if p[0] >= calm)]
