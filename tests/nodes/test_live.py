@@ -10,8 +10,10 @@ import sys
 import urllib.request
 from contextlib import suppress
 
+import msgspec
 import numpy as np
 import pytest
+import viser
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import GetParameters
@@ -21,6 +23,8 @@ from std_msgs.msg import String
 from vgps_msgs.msg import LearningProgress, Signals
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+from zstandard import ZstdDecompressor
 
 from tests.browser import LACKING, opened
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
@@ -231,6 +235,139 @@ def test_without_commands_the_stick_commands_nothing(graph):
         held.send('{"angle": 1.0}')
         graph.spin_for(2.0)
     assert commands == []
+
+
+class Page:
+    """What the page's own scripts say to the server, and what an attacker says in their place."""
+
+    def __init__(self, address, path="/"):
+        protocol = Subprotocol(f"viser-v{viser.__version__}")
+        self._address, self._server = address, address.replace("http", "ws")
+        self._seen = []
+        self._socket = connect(
+            self._server + path,
+            origin=address,
+            subprotocols=[protocol],
+            compression=None,
+            close_timeout=0.1,  # it does not read all that is left
+        )
+        axes, numbers = (0.0, 0.0, 1.0), {"fov": 1.0, "near": 0.1, "far": 9.0}
+        sides = {"image_height": 9, "image_width": 9, "look_at": axes, "up_direction": axes}
+        camera = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": axes}
+        self.say("ViewerCameraMessage", **camera, **numbers, **sides)
+
+    def say(self, kind, **fields):
+        self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+    def drag(self, phase, end=(1.0, 1.0, 1.0), start=(0.0, 0.0, 0.0)):
+        screen = {"start_screen_pos": (0.0, 0.0), "end_screen_pos": (0.0, 0.0)}
+        pressed = {"button": "left", "modifier": None, "owner": "", "instance_index": None}
+        ends = {"start_position": start, "end_position": end}
+        name = {"phase": phase, "name": "/world/geom_1"}
+        self.say("SceneNodeDragMessage", **name, **ends, **screen, **pressed)
+
+    def heard(self, kind, prop, text):
+        """Waits for a message of a kind that shows a text in a property, and returns it."""
+        seen = iter(self._seen)
+        while True:
+            for m in seen:
+                if m["type"] == kind and text in str(m.get("props", m)[prop]):
+                    return m
+            raw = self._socket.recv(timeout=30)
+            size, length = (int.from_bytes(raw[i : i + 8], "little") for i in (0, 8))
+            unpacked = ZstdDecompressor().decompress(raw[16 : 16 + length], max_output_size=size)
+            messages = msgspec.msgpack.decode(unpacked)["messages"]
+            self._seen += messages
+            seen = iter(messages)
+
+    def pulse(self):
+        """Returns the connection on which the page's frame says that it lives."""
+        html = self.heard("GuiHtmlMessage", "content", "/pulse/")
+        path = re.search(r"/pulse/\d+", html["props"]["content"])[0]
+        return connect(self._server + path, origin=self._address)
+
+    def set(self, uuid, value):
+        self.say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+
+    def close(self):
+        self._socket.close()
+
+
+def test_a_drag_pushes_within_bounds_and_only_while_its_page_lives(graph):
+    graph.start("simulation", start_paused=True)
+    _, address = start(graph)
+    pushes = graph.messages(WrenchStamped, "push")
+    graph.diagnosis("live", OK)
+    page = Page(address)
+    pulse = page.pulse()
+
+    def pushes_in(seconds, lives=True):
+        """Returns how many pushes come in the last half of a time."""
+        for k in range(2 * round(seconds / 0.1)):
+            if k == round(seconds / 0.1):
+                pushes.clear()
+            if lives:
+                pulse.send("")
+            graph.spin_for(0.05)
+        return len(pushes)
+
+    page.drag("update")
+    assert pushes_in(1.0) == 0, "a drag that never began"
+    page.drag("start")
+    assert pushes_in(2.0) > 0, "a pointer that is held still"
+    other = Page(address)
+    other.drag("update", end=(-9.0, 0.0, 0.0))
+    assert pushes_in(0.5) > 0
+    assert pushes[-1].wrench.force.x > 0.0, "another page's pointer"
+    other.close()
+    assert pushes_in(3.0, lives=False) == 0, "a page that is frozen"
+    stiffness = page.heard("GuiNumberMessage", "label", "N per m")["uuid"]
+    for value in (1e9, 1e308, -1.0, math.nan, math.inf, "many", [1.0], None):
+        page.set(stiffness, value)
+        for end in ((1.0, 1.0, 1.0), (1e308, -1e308, 0.0), (math.nan, 0.0, 0.0), (0.0,), "far"):
+            page.drag("start", start=end)
+            page.drag("update", end)
+        page.drag("start")
+        pushes_in(0.2)
+        found = np.array([(f.x, f.y, f.z) for f in (m.wrench.force for m in pushes)])
+        assert (np.abs(found) < 1e5).all(), value  # 100 times the weight, and none is NaN
+    page.set(stiffness, 1.0)
+    page.drag("start")
+    assert pushes_in(1.0) > 0
+    pulse.close()
+    assert pushes_in(1.0, lives=False) == 0, "a page that is gone"
+    page.close()
+
+
+def test_what_no_page_would_say_is_not_heard_and_a_flood_ends_its_page(graph):
+    live, address = start(graph)
+    page = Page(address, "/any")
+    buttons = page.heard("GuiButtonGroupMessage", "options", "Play")["uuid"]
+    step = page.heard("GuiNumberMessage", "label", "Steps")["uuid"]
+    page.say("ShareUrlRequest")
+    page.say("ShareUrlDisconnect")
+    page.say("FileTransferStartUpload", source_component_uuid=step, transfer_uuid="x", filename="")
+    page.say("None")
+    page.say("GuiUpdateMessage")
+    for uuid in (buttons, step, "none"):
+        for name in ("value", "update_cb", "sync_cb", "props", "uuid", "removed", "order", "x"):
+            for value in ("Reset", "x", None, -1, [[]], {"a": 1}, math.nan):
+                page.say("GuiUpdateMessage", uuid=uuid, updates={name: value})
+    page.set(buttons, "Reset")
+    page.heard("GuiUpdateMessage", "updates", "There is no simulation named simulation")
+    assert "Traceback" not in live.output
+    assert "hare" not in live.output  # a share URL
+    flood = Page(address)
+    with suppress(ConnectionClosed):
+        for _ in range(50_000):
+            flood.set(buttons, "Pause")
+        pytest.fail("nothing ended the flood")
+    late = Page(address)
+    late.heard("GuiHtmlMessage", "content", "/pulse/")
+    assert live.running
+    assert "Traceback" not in live.output
+    late.close()
+    page.close()
 
 
 @pytest.mark.slow

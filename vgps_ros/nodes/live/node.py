@@ -77,19 +77,16 @@ class Live(Node):
         self._drivers: dict[str, tuple[float, str]] = {}  # by controller, and when it said so
         self._history: dict[int, IterationMetrics] = {}
         self._is_drawn = True  # whether the history is
-        self._simulation = SimulationClient(self, simulation, self._tell)
-        self.play, self.pause = self._simulation.play, self._simulation.pause
-        self.step, self.reset = self._simulation.step, self._simulation.reset
+        self.simulation = SimulationClient(self, simulation, self._tell)
         try:
             from vgps_ros.nodes.live.page import LivePage
         except ModuleNotFoundError as error:
             raise VgpsError(
                 f"The page needs the package {error.name}: pip install -r requirements/live.txt."
             ) from error
-        self._page = LivePage(port, self)
-        self._cost = CostClient(planner, self._page.show_cost, self._tell)
-        self.set_cost = self._cost.set
-        self._commands = CommandsClient((executor, planner), self._page.show_commands, self._tell)
+        self.page = LivePage(port, self)
+        self.cost = CostClient(planner, self.page.show_cost, self._tell)
+        self._commands = CommandsClient((executor, planner), self.page.show_commands, self._tell)
         self._told = self.create_publisher(SignalsMsg, COMMAND, STATES)
         self._pushes = self.create_publisher(WrenchStamped, "push", STATES)
         subscribe = self.create_subscription
@@ -99,37 +96,33 @@ class Live(Node):
         subscribe(LearningProgress, "learning_progress", self._take_progress, STREAM)
         steady_timer(self, _FRAME, self._show)
         steady_timer(self, _LOOK, self._look)
-        self.get_logger().info(f"The page is {self._page.address}")
-
-    def close(self) -> None:
-        """Closes the page."""
-        self._page.close()
+        self.get_logger().info(f"The page is {self.page.address}")
 
     def _show(self) -> None:
         """Shows the newest state, and does what the visitor wants."""
         if self._newest and self._states:
             messages, self._newest = self._newest, None
             try:
-                self._page.show_state(self._states.join(messages))
+                self.page.show_state(self._states.join(messages))
             except InvalidInputError as error:
                 self._health.report("state", error=f"Left out a state: {error}")
             else:
                 self._health.clear("state")
                 self._time = f"{nanoseconds(messages[JOINTS].header.stamp) * 1e-9:.2f} s"
         try:
-            while self._page.wishes:
-                self._page.wishes.popleft()()
-            if push := self._page.push():
+            while self.page.wishes:
+                self.page.wishes.popleft()()
+            if push := self.page.push():
                 self._pushes.publish(push_to_msg(*push))
-            if commands := self._page.commands():
+            if commands := self.page.commands():
                 now = self.get_clock().now().to_msg()
                 self._told.publish(signals_to_msg(np.array([*commands.values()]), [*commands], now))
         except Exception as error:  # a page may send any value in a number's place
             self._tell(f"This cannot be: {error}")
 
     def _look(self) -> None:
-        self._simulation.look()
-        self._cost.look()
+        self.simulation.look()
+        self.cost.look()
         self._commands.look()
         now = time.monotonic()
         said = [
@@ -137,15 +130,15 @@ class Live(Node):
             for name, (heard, sentence) in sorted(self._drivers.items())
             if now - heard < _SILENCE
         ]
-        state = self._simulation.state or "There is no simulation."
+        state = self.simulation.state or "There is no simulation."
         drives = "\n".join(said) or "No controller is there."
-        self._page.tell(run=f"{state} {self._time}", driver=f"Who drives? {drives}")
+        self.page.tell(run=f"{state} {self._time}", driver=f"Who drives? {drives}")
         if not self._is_drawn:
             self._is_drawn = True
-            self._page.show_learning([self._history[k] for k in sorted(self._history)])
+            self.page.show_learning([self._history[k] for k in sorted(self._history)])
 
     def _tell(self, sentence: str) -> None:
-        self._page.tell(answer=sentence)
+        self.page.tell(answer=sentence)
 
     def _take_robot(self, message: String) -> None:
         if self._states is not None:
@@ -158,7 +151,7 @@ class Live(Node):
             return
         self._health.clear("robot")
         self._health.arrived(f"{MJCF} from simulation")
-        self._page.show_robot(model)
+        self.page.show_robot(model)
         states.subscribe(self.create_subscription, self._take_state, NEWEST)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
@@ -166,7 +159,7 @@ class Live(Node):
 
     def _take_context(self, message: SignalsMsg) -> None:
         try:
-            self._page.used = signals_from_msg(message)
+            self.page.used = signals_from_msg(message)
         except InvalidInputError as error:
             self._health.report("context", error=f"Left out a context: {error}")
         else:
@@ -187,4 +180,4 @@ class Live(Node):
             self._is_drawn = False
 
 
-NODE = Runnable(Live, close=lambda node: node.close())
+NODE = Runnable(Live, close=lambda node: node.page.close())

@@ -5,18 +5,21 @@ The page runs in threads of its own. What its visitor wants is put into a queue,
 node takes it, so that one thread alone speaks ROS.
 """
 
+import asyncio
 import html
 import json
 import math
+import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import viser
+from viser.infra import Message
 from websockets import ConnectionClosed
 from websockets.asyncio import server as websocket_server
 from websockets.typing import Origin
@@ -34,9 +37,16 @@ if TYPE_CHECKING:
 _NAMES = ("127.0.0.1", "localhost")  # of this machine
 _MOST_WISHES = 20  # that wait for the node; older ones are forgotten
 _STICK = Path(__file__).with_name("stick.html")
-_STICK_PATH = "/stick"  # of the WebSocket by which the stick tells how it is held
-_LONGEST = 4000  # characters of what the stick tells at once
+_LONGEST = 4000  # characters of what a page tells at once
+_MOST = 500  # messages that a page may tell in a second; in use it is 60
+_PULSE = """<iframe hidden srcdoc="<script>parent.eval(`if (window.pulse !== {client}) {{
+  window.pulse = {client};
+  const socket = new WebSocket(location.origin.replace('http', 'ws') + '/pulse/{client}');
+  setInterval(() => socket.readyState === 1 && socket.send(''), 50);
+}}`)</script>"></iframe>"""  # in the page itself, since a panel that is folded loses its frames
+_NO_PULSE = 0.5  # time after which a page that says nothing does not pull any more [s]
 _STRONGEST = 100.0  # force of a push, in the robot's weight
+_STIFFEST = 1e6  # force per metre of a drag [N/m]
 _TOP = 100.0  # of the learning curve; what diverged is drawn there
 _CURVES = {  # of the learning curve: a metric each, with its name and colour
     "deterministic_cost": ("without noise", "#1f5fbf"),
@@ -62,8 +72,14 @@ class LivePage:
         self.wishes: deque[Callable[[], None]] = deque(maxlen=_MOST_WISHES)
         self.used: dict[str, float] = {}
         self._held: deque[str | bytes] = deque(maxlen=1)  # what the stick told last
-        with _only_own_origin(self._follow_stick):
-            self._server = server = _Server(host="127.0.0.1", port=port, verbose=False)
+        self._pulses: dict[str, float] = {}  # when each page said last that it lives [s]
+        with self._guarded():
+            self._server = server = viser.ViserServer("127.0.0.1", port, verbose=False)
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            client.gui.add_html(_PULSE.format(client=client.client_id))
+
         self.address = f"http://127.0.0.1:{server.get_port()}"
         gui, self._texts = server.gui, {}
         gui.configure_theme(show_share_button=False, show_logo=False, dark_mode=False)
@@ -73,11 +89,11 @@ class LivePage:
         self._texts["driver"] = gui.add_html("Waiting for a robot.")
         with gui.add_folder("Simulation"):
             self._texts["run"] = gui.add_html("")
-            self._add_buttons(
-                {"Play": actions.play, "Pause": actions.pause, "Reset": actions.reset}
-            )
+            simulation = actions.simulation
+            wishes = {"Play": simulation.play, "Pause": simulation.pause}
+            self._add_buttons(wishes | {"Reset": simulation.reset})
             self._steps = gui.add_number("Steps", 1, min=1, max=1_000_000, step=1)
-            self._add_buttons({"Step": lambda: actions.step(int(self._steps.value))})
+            self._add_buttons({"Step": lambda: simulation.step(int(self._steps.value))})
             self._texts["answer"] = gui.add_html("")
         self._driving = gui.add_folder("Drive", visible=False)
         with self._driving:
@@ -85,7 +101,7 @@ class LivePage:
             self._texts["used"] = gui.add_html("")
         self._commands: tuple[Command, ...] = ()
         with gui.add_folder("Push: drag a body"):
-            self._pull: Any = gui.add_number("N per m", 1.0, min=0.0, max=1e6)
+            self._pull: Any = gui.add_number("N per m", 1.0, min=0.0, max=_STIFFEST)
             self._texts["push"] = gui.add_html("")
         self._cost = gui.add_folder("Cost of the plans", visible=False)
         self._sliders: dict[tuple[str, int], Any] = {}
@@ -114,10 +130,11 @@ class LivePage:
         Returns:
             A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).
         """
-        if self._robot is None or (grabbed := self._robot.grabbed()) is None:
+        if self._robot is None or (grabbed := self._robot.grabbed(self._lives)) is None:
             return None
         body, point, pull = grabbed
-        force = _at_most(float(self._pull.value) * pull, self._strongest)
+        stiffness = min(max(float(self._pull.value), 0.0), _STIFFEST)
+        force = _at_most(stiffness * pull, self._strongest)
         wrench = np.concatenate([force, np.cross(_at_most(point, self._size), force)])
         if not np.isfinite(wrench).all():
             return None
@@ -213,6 +230,19 @@ class LivePage:
         place = 3 * ("angular", "linear").index(kind) + "xyz".index(axis)
         return float(self._robot.velocity[place])
 
+    def _lives(self, client: int) -> bool:
+        """Returns whether a page has just said that it is neither gone nor frozen."""
+        return time.monotonic() - self._pulses.get(str(client), -math.inf) < _NO_PULSE
+
+    async def _follow_pulse(self, connection: websocket_server.ServerConnection) -> None:
+        """Notes that a page lives, whose number is in the path."""
+        client = _path(connection)[-1]
+        try:
+            async for _ in connection:
+                self._pulses[client] = time.monotonic()
+        finally:
+            self._pulses.pop(client, None)
+
     async def _follow_stick(self, connection: websocket_server.ServerConnection) -> None:
         """Notes what a visitor's stick tells; where the page is lost, it is let go."""
         last: str | bytes = "{}"
@@ -221,15 +251,48 @@ class LivePage:
                 if len(last) > _LONGEST:
                     break
                 self._held.append(last)
-        except ConnectionClosed:
-            pass
         finally:
             if last not in ("{}", b"{}"):
                 self._held.append("{}")
 
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Lets the servers that viser starts meanwhile hear the live page alone, and all of it.
+
+        Browsers let every page open a WebSocket to every address, and name the page's own address
+        in the header Origin. The library websockets refuses origins that its server does not list,
+        but viser 1.1 starts this server without a list, and has no option for one.
+        """
+        serve = websocket_server.serve
+
+        def serve_itself(viser_handler: Any, host: str, port: int, **options: Any) -> Any:
+            async def handle(connection: websocket_server.ServerConnection) -> None:
+                asyncio.get_running_loop().set_exception_handler(self._tell_failure)
+                handlers = {"stick": self._follow_stick, "pulse": self._follow_pulse}
+                handler = handlers.get(_path(connection)[1], viser_handler)
+                with suppress(ConnectionClosed):
+                    await handler(connection)
+
+            options["origins"] = [Origin(f"http://{name}:{port}") for name in _NAMES]
+            options |= {"max_size": 4 * _LONGEST, "create_connection": _Connection}
+            return serve(handle, host, port, **options)
+
+        websocket_server.serve = serve_itself  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            websocket_server.serve = serve  # type: ignore[misc]
+
+    def _tell_failure(self, _: object, context: dict[str, Any]) -> None:
+        """Says what became of a value that no page would send."""
+        self.tell(answer=f"This cannot be: {context.get('exception', context['message'])}")
+
     def _add_buttons(self, wishes: dict[str, Callable[[], None]]) -> None:
         group = self._server.gui.add_button_group("", tuple(wishes))
-        group.on_click(lambda event: self.wishes.append(wishes[event.target.value]))
+
+        @group.on_click
+        async def _(event: Any) -> None:  # at once, before another click
+            self.wishes.append(wishes[event.target.value])
 
     def _add_slider(self, kind: str, i: int, name: str, value: float) -> None:
         reach = max(1.0, 2.0 * abs(value))
@@ -249,7 +312,7 @@ class LivePage:
     def _set_cost(self) -> None:
         count = len(self._sliders) // 2
         values = [[self._sliders[k, i].value for i in range(count)] for k in ("target", "weight")]
-        self._actions.set_cost(*values)
+        self._actions.cost.set(*values)
 
 
 def _at_most(vector: Array, length: float) -> Array:
@@ -257,11 +320,44 @@ def _at_most(vector: Array, length: float) -> Array:
     return vector * min(1.0, length / max(float(np.linalg.norm(vector)), 1e-9))
 
 
-class _Server(viser.ViserServer):
-    """A server that opens no tunnel to the public, whatever a page asks for."""
+class _Connection(websocket_server.ServerConnection):
+    """A connection that hears of viser's messages what the live page sends; a flood ends it."""
 
-    def request_share_url(self, verbose: bool = True) -> None:
-        """Does nothing."""
+    _count, _end = 0, 0.0  # of what came in this second
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Returns the next message that is heard."""
+        while True:
+            raw = await super().recv(decode)
+            if time.monotonic() > self._end:
+                self._count, self._end = 0, time.monotonic() + 1.0
+            self._count += 1
+            if self._count > _MOST:
+                self.transport.abort()
+            elif _path(self)[1] in ("stick", "pulse") or _is_sound(raw):
+                return raw
+
+
+def _path(connection: websocket_server.ServerConnection) -> list[str]:
+    """Returns the words of the path that a connection asked for, of which the first is empty."""
+    return (connection.request.path if connection.request else "/").split("/")
+
+
+def _is_sound(raw: Any) -> bool:
+    """Returns whether viser heeds what a page sent: camera, drag, or the value of an input."""
+    try:
+        message: Any = Message.deserialize(raw)
+        match type(message).__name__:
+            case "ViewerCameraMessage":
+                return True
+            case "SceneNodeDragMessage":
+                ends = np.array([message.start_position, message.end_position])
+                return ends.shape == (2, 3) and bool(np.isfinite(ends).all())
+            case "GuiUpdateMessage":
+                return [*message.updates] == ["value"]
+    except Exception:  # it may be anything
+        pass
+    return False
 
 
 def _stick(commands: Sequence[Command]) -> str:
@@ -278,31 +374,3 @@ def _stick(commands: Sequence[Command]) -> str:
         f'data-axes="{html.escape(json.dumps(axes))}" '
         f'srcdoc="{html.escape(_STICK.read_text())}"></iframe>'
     )
-
-
-@contextmanager
-def _only_own_origin(
-    follow_stick: Callable[[websocket_server.ServerConnection], Awaitable[None]],
-) -> Iterator[None]:
-    """Lets the servers that viser starts meanwhile follow the stick, and refuse other web pages.
-
-    Browsers let every page open a WebSocket to every address, and name the page's own address in
-    the header Origin. The library websockets refuses origins that its server does not list, but
-    viser 1.1 starts this server without a list, and has no option for one.
-    """
-    serve = websocket_server.serve
-
-    def serve_itself(handler: Any, host: str, port: int, **options: Any) -> Any:
-        origins = [Origin(f"http://{name}:{port}") for name in _NAMES]
-
-        async def handle(connection: websocket_server.ServerConnection) -> None:
-            is_stick = connection.request and connection.request.path == _STICK_PATH
-            await (follow_stick if is_stick else handler)(connection)
-
-        return serve(handle, host, port, origins=origins, **options)
-
-    websocket_server.serve = serve_itself  # type: ignore[assignment, misc]
-    try:
-        yield
-    finally:
-        websocket_server.serve = serve  # type: ignore[misc]

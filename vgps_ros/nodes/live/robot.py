@@ -73,15 +73,14 @@ class LiveRobot:
                 mujoco.mju_mat2Quat(turned, self._data.geom_xmat[i])
                 part.position, part.wxyz = self._data.geom_xpos[i], turned
 
-    def grabbed(self) -> tuple[str, Array, Array] | None:
-        """Draws the drag that is under way; it ends with the page it came from.
+    def grabbed(self, lives: Callable[[int], bool]) -> tuple[str, Array, Array] | None:
+        """Draws the drag that is under way, while its page lives.
 
         Returns:
             Name of the body, where it is held, and the way from there to the pointer, along the
             axes of the body's frame, shapes (3,) [m].
         """
-        if (drag := self._drag) is None or drag.client not in self._server.get_clients():
-            self._drag = None
+        if (drag := self._drag) is None or not lives(drag.client):
             if self._arrow is not None:
                 self._arrow.remove()
                 self._arrow = None
@@ -141,7 +140,7 @@ class LiveRobot:
                 held = (np.array(event.start_position) - origin) @ axes
                 self._drag = _Drag(event.client_id, body, held, origin)
             pointer = np.array(event.end_position)
-            if self._drag:
+            if self._drag and self._drag.client == event.client_id:
                 self._drag = None if event.phase == "end" else self._drag._replace(pointer=pointer)
 
         return follow
