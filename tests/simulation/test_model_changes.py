@@ -199,9 +199,21 @@ def test_a_motor_without_a_limit_has_none_whatever_the_model_s_defaults_are(comp
     assert_allclose(model.key("stand").ctrl, 0)
 
 
+def inertia_of(model):
+    data, inertia = mujoco.MjData(model), np.empty((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, inertia)
+    return inertia
+
+
 def test_servos_are_added_as_mujoco_has_them(compiled):
     servo = {"joint": "*", "stiffness": 30.0, "damping": 0.5, "limit": 24.0, "gear": 1.0}
     model = compiled(remove_actuators=["*"], actuators={"hips": servo})
+    geared = compiled(remove_actuators=["*"], actuators={"hips": servo | {"armature": 0.02}})
+    driven = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    more = np.diag(inertia_of(geared) - inertia_of(model))
+    assert_allclose(more[driven], 0.02)
+    assert_allclose(np.delete(more, driven), 0.0, atol=1e-12)
     controls = controls_of(model)
     assert controls.kinds == (ControlKind.POSITION,) * 2
     assert_allclose([controls.stiffness, controls.damping], [[30.0] * 2, [0.5] * 2])

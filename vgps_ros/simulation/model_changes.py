@@ -415,6 +415,7 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
             if ends:
                 actuator.forcelimited, actuator.forcerange = 1, ends
         actuator.gear = [motor.get("gear", 1.0), 0, 0, 0, 0, 0]
+        actuator.armature = motor.get("armature", 0.0)
 
 
 def _drop_references(spec: mujoco.MjSpec, changes: Values) -> None:

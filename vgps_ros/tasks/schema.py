@@ -336,6 +336,9 @@ class Motor(Record, frozen=True, kw_only=True):
     ] = None
     stiffness: Annotated[Positive | None, about("k_p of a servo [N·m/rad]", 30.0)] = None
     damping: Annotated[NonNegative | None, about("k_d of a servo [N·m·s/rad]", 0.5)] = None
+    armature: Annotated[
+        NonNegative, about("inertia of its rotor, as its joint feels it [kg·m²]", 0.02)
+    ] = 0.0
 
 
 class Changes(Record, frozen=True, kw_only=True):
