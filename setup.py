@@ -16,7 +16,7 @@ setup(
     license="Apache-2.0",
     packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
     package_data={
-        "vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*.json"],
+        "vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*.json", "*.template"],
         "vgps_ros.nodes.live": ["*.html"],
     },
     data_files=[
