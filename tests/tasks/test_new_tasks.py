@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The first task file of each kind of robot: it is taken for what it is, and starts soundly."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -44,6 +45,9 @@ ACROBOT = f"""<mujoco><worldbody><body name="upper" pos="0 0 2">
 ARM = ACROBOT.replace(
     "<actuator>", '<actuator><motor joint="shoulder" ctrlrange="-9 9" ctrllimited="true"/>'
 )
+WEAK = f"""<mujoco><worldbody><body pos="0 0 2"><joint name="swing" axis="0 1 0"/>{LINK}</body>
+  </worldbody><actuator><motor joint="swing" ctrlrange="-.5 .5" ctrllimited="true"/></actuator>
+  </mujoco>"""
 SEGMENT = """<body pos="0 .1 0"><joint name="{0}" axis="0 0 1"/>
   <geom type="capsule" size=".01" fromto="0 0 0 0 .08 0"/>"""
 FISH = f"""<mujoco><option density="1000"><flag gravity="disable"/></option><worldbody>
@@ -92,8 +96,15 @@ def written(tmp_path, monkeypatch):
         (walker(*FOUR), "Legs, 4", ["command: turn", "clock: {frequency", "begin: {law: pd}"]),
         (walker(*TWO), "Legs, 2", ["swap: [[left, right]]", "begin: {law: path}"]),
         (walker(("mid", 0, 0)), "Legs, 1", ["clock: {frequency"]),
+        (
+            walker(("mid", 0, 0), extra='ctrlrange="-20 20"'),
+            "Legs, 1",
+            ["begin: {law: sampling", "mid_knee/position, target: 0", "when: moving"],
+        ),
         (ACROBOT, "underactuated", ["shoulder/cos, target: 1, weight: 1", "shoulder: 3.1416"]),
         (ACROBOT, "underactuated", ["begin: {law: best}"]),
+        (WEAK, "underactuated", ["swing: 3.1416", "swing/cos, target: 1, weight: 1"]),
+        (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),
         (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
@@ -123,6 +134,14 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert all(task.initial_state[i] > 0.2 for name, i in bent.items() if "knee" in name)
         feet = [name for name in task.cost_names if name.startswith("foot_")]
         assert len(feet) == len(legs)
+        # Feet touch the ground and nothing else, and those of four legs stand apart.
+        touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+        names = [f"{name}_foot" for name, *_ in legs]
+        assert [model.geom(i).name for i in touching] == ["ground", *names]
+        data = mujoco.MjData(model)
+        data.qpos[:] = task.initial_state[: model.nq]
+        mujoco.mj_kinematics(model, data)
+        assert (np.ptp([data.geom(name).xpos[1] for name in names]) > 0.25) == (legs is FOUR)
         assert not task.fallen(task.initial_state[None])[0]
         assert model.opt.timestep == 0.005
 

@@ -22,6 +22,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names, joint_names
 from vgps_ros.tasks.builder import exchanged
+from vgps_ros.tasks.schema import MOST_CONTACTS
 
 _TEMPLATE = Path(__file__).with_name("new_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
@@ -71,6 +72,16 @@ class _Robot:
     def is_free(self) -> bool:
         """Whether it has a free joint."""
         return any(self.model.jnt_type[j] == _FREE for j in self.base)
+
+    @property
+    def is_biped(self) -> bool:
+        """Whether it may fall to all sides from two feet."""
+        return self.is_free and len(self.feet) == 2
+
+    @property
+    def hops(self) -> bool:
+        """Whether it has one leg."""
+        return len(self.feet) == 1
 
     @property
     def joints(self) -> list[int]:
@@ -198,7 +209,7 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         robot.kind = "vehicle"
         if robot.gravity and _vertical(robot) is not None:
             _stand(robot)
-    elif robot.gravity and any(_hangs(robot, j) for j in robot.joints):
+    elif robot.gravity and any(_hangs(robot, j) or _is_weak(robot, j) for j in robot.joints):
         robot.kind = "pendulum"
     elif _fingers(robot) > 2:
         robot.kind = "hand"
@@ -217,6 +228,27 @@ def _hangs(robot: _Robot, joint: int) -> bool:
         and not np.any(model.jnt_stiffness[joint])
         and joint not in tied
     )
+
+
+def _is_weak(robot: _Robot, joint: int) -> bool:
+    """Returns whether a hinge turns without end, but gravity overcomes its motors on the way.
+
+    Not where the robot has a thing beside it, which it is for.
+    """
+    model, data = robot.model, robot.data
+    motors = np.flatnonzero(model.actuator_trnid[:, 0] == joint)
+    turns = model.jnt_type[joint] == _HINGE and not model.jnt_limited[joint]
+    if not (turns and motors.size) or _object(robot) is not None:
+        return False
+    ends = np.where(model.actuator_ctrllimited[motors], model.actuator_ctrlrange[motors, 1], np.inf)
+    start, place, pull = data.qpos.copy(), model.jnt_qposadr[joint], 0.0
+    for angle in np.linspace(0.0, 2 * np.pi, 8, endpoint=False):
+        data.qpos[place] = angle
+        mujoco.mj_forward(model, data)
+        pull = max(pull, abs(data.qfrc_bias[model.jnt_dofadr[joint]]))
+    data.qpos[:] = start
+    mujoco.mj_forward(model, data)
+    return bool(pull > (np.abs(model.actuator_gear[motors, 0]) * ends).sum())
 
 
 def _fingers(robot: _Robot) -> int:
@@ -358,6 +390,10 @@ def _bend(robot: _Robot, original: Array) -> None:
     mujoco.mj_kinematics(model, data)
     places, frames = data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy()
     data.qpos[:] = inside
+    middle, spread = places[robot.feet].mean(axis=0), np.ptp(places[robot.feet], axis=0)
+    # Pushes to the side are what four legs in a narrow stance do not bear.
+    is_narrow = len(robot.feet) > 2 and spread[:2].min() < data.xpos[robot.root][2] - middle[2]
+    wider = 0.15 * (spread[:2] == spread[:2].min()) * is_narrow
     for foot, hinges in zip(robot.feet, _legs(robot), strict=True):
         wanted, level = places[foot], frames[foot]
         mujoco.mj_kinematics(model, data)
@@ -372,7 +408,8 @@ def _bend(robot: _Robot, original: Array) -> None:
         is_straight = length and np.linalg.norm(points[-1] - points[0]) > 0.97 * length
         if not (length and (is_straight or moved.any())):
             continue
-        wanted[2] += (0.25 if len(robot.feet) > 2 else 0.07) * length
+        wanted[2] += (0.36 if len(robot.feet) > 2 else 0.07) * length
+        wanted[:2] += wider * np.sign(wanted[:2] - middle[:2]) * length
         # A straight knee bends either way; it begins on the side where its range is larger.
         way = 0.3 * np.sign(low + high - 2 * before)
         bent = before + np.where(np.isin(hinges, leg[1:2]) & ~moved, way, 0.0)
@@ -530,7 +567,9 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
     motors = []
     for limit, names in groups.items():
         motor: dict[str, Any] = {"joint": names if len(names) > 1 else names[0]}
-        motor |= {"stiffness": 1.5 * limit, "damping": limit / 40} if robot.feet else {}
+        if robot.feet:  # at 6 Hz, damped as a gear damps
+            servo = {"stiffness": 1.5 * limit, "damping": limit / 20, "armature": limit / 1000}
+            motor |= servo
         key = f"up_to_{limit:g}" if len(names) > 1 else names[0]
         motors.append(f"{_flow(key)}: {_flow(motor | {'limit': limit})}")
     return {
@@ -539,21 +578,36 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
+        "only": _contacts(robot) if touches else None,
     }
+
+
+def _contacts(robot: _Robot) -> list[list[str]]:
+    """Returns the pairs of a ground and a foot, if all have names and nothing else moves."""
+    model = robot.model
+    if not robot.in_tree(model.dof_bodyid).all():
+        return []
+    feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
+    feet &= _bottoms(robot) < _ground(robot) + 0.1 * robot.leg
+    grounds = (model.body_weldid[model.geom_bodyid] == 0) & _touching(model)
+    sides = [[model.geom(i).name for i in np.flatnonzero(these)] for these in (grounds, feet)]
+    pairs = [[ground, foot] for ground in sides[0] or ["floor"] for foot in sides[1]]
+    return pairs if all(map(all, sides)) and len(pairs) <= MOST_CONTACTS else []
 
 
 def _signals(robot: _Robot) -> dict[str, Any]:
     """Returns what a robot with legs is told: commands, the clock of its gait, and its mirror."""
     many = len(robot.feet) > 2
     fast = float(f"{(0.4 if many else 0.22) * (robot.gravity * robot.leg) ** 0.5:.1g}")
-    rate = (0.6 if many else 0.36) * (robot.gravity / robot.leg) ** 0.5
+    rate = (0.6 if many or robot.hops else 0.36) * (robot.gravity / robot.leg) ** 0.5
+    push = 3.0 if many else 0.3 if robot.hops else 0.5 if robot.is_biped else 1.0  # [m/s]
     return {
-        "ahead": [-fast / 2, fast],  # [m/s]
+        "ahead": [0.0 if robot.hops else -fast / 2, fast],  # [m/s]
         "aside": [-0.4 * fast, 0.4 * fast],
         "sideways": robot.is_free and robot.forward[0] == "x",
         "turns": robot.is_free,
         "rate": f"{rate:.2g}",
-        "push": f"{(3.0 if many else 1.0) * robot.mass:.2g}",
+        "push": f"{push * robot.mass:.2g}",
         "unlimited": dict.fromkeys(_places(robot), np.inf),
         "mirror": _mirror(robot),
     }
@@ -569,13 +623,18 @@ def _scored(robot: _Robot) -> dict[str, Any]:
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
     speed = 0.5 * length if robot.kind == "swimmer" else 1.0  # half its length in a second [m/s]
     feet, steps = list[str](), list[str]()
+    when, still = "", list[str]()
+    if robot.hops:  # it stands as it starts
+        when, at = ", when: moving", model.jnt_qposadr
+        places = {model.joint(j).name: data.qpos[at[j]] for j in robot.joints}
+        still = [f"sensor: {j}/position, target: {_flow(q)}" for j, q in places.items()]
     for i, foot in enumerate(robot.feet):  # they swing in turn, at the clock's rhythm
         name = _flow(_new(robot, f"foot_{i + 1}"))
         rest = data.geom_xpos[foot, 2] - _ground(robot)  # its height while it is down
         swing = _flow({"swing": 0.12 * leg, "phase": 0.5 * (i % 2), "rest": rest})
         feet.append(f"{name}: {{type: framepos, geom: {_flow(model.geom(foot).name)}}}")
-        weight = _flow(120.0 / leg**2)
-        steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}}}")
+        weight = _flow((240.0 if robot.is_biped else 120.0) / leg**2)
+        steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
     balls = [
         f"{_flow(_new(robot, name + '_turn'))}: {_flow({'type': 'ballquat', 'joint': name})}"
         for name in _balls(robot)
@@ -595,7 +654,7 @@ def _scored(robot: _Robot) -> dict[str, Any]:
         "steadies": 20 if legs else 5,
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
         "feet": feet,
-        "steps": steps,
+        "steps": [*steps, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
         "reached": reached,
         "ways": _ways(robot) if reached else [],
         "balls": balls,
@@ -606,16 +665,19 @@ def _scored(robot: _Robot) -> dict[str, Any]:
 
 
 def _begin(robot: _Robot) -> dict[str, Any]:
-    """Returns which first motion it gets, one of four."""
+    """Returns which first motion it gets, one of five."""
     controls = controls_of(robot.model) if robot.model.nu else None
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
-    path = len(robot.feet) == 2 and robot.is_free
+    path = robot.is_biped
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
     high = controls.limits[1] if controls else np.full(1, np.inf)
     std = np.where(np.isfinite(high) & (high > 0), 0.2 * high, 1.0).tolist()
+    sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
     return {
+        "hops": robot.hops,
         "path": path,
-        "pd": held and not path,
+        "sampled": sampled,
+        "pd": held and not path and not sampled,
         "noise": None if held or robot.kind == "pendulum" else std if len({*std}) > 1 else std[0],
     }
 
@@ -761,8 +823,8 @@ def _pose_cost(robot: _Robot) -> list[dict[str, Any]]:
     turning = _turning(robot)
     for j in robot.joints:
         name, goal = model.joint(j).name, robot.goal[model.jnt_qposadr[j]]
-        if j in turning:  # what a motor drives may turn on the way
-            weight = 0.1 if model.jnt_dofadr[j] in robot.driven else 1.0
+        if j in turning:  # what a strong motor drives may turn on the way
+            weight = 1.0 if _hangs(robot, j) or _is_weak(robot, j) else 0.1
             for wave, to in (("cos", np.cos(goal)), ("sin", np.sin(goal))):
                 term = {"sensor": f"{name}/{wave}", "target": round(float(to), 3)}
                 terms.append(term | {"weight": weight})
