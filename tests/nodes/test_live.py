@@ -53,6 +53,7 @@ def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph, number):
     page = urllib.request.urlopen(address, timeout=60).read()
     assert b"<html" in page
     assert live.end(number) == 0, live.output
+    assert all(line.startswith("[INFO]") for line in live.output.splitlines()), live.output
     assert "Traceback" not in live.output
 
 

@@ -1,7 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The program `train`: what it writes, and what it refuses."""
 
+import fcntl
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -100,6 +102,23 @@ def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(
     assert exit_info.value.code != 0
     assert sentence in str(exit_info.value.code) + capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json"))
+
+
+def test_a_folder_where_another_training_writes_is_refused(tmp_path):
+    other = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(other, fcntl.LOCK_EX)
+    with pytest.raises(SystemExit, match="Another training writes to"):
+        main(["--task", "rotor", "--iterations", "1", "--output", str(tmp_path)])
+    os.close(other)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("file", ["policy.json", "learning_curve.png"])
+def test_a_full_disk_ends_it_in_a_sentence(tmp_path, file):
+    (tmp_path / f"{file}.part").symlink_to("/dev/full")
+    (tmp_path / file).symlink_to("/dev/full")
+    with pytest.raises(SystemExit, match=r"The disk is full; free some space, and give the same"):
+        main(["--task", "rotor", "--iterations", "1", "--output", str(tmp_path)])
 
 
 def test_a_finished_run_is_replaced_only_where_that_is_asked_for(tmp_path):

@@ -8,6 +8,7 @@ import re
 import signal
 import sys
 from collections.abc import Sequence
+from errno import EDQUOT, ENOSPC
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,6 +87,8 @@ def _run(words: Sequence[str]) -> None:
 
 def _told(error: Exception) -> str:
     """Returns an error's sentence; what Python says of a file by itself begins with a number."""
+    if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
+        return "The disk is full; free some space, and give the same command again."
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"'{error.filename}' cannot be used ({error.strerror}); name another one."
     return str(error)

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -136,7 +137,7 @@ def rerun(arguments: argparse.Namespace) -> None:
         scene.close()
     for sentence, times in left_out.items():
         _say(f"{sentence} ({times} times)", sys.stderr)
-    print(f"Wrote {output}; open it with `vgps view {output}`.")
+    print(f"Wrote {output}; open it with `vgps view {shlex.quote(str(output))}`.")
 
 
 def table(arguments: argparse.Namespace) -> None:

@@ -7,6 +7,7 @@ Example: vgps plot recordings/sample --output plots
 """
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,8 +80,8 @@ def _read(source: Path, namespace: str | None) -> "RunRecord":
 
     if (source / "experiment.json").is_file():
         raise InvalidInputError(
-            f"'{source}' is a comparison: `python -m benchmarks.figure1 plot "
-            f"{source}` draws it, and `vgps plot` draws one of the folders in its runs/."
+            f"'{source}' is a comparison, which `python -m benchmarks.figure1 plot "
+            f"{shlex.quote(str(source))}` draws; name one of the folders in its runs/ here."
         )
     if (folder := RunFolder(source)).trajectories.is_file():
         return read_results(folder)

@@ -13,12 +13,11 @@ import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from errno import EDQUOT, ENOSPC
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
@@ -148,11 +147,7 @@ def _task(name: str, demonstration: str, optimizer: OptimizerSettings) -> "Task"
 
 @contextmanager
 def _claimed(folder: Path) -> Iterator[None]:
-    """Keeps a folder for this training alone while it writes there.
-
-    Raises:
-        VgpsError: another training writes there now, or the disk is full.
-    """
+    """Keeps a folder for this training alone; raises where another one writes there now."""
     folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -162,12 +157,6 @@ def _claimed(folder: Path) -> Iterator[None]:
         raise InvalidInputError(
             f"Another training writes to '{folder}' now; wait for its end, or name another "
             "--output."
-        ) from error
-    except OSError as error:
-        if error.errno not in (ENOSPC, EDQUOT):
-            raise
-        raise VgpsError(
-            f"The disk of '{folder}' is full; free some space, and the same command goes on."
         ) from error
     finally:
         os.close(descriptor)

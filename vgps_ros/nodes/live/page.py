@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+import rich
 import viser
 from viser.infra import Message
 from websockets import ConnectionClosed
@@ -73,6 +74,7 @@ class LivePage:
         self.used: dict[str, float] = {}
         self._held: deque[str | bytes] = deque(maxlen=1)  # what the stick told last
         self._pulses: dict[str, float] = {}  # when each page said last that it lives [s]
+        rich.get_console().quiet = True  # viser announces itself there
         with self._guarded():
             self._server = server = viser.ViserServer("127.0.0.1", port, verbose=False)
 
