@@ -1,10 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Networks of others as ONNX files, made for tests with the package onnx alone."""
+"""Networks as ONNX files: those of others by the package onnx alone, ours by `vgps export`."""
 
 from itertools import pairwise
 
 import numpy as np
 from onnx import TensorProto, helper, numpy_helper
+
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.storage.run_folder import save_policy
 
 ELEMENTS = {np.float32: TensorProto.FLOAT, np.float64: TensorProto.DOUBLE}
 
@@ -55,3 +59,18 @@ def elu_model(layers, metadata, **options):
             nodes.append(helper.make_node("Elu", [out], [a := f"a{i}"]))
     n_in, n_out = layers[0][0].shape[1], layers[-1][0].shape[0]
     return model(nodes, n_in, n_out, tensors, metadata, **options)
+
+
+def drawn_policy(task, hidden=(5,), scale=1.0, seed=1):
+    """Draws a policy of ours for a task, with weights of about `scale`."""
+    shape = Architecture(task.observation.names, hidden, task.dynamics.control_dim)
+    parameters = scale * np.random.default_rng(seed).standard_normal(shape.num_parameters)
+    return GaussianPolicy(shape, parameters, np.full(shape.control_dim, 0.1))
+
+
+def exported(policy, task, folder, *words):
+    """Exports such a policy; returns the file, beside which policy.json is."""
+    save_policy(policy, task.name, folder / "policy.json")
+    path = folder / "policy.onnx"
+    vgps(["export", str(folder / "policy.json"), "--output", str(path), *map(str, words)])
+    return path

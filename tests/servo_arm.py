@@ -68,10 +68,20 @@ cost:
 observe: [joint_positions, joint_velocities]
 search: {hidden_units: [4], iterations: 2, evaluation_rollouts: 2}
 """
+REMEMBERING = """
+model: arm.xml
+control_period: 0.02
+horizon: 1.0
+start: {keyframe: home}
+clock: {frequency: 2.0}
+cost: [{control: all, weight: 1.0}]
+observe: [joint_positions, last_action, clock, joint_velocities]
+history: 2
+"""
 
 
-def write_arm(folder, mjcf):
+def write_arm(folder, mjcf=SERVOS, task=TASK):
     """Writes an arm and its task; returns the task's path."""
     (folder / "arm.xml").write_text(mjcf)
-    (folder / "task.yaml").write_text(TASK)
+    (folder / "task.yaml").write_text(task)
     return str(folder / "task.yaml")

@@ -10,15 +10,13 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
-from tests.onnx_models import elu_layers, elu_model
+from tests.onnx_models import elu_layers, elu_model, exported
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import episodes
 from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.ros_runtime.qos import LATCHED
-from vgps_ros.storage.run_folder import save_policy
 
 STEPS = 60
 
@@ -59,10 +57,8 @@ def rollout(task, law, limit):
 def test_our_own_file_drives_to_the_same_bits_as_the_policy(
     graph, swimmer, random_policy, tmp_path
 ):
-    policy, path = random_policy(5), tmp_path / "policy.onnx"
-    save_policy(policy, "swimmer", tmp_path / "policy.json")
-    words = [str(tmp_path / "policy.json"), "--output", str(path), "--precision", "float64"]
-    vgps(["export", *words])
+    policy = random_policy(5)
+    path = exported(policy, swimmer, tmp_path, "--precision", "float64")
     bag = drive(graph, tmp_path, path, limit=1.5)
     states, controls = motion_of(bag, swimmer)
     expected = rollout(swimmer, lambda x: policy.mean(swimmer.observation(x)), 1.5)

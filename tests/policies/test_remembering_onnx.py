@@ -3,39 +3,20 @@
 
 import numpy as np
 
-from tests.servo_arm import SERVOS
-from vgps_ros.core.policy import Architecture, GaussianPolicy
+from tests.onnx_models import drawn_policy, exported
+from tests.servo_arm import REMEMBERING, write_arm
 from vgps_ros.policies.driver import Driver, observation_of
 from vgps_ros.policies.onnx_file import parsed
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
-
-TASK = """
-model: arm.xml
-control_period: 0.02
-horizon: 1.0
-start: {keyframe: home}
-clock: {frequency: 2.0}
-cost: [{control: all, weight: 1.0}]
-observe: [joint_positions, last_action, clock, joint_velocities]
-history: 2
-"""
 
 
 def test_the_contract_in_its_metadata_gives_what_the_policy_reads(tmp_path, rng):
     """An arm of servos, whose actions are targets from the start's on."""
-    (tmp_path / "arm.xml").write_text(SERVOS)
-    (tmp_path / "task.yaml").write_text(TASK)
-    task = make_task(str(tmp_path / "task.yaml"))
-    shape = Architecture(task.observation.names, (5,), 2)
-    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.ones(2))
-    save_policy(policy, task.name, tmp_path / "policy.json")
-    path = tmp_path / "policy.onnx"
-    words = [str(tmp_path / "policy.json"), "--output", str(path), "--precision", "float64"]
-    vgps(["export", *words])
+    task = make_task(write_arm(tmp_path, task=REMEMBERING))
+    policy = drawn_policy(task)
+    path = exported(policy, task, tmp_path, "--precision", "float64")
     again = open_policy(path).gaussian
     assert again is not None
     assert again.architecture == policy.architecture

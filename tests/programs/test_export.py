@@ -14,7 +14,7 @@ import onnx
 import onnxruntime
 import pytest
 
-from tests.onnx_models import elu_layers, elu_mean, elu_model
+from tests.onnx_models import drawn_policy, elu_layers, elu_mean, elu_model, exported
 from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.policies.onnx_file import metadata_of, parsed
@@ -191,13 +191,8 @@ def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, for
 def test_an_export_says_what_actions_are_at_the_joints(mjcf, tmp_path, rng):
     """A second computation by the metadata alone gives the torques of the robot's own model."""
     task = make_task(write_arm(tmp_path, mjcf))
-    shape = Architecture(task.observation.names, (4,), len(task.controls.names))
-    policy = GaussianPolicy(
-        shape, 0.3 * rng.standard_normal(shape.num_parameters), np.ones(len(task.controls.names))
-    )
-    save_policy(policy, task.name, tmp_path / "policy.json")
-    path = tmp_path / "policy.onnx"
-    vgps(["export", str(tmp_path / "policy.json"), "--output", str(path), "--precision", "float64"])
+    policy = drawn_policy(task, (4,), 0.3)
+    path = exported(policy, task, tmp_path, "--precision", "float64")
     says = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
     numbers = {
         key: np.array(says[key].split(","), dtype=float)

@@ -13,31 +13,20 @@ import torch
 import yaml
 from scipy.spatial.transform import Rotation
 
+from tests.onnx_models import drawn_policy, exported
 from tests.programs.test_import import ROBOT, TASK
-from tests.servo_arm import SERVOS
-from vgps_ros.core.policy import Architecture, GaussianPolicy
+from tests.servo_arm import REMEMBERING, write_arm
 from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.foreign import read_contract, read_leapp
 from vgps_ros.policies.onnx_file import with_metadata
 from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.simulation.model import state_names
-from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbed_task import for_policy
 
 STEPS = 40
 COMMANDS = np.array([0.4, -0.2, 0.6])
-ARM = """
-model: arm.xml
-control_period: 0.02
-horizon: 1.0
-start: {keyframe: home}
-clock: {frequency: 2.0}
-cost: [{control: all, weight: 1.0}]
-observe: [joint_positions, last_action, clock, joint_velocities]
-history: 2
-"""
 # No vgps_ros: what a metadata's names mean is what docs/how_to/export.md says.
 ALONE = """
 import sys
@@ -86,14 +75,10 @@ def leapp():
     return pytest.importorskip("leapp")
 
 
-def exported(folder, task, *words):
+def small_export(folder, task, *words):
     """Exports a policy of small weights; returns it."""
-    shape = Architecture(task.observation.names, (16, 8), task.dynamics.control_dim)
-    parameters = 0.2 * np.random.default_rng(1).standard_normal(shape.num_parameters)
-    policy = GaussianPolicy(shape, parameters, np.full(shape.control_dim, 0.1))
-    save_policy(policy, task.name, folder / "policy.json")
-    words = [str(folder / word) if not word.startswith("-") else word for word in words]
-    vgps(["export", str(folder / "policy.json"), "--output", str(folder / "policy.onnx"), *words])
+    policy = drawn_policy(task, (16, 8), 0.2)
+    exported(policy, task, folder, *(w if w[0] == "-" else folder / w for w in words))
     return policy
 
 
@@ -117,10 +102,8 @@ def as_sent(task, controls):
     return task.controls.at_joints(np.clip(controls, *task.controls.limits))
 
 
-def arm(folder, text=ARM):
-    (folder / "arm.xml").write_text(SERVOS)
-    (folder / "task.yaml").write_text(text)
-    return make_task(str(folder / "task.yaml"))
+def arm(folder, task=REMEMBERING):
+    return make_task(write_arm(folder, task=task))
 
 
 def coordinates(task, states):
@@ -142,7 +125,7 @@ def coordinates(task, states):
 
 def test_onnxruntime_metadata_and_mujoco_alone_do_the_same(tmp_path):
     task = make_task("quadruped")
-    policy = exported(tmp_path, task, "--mjcf", "robot.xml")
+    policy = small_export(tmp_path, task, "--mjcf", "robot.xml")
     subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, check=True)
     found = np.load(tmp_path / "driven.npz")
     _, expected = driven(task, Driver.of(task.observation, policy), states=found["states"])
@@ -154,7 +137,7 @@ def test_onnxruntime_metadata_and_mujoco_alone_do_the_same(tmp_path):
 def test_unitrees_controller_does_the_same(robot, tmp_path):
     """Computed as deploy/include/isaaclab of unitree_rl_lab does; its clock is a step ahead."""
     task = make_task(robot) if robot == "quadruped" else arm(tmp_path)
-    policy = exported(tmp_path, task, "--unitree", "its")
+    policy = small_export(tmp_path, task, "--unitree", "its")
     says = yaml.safe_load((tmp_path / "its" / "params" / "deploy.yaml").read_text())
     session = onnxruntime.InferenceSession(tmp_path / "its" / "exported" / "policy.onnx")
     ahead = says["step_dt"] * task.signals.frequency
@@ -191,9 +174,9 @@ def test_unitrees_controller_does_the_same(robot, tmp_path):
 
 @pytest.mark.parametrize("robot", ["quadruped", "arm", "swimmer"])
 def test_leapps_loader_does_the_same(robot, tmp_path):
-    text = ARM.replace("history: 2", "")
+    text = REMEMBERING.replace("history: 2", "")
     task = arm(tmp_path, text) if robot == "arm" else make_task(robot)
-    policy = exported(tmp_path, task, "--leapp", "bundle")
+    policy = small_export(tmp_path, task, "--leapp", "bundle")
     manager = leapp().InferenceManager(str(tmp_path / "bundle" / "policy.yaml"))
     states, expected = driven(task, Driver.of(task.observation, policy))
     positions, velocities, turning, rotations = coordinates(task, states)
@@ -220,14 +203,15 @@ def test_leapps_loader_does_the_same(robot, tmp_path):
 def test_what_a_format_cannot_say_is_refused_by_name(tmp_path):
     swimmer = make_task("swimmer")
     with pytest.raises(SystemExit, match="control of front_joint is a torque"):
-        exported(tmp_path, swimmer, "--unitree", "its")
+        small_export(tmp_path, swimmer, "--unitree", "its")
     task = arm(
-        tmp_path, ARM.replace("joint_velocities]", "JOINT/sin]".replace("JOINT", "shoulder"))
+        tmp_path,
+        REMEMBERING.replace("joint_velocities]", "JOINT/sin]".replace("JOINT", "shoulder")),
     )
     with pytest.raises(SystemExit, match="reads 'shoulder/sin', which is none of a"):
-        exported(tmp_path, task, "--unitree", "its", "--overwrite")
+        small_export(tmp_path, task, "--unitree", "its", "--overwrite")
     with pytest.raises(SystemExit, match="of former steps"):
-        exported(tmp_path, arm(tmp_path), "--leapp", "bundle", "--overwrite")
+        small_export(tmp_path, arm(tmp_path), "--leapp", "bundle", "--overwrite")
 
 
 @pytest.fixture(scope="module")
