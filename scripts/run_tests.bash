@@ -2,7 +2,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 # Runs the tests, and fails if they left a process or a temporary file. It looks only at what the tests
 # themselves made, so other ROS programs may run beside them. Arguments are handed to pytest; without the
-# path of a test, or another -n, all run in two workers at once.
+# path of a test, or another -n, all run in three workers at once: a test waits for processes half its time.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
@@ -12,7 +12,7 @@ source env.bash
 scratch=$root/log/tests
 rm -rf "$scratch"
 mkdir -p "$scratch"/{home,ros,tmp}
-if [[ " $* " != *" tests/"* ]]; then set -- -n 2 --dist worksteal "$@"; fi
+if [[ " $* " != *" tests/"* ]]; then set -- -n 3 --dist worksteal "$@"; fi
 
 # Each process keeps the environment with which it was started, so the marker finds all descendants,
 # including those that left their process group.
