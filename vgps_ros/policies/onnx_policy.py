@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A network of others as a policy: any ONNX graph without loops, which onnxruntime executes.
+"""A network of others as a policy: an ONNX graph of bounded work, which onnxruntime executes.
 
 Its metadata say what its numbers mean (`policies.contract`). Where it has a stiffness, its actions
 are targets of positions. A robot of servos gets the targets. One of motors gets the torque
@@ -8,8 +8,7 @@ control period, which stiff loops do not bear (`tasks.driver.in_closed_loops`).
 """
 
 import re
-import threading
-from contextlib import contextmanager
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -25,6 +24,7 @@ from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
     OPSET,
+    check_work,
     metadata_of,
     package,
     parsed,
@@ -32,7 +32,7 @@ from vgps_ros.policies.onnx_file import (
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _ENDLESS = 1 << 30  # steps after which nobody waits to know a state
-_LONGEST = 5.0  # time for one observation, at the first time [s]
+_MANY = 64  # observations that a network reads at once
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
 TOLERANCE = 1e-5
@@ -105,9 +105,13 @@ class OnnxPolicy:
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
-        self._takes_many = not self._is_vector and not isinstance(given.shape[0], int)
-        with _limited(name) as options:
-            self._check(self._outputs(np.zeros((1, len(contract.places))), options))
+        self._rows, count = 1, len(contract.places)
+        check_work(model, self._rows, count, name)
+        if not (self._is_vector or isinstance(given.shape[0], int)):
+            with suppress(InvalidInputError):  # then it answers one after another
+                check_work(model, _MANY, count, name)
+                self._rows = _MANY
+        self._outputs(np.zeros((1, count)))
 
     @property
     def steps(self) -> int:
@@ -147,12 +151,13 @@ class OnnxPolicy:
 
     def actions(self, read: Array) -> Array:
         """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
-        if len(read) == 1 or (self._takes_many and len(read)):
-            actions = self._outputs(read)
-        else:
-            one_by_one = [self._outputs(row) for row in read[:, None]]
-            none = np.empty((0, self.contract.action_clip.shape[1]))
-            actions = np.concatenate([*one_by_one, none])
+        rows = self._rows if len(read) > 1 else 1  # whose work was checked
+        parts = [
+            self._outputs(np.resize(read[start : start + rows], (rows, read.shape[1])))
+            for start in range(0, len(read), rows)
+        ]
+        none = np.empty((0, self.contract.action_clip.shape[1]))
+        actions = np.concatenate([*parts, none])[: len(read)]
         return np.asarray(np.clip(actions, *self.contract.action_clip))
 
     def controls(self, actions: Array, inputs: Array) -> Array:
@@ -192,17 +197,9 @@ class OnnxPolicy:
         Raises:
             InvalidInputError: onnxruntime refuses the model, or its input does not fit.
         """
-        runtime, name, count = _runtime(), self._name, len(self.contract.places)
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        # No graph is rewritten, so that all versions do the same operations in the same order.
-        options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        options.log_severity_level = 4
-        options.add_session_config_entry("session.use_env_allocators", "1")
+        name, count = self._name, len(self.contract.places)
         try:
-            session = runtime.InferenceSession(
-                self.content, options, providers=["CPUExecutionProvider"], enable_fallback=0
-            )
+            session = _session(self.content)
         except Exception as error:  # of onnxruntime, see _outputs
             raise self._refused(error) from error
         given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
@@ -234,30 +231,33 @@ class OnnxPolicy:
             "try it with onnxruntime alone."
         )
 
-    def _outputs(self, rows: Array, options: Any = None) -> Array:
-        """Returns the network's actions, shape (N, n_u), for what it reads (N, n_o)."""
-        given = rows.astype(self._kind)
-        if self._is_vector:
-            given = given.reshape(-1)
+    def _outputs(self, rows: Array) -> Array:
+        """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
+        read = rows.astype(self._kind)
+        given = read.reshape(-1) if self._is_vector else read
         try:
-            (found,) = self._session.run([self._output], {self._input: given}, options)
+            (found,) = self._session.run([self._output], {self._input: given})
+            found = np.asarray(found, dtype=float)
         except Exception as error:  # of onnxruntime, which has no common class for its errors
             raise self._refused(error) from error
-        return np.asarray(found, dtype=float).reshape(len(rows), -1)
-
-    def _check(self, actions: Array) -> None:
         count, state = len(self.contract.joints), len(self.contract.state)
-        if actions.size != count + state:
+        if found.size != len(rows) * (count + state):
+            has = f"{count} joints{f' and its state {state} numbers' * bool(state)}"
             raise InvalidInputError(
-                f"{self._name} gives {actions.size} actions, but its metadata 'joint_names' has "
-                f"{count} joints{f' and its state {state} numbers' * bool(state)}; name one joint "
-                "for each action."
+                f"{self._name} gives {found.size / len(rows):g} actions, but its metadata "
+                f"'joint_names' has {has}; name one joint for each action."
             )
-        if not np.isfinite(actions).all():
+        found = found.reshape(len(rows), -1)
+        # What is read may be infinite where a rollout has diverged.
+        strange = np.isfinite(read).all(axis=1) & ~np.isfinite(found).all(axis=1)
+        if strange.any():
+            first = int(np.argmax(strange))
             raise InvalidInputError(
-                f"{self._name} answers the observation zero with {actions.ravel().tolist()}, but "
-                "actions must be finite; look for NaN among its weights."
+                f"{self._name} answers the observation {quoted(rows[first].tolist())} with "
+                f"{quoted(found[first].tolist())}, but actions must be finite; look for NaN among "
+                "its weights, or a division by zero."
             )
+        return found
 
 
 @cache
@@ -272,6 +272,19 @@ def _runtime() -> Any:
     return runtime
 
 
+def _session(content: bytes) -> Any:
+    """Returns a network that onnxruntime has opened."""
+    options = (runtime := _runtime()).SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # No graph is rewritten, so that all versions do the same operations in the same order, and
+    # nothing is computed before the sizes are known.
+    options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    providers = ["CPUExecutionProvider"]
+    return runtime.InferenceSession(content, options, providers=providers, enable_fallback=0)
+
+
 def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Array]:
     """Returns outputs of a network that are the same whatever it reads, each as a vector.
 
@@ -282,12 +295,12 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
         return {}
     rng, found = np.random.default_rng(0), []
     try:
-        session = _runtime().InferenceSession(content, providers=["CPUExecutionProvider"])
+        session = _session(content)
+        check_work(parsed(content, name), 1, 1, name)
         for _ in range(2):
             given = {i.name: rng.standard_normal(i.shape) for i in session.get_inputs()}
             given = {i.name: given[i.name].astype(_KINDS[i.type]) for i in session.get_inputs()}
-            with _limited(name) as options:
-                found.append([v.ravel() for v in session.run(outputs, given, options)])
+            found.append([v.ravel() for v in session.run(outputs, given)])
     except InvalidInputError:
         raise
     except Exception as error:  # of onnxruntime, which has no common class for its errors
@@ -299,35 +312,6 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
                 "they are; export a policy with fixed ones."
             )
     return dict(zip(outputs, found[0], strict=True))
-
-
-@contextmanager
-def _limited(name: str) -> Any:
-    """Gives options with which a run of a network ends after _LONGEST.
-
-    Raises:
-        InvalidInputError: it took longer.
-    """
-    options = _runtime().RunOptions()
-    ended = threading.Event()
-
-    def end() -> None:
-        ended.set()
-        options.terminate = True
-
-    timer = threading.Timer(_LONGEST, end)
-    timer.start()
-    try:
-        yield options
-    except InvalidInputError as error:
-        if ended.is_set():
-            raise InvalidInputError(
-                f"{name} takes more than {_LONGEST:g} s for one observation; use a smaller network."
-            ) from error
-        raise
-    finally:
-        timer.cancel()
-        timer.join()
 
 
 def _versions(model: Any) -> str:
