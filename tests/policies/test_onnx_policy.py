@@ -304,7 +304,7 @@ ZERO, WIDE = np.array([0]), np.array([200_000, 5])
         ),
         (lambda: of_what_is_read("ConstantOfShape", "k"), "how many may not depend on it"),
         (with_a_false_size, "how many may not depend on it"),
-        (lambda: of_what_is_read("Expand", "obs", "k"), "how many may not depend on it"),
+        (lambda: of_what_is_read("Expand", "f", "k"), "how many may not depend on it"),
         (
             lambda: of_what_is_read("Slice", "obs", "z", "k", "z", z=ZERO),
             "how many may not depend on it",

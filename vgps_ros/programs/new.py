@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
             spec, dropped = changed_spec(found, {"drop": ["visual"]}, {}), ["visual"]
         except InvalidInputError:
             raise error from None
-    model = compile_model(self_contained(spec))
+    model = compile_model(self_contained(spec), is_own=True)
     text = first_task_file(reference, model, str(SCHEMA_PATH), dropped)
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)

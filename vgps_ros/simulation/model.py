@@ -6,9 +6,15 @@ are three, `attitude/w` to `attitude/z` for a quaternion, and `fromto/0`, `fromt
 """
 
 import math
+import multiprocessing
 import re
-from collections.abc import Iterable, Sequence
+import resource
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import lru_cache
 from itertools import product
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
@@ -33,28 +39,79 @@ _COORDINATES: dict[mujoco.mjtJoint, tuple[tuple[str, ...], tuple[str, ...], tupl
     _JOINT.mjJNT_SLIDE: (("position",), ("velocity",), ("position",)),
     _JOINT.mjJNT_HINGE: (("position",), ("velocity",), ("position",)),
 }
+_SECONDS, _BYTES = 10, 2 << 30  # that a text may take which is not the user's own
+MUJOCO_ERRORS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 _AXES = {1: ("",), 3: ("/x", "/y", "/z"), 4: ("/w", "/x", "/y", "/z")}
 
 
-def compile_model(mjcf: str) -> mujoco.MjModel:
+def compile_model(mjcf: str, *, is_own: bool = False) -> mujoco.MjModel:
     """Returns the model of an MJCF text.
+
+    Args:
+        mjcf: the text.
+        is_own: whether it is the user's own, and no message's or bag's, which another process tries
+            before.
 
     Raises:
         InvalidInputError: the text does not compile, refers to files or asks for too much, or
             a joint lacks its name.
     """
-    check_self_contained(mjcf)
+    check_text(mjcf)
+    if not is_own:
+        _try(mjcf)
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
         mujoco.MjData(model)
-    except (ValueError, mujoco.FatalError) as error:
-        raise InvalidInputError(f"The robot's MJCF does not compile: {error}.") from error
+    except MUJOCO_ERRORS as error:
+        raise InvalidInputError(f"The robot's MJCF does not compile: {told(error)}.") from error
+    _check_awake(model)  # some of its functions end the process where bodies sleep
     names = [model.joint(i).name for i in range(model.njnt)]
     if not (names and all(names)):
         raise InvalidInputError(
-            f"The robot has the joints {names}, but it must have one, and each a name."
+            f"The robot has the joints {quoted(names)}, but it must have one, and each a name."
         )
     return model
+
+
+@lru_cache(maxsize=16)
+def _try(mjcf: str) -> None:
+    """Compiles a text in a process of its own, which has little time and memory.
+
+    Raises:
+        InvalidInputError: it does not compile there.
+    """
+    processes = multiprocessing.get_context("fork")  # which takes milliseconds
+    found, finds = processes.Pipe(duplex=False)
+    child = processes.Process(target=_compile_within_limits, args=(mjcf, finds), daemon=True)
+    child.start()
+    finds.close()
+    said = f"it takes more than {_SECONDS} s or {_BYTES >> 30} GiB, or ends its process"
+    with suppress(EOFError):
+        said = found.recv() if found.poll(3 * _SECONDS) else said
+    child.kill()
+    child.join()
+    if said:
+        raise InvalidInputError(f"The robot's MJCF does not compile: {said}.")
+
+
+def _compile_within_limits(mjcf: str, finds: Connection) -> None:
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + _BYTES, used + _BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+    try:
+        model = mujoco.MjModel.from_xml_string(mjcf)
+        mujoco.mj_forward(model, mujoco.MjData(model))
+        finds.send("")
+    except MUJOCO_ERRORS as error:
+        finds.send(told(error))
+
+
+def _check_awake(model: mujoco.MjModel) -> None:
+    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        raise InvalidInputError(
+            "The model lets resting bodies sleep, and which ones do is no part of a state; leave "
+            'out `sleep="enable"` in its MJCF.'
+        )
 
 
 def check_supported(model: mujoco.MjModel) -> None:
@@ -74,11 +131,7 @@ def check_supported(model: mujoco.MjModel) -> None:
             f"The model has {model.npluginstate} states of plugins and {model.nhistory} delayed "
             "values, but no more than positions, velocities and activations can be optimised."
         )
-    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
-        raise InvalidInputError(
-            "The model lets resting bodies sleep, and which ones do is no part of a state; leave "
-            'out `sleep="enable"` in its MJCF.'
-        )
+    _check_awake(model)
     # For a range whose ends are exchanged MuJoCo would set no limit.
     for owner, count, names in (
         ("actuator", model.nu, ("ctrlrange", "forcerange")),
@@ -360,53 +413,89 @@ def _is_level(model: mujoco.MjModel, data: mujoco.MjData, axis: np.ndarray) -> b
     return True
 
 
-_MOST_COPIES = 5_000  # of an element
-_MOST_NUMBERS = 2**24  # of a height field, a picture or users
-_COPIES = ("count", "nkey")
-_SIZES = ("nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample")
+# What an element may ask for: the product, or the largest, of the numbers in some attributes.
+_MOST_COPIES = 5_000
+_MOST_NUMBERS = 2**24  # of a height field, a picture, users or a sensor
+_MOST_PARTS = 200  # of the side of a mesh that is computed, whose hull then takes a second
+_MOST_STEPS = 10_000  # of a solver, and of a simulation that finds an actuator's range
+_SIZES = (
+    *("nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample", "num", "resolution"),
+    *("cellcount", "gridsize"),
+)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf", re.IGNORECASE)
 
 
-def check_self_contained(mjcf: str) -> None:
-    """Refuses references to files, which are private, and a model that asks for a huge size.
+def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
+    """Refuses a model that asks for a huge size, and references to files.
+
+    Args:
+        mjcf: the text.
+        folder: where the text's file is; None: the text must hold all, since files are private.
 
     Raises:
         InvalidInputError: the text has one, asks for too much, or cannot be checked.
     """
-    try:
-        if "<!DOCTYPE" in mjcf:  # within which MuJoCo's XML begins earlier than the standard's
-            raise ElementTree.ParseError("it declares a document type")
-        robot = ElementTree.fromstring(mjcf)
-    except ElementTree.ParseError as error:
-        raise InvalidInputError(
-            f"The robot's MJCF does not compile: it is no XML that can be checked "
-            f"({told(error)}); mend the text there."
-        ) from error
-    waiting = [(robot, 1)]
+    robot, folders, included = _parsed(mjcf), set[Path](), set[Path]()
+    for compiler in (robot, *robot.iter("compiler")) if folder else ():
+        folders |= {folder / compiler.get(key, "") for key in ("assetdir", "meshdir", "texturedir")}
+    waiting = [(robot, 1.0)]
     while waiting:
         element, copies = waiting.pop()
-        if files := [value for name, value in element.items() if name.startswith("file")]:
-            raise InvalidInputError(
-                f"The robot's MJCF refers to the file {quoted(files[0])}, but its text must "
-                "hold all of the robot; leave out meshes, textures and includes."
-            )
-        copies *= _asked(element, _COPIES)  # of what stands in another one that is copied, too
-        users = tuple(name for name in element.attrib if name.startswith("nuser_"))
-        numbers = _asked(element, (*_SIZES, *users))
+        for file in [value for name, value in element.items() if name.startswith("file") and value]:
+            if folder is None:
+                raise InvalidInputError(
+                    f"The robot's MJCF refers to the file {quoted(file)}, but its text must "
+                    "hold all of the robot; leave out meshes, textures and includes."
+                )
+            for path in {each / file for each in folders if (each / file).exists()} - included:
+                if not path.is_file():
+                    raise InvalidInputError(f"'{path}', which the MJCF names, is no plain file.")
+                included.add(path)
+                if element.tag == "include":
+                    waiting.append((_parsed(path.read_bytes()), copies))
+        copies *= _asked(element, "count", "nkey")  # of what stands in a copied one, too
+        numbers = _asked(element, *_SIZES, *(name for name in element.attrib if "nuser_" in name))
         if element.tag == "texture" and element.get("type") != "2d":  # a cube's six squares
-            numbers = max(numbers, 6 * _asked(element, ("width",)) ** 2)
+            numbers = max(numbers, 6 * _asked(element, "width") ** 2)
+        step = float(*_NUMBER.findall(element.get("timestep", "0.01"))[:1])
+        if not 1e-7 <= step <= 10.0:
+            raise InvalidInputError(
+                f"The robot's MJCF has a timestep of {step:g} s in <{element.tag}>, but it must be "
+                "from 1e-7 to 10 s; 0.002 s is usual."
+            )
+        times = [name for name in element.attrib if name.endswith(("iterations", "points"))]
         for asked, most, what in (
             (copies, _MOST_COPIES, "copies"),
             (numbers, _MOST_NUMBERS, "numbers"),
+            (_asked(element, "params", of=max), _MOST_PARTS, "parts of a side"),
+            (_asked(element, *times, of=max), _MOST_STEPS, "steps of a solver"),
+            (_asked(element, "inttotal") / step, _MOST_STEPS, "time steps"),
         ):
-            if asked > most:
+            if not asked <= most:
                 raise InvalidInputError(
-                    f"The robot's MJCF asks for {min(asked, 10**12)} {what} in <{element.tag}>, "
-                    f"but {most} are the most; make it smaller."
+                    f"The robot's MJCF asks for {min(asked, 10**12 - 1):.0f} {what} in "
+                    f"<{element.tag}>, but {most} are the most; make it smaller."
                 )
         waiting += ((inner, copies) for inner in element)
 
 
-def _asked(element: ElementTree.Element, names: Sequence[str]) -> int:
-    """Returns the product of an element's whole numbers in attributes of these names."""
-    words = [word for name in names for word in re.findall(r"\d+", element.get(name, ""))]
-    return math.prod(int(word[:12]) for word in words)
+def _parsed(mjcf: str | bytes) -> ElementTree.Element:
+    """Returns the root of a text."""
+    try:
+        if isinstance(mjcf, str) and "<!DOCTYPE" in mjcf:
+            # within which MuJoCo's XML begins earlier than the standard's
+            raise ElementTree.ParseError("it declares a document type")
+        return ElementTree.fromstring(mjcf)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InvalidInputError(
+            f"The robot's MJCF does not compile: it is no XML that can be checked "
+            f"({told(error)}); mend the text there."
+        ) from error
+
+
+def _asked(
+    element: ElementTree.Element, *names: str, of: Callable[[list[float]], float] = math.prod
+) -> float:
+    """Returns the product of an element's numbers in attributes of these names; 1 of none."""
+    words = [word for name in names for word in _NUMBER.findall(element.get(name, ""))]
+    return of([abs(float(word)) for word in words] or [1.0])

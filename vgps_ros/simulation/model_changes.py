@@ -21,6 +21,7 @@ import numpy as np
 
 from vgps_ros.core.checks import known, matching, one_of, quoted, told
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.simulation.model import MUJOCO_ERRORS, check_text
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
 Place = tuple[str | int, ...]
@@ -50,7 +51,6 @@ def change_at(*place: str | int) -> Iterator[None]:
 
 Values = Mapping[str, Any]
 
-_ERRORS = (ValueError, mujoco.FatalError)  # of a model that does not compile
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _WORDS = {  # options that are words, with MuJoCo's enumerations of them
     "integrator": (mujoco.mjtIntegrator, "mjINT_"),
@@ -77,9 +77,11 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         InvalidChangeError: the model does not compile, or a change does not suit it.
     """
     try:
+        check_text(path.read_bytes(), path.parent)
         spec = mujoco.MjSpec.from_file(str(path))
-    except _ERRORS as error:
-        raise InvalidChangeError(("model",), f"the model is no valid MJCF: {error}.") from error
+    except (*MUJOCO_ERRORS, OSError) as error:
+        sentence = f"the model is no valid MJCF: {told(error)}."
+        raise InvalidChangeError(("model",), sentence) from error
     name_all(spec)
     _drop(spec, changes.get("drop", ()))
     if changes.get("floor"):
@@ -128,7 +130,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
             warnings.simplefilter("ignore")
             model = spec.compile()
-    except _ERRORS as error:
+    except MUJOCO_ERRORS as error:
         raise _not_compiled(error) from error
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
@@ -251,7 +253,7 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return spec.compile()
-    except _ERRORS as error:
+    except MUJOCO_ERRORS as error:
         raise _not_compiled(error) from error
 
 

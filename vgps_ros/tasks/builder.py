@@ -64,7 +64,7 @@ def load_task(path: Path, name: str) -> Task:
     file, document = read_task_file(path)
     mjcf = model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
-    model = compile_model(mjcf)
+    model = compile_model(mjcf, is_own=True)
     with document.at(("model",)):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
     signals, std = _signals(file), file.start.std
@@ -464,7 +464,7 @@ def model_text(task: TaskFile, document: Document) -> str:
     if task.changes == Changes() and not task.sensors:
         with suppress(InvalidInputError, UnicodeDecodeError):
             text = find_model(task, document).read_text()
-            compile_model(text)
+            compile_model(text, is_own=True)
             return text
     with document.at(("model",)):
         return self_contained(spec)
