@@ -151,8 +151,10 @@ class OnnxPolicy:
 
     def actions(self, read: Array) -> Array:
         """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
-        rows = self._rows if len(read) > 1 else 1  # whose work was checked
-        parts = [
+        if len(read) == 1:
+            return np.asarray(np.clip(self._outputs(read), *self.contract.action_clip))
+        rows = self._rows
+        parts = [  # of as many as were checked
             self._outputs(np.resize(read[start : start + rows], (rows, read.shape[1])))
             for start in range(0, len(read), rows)
         ]
@@ -248,15 +250,15 @@ class OnnxPolicy:
                 f"'joint_names' has {has}; name one joint for each action."
             )
         found = found.reshape(len(rows), -1)
-        # What is read may be infinite where a rollout has diverged.
-        strange = np.isfinite(read).all(axis=1) & ~np.isfinite(found).all(axis=1)
-        if strange.any():
-            first = int(np.argmax(strange))
-            raise InvalidInputError(
-                f"{self._name} answers the observation {quoted(rows[first].tolist())} with "
-                f"{quoted(found[first].tolist())}, but actions must be finite; look for NaN among "
-                "its weights, or a division by zero."
-            )
+        if not np.isfinite(found).all():
+            # What is read may be infinite where a rollout has diverged.
+            strange = np.isfinite(read).all(axis=1) & ~np.isfinite(found).all(axis=1)
+            for row, actions in zip(rows[strange], found[strange], strict=True):
+                raise InvalidInputError(
+                    f"{self._name} answers the observation {quoted(row.tolist())} with "
+                    f"{quoted(actions.tolist())}, but actions must be finite; look for NaN among "
+                    "its weights, or a division by zero."
+                )
         return found
 
 

@@ -435,9 +435,9 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
     Raises:
         InvalidInputError: the text has one, asks for too much, or cannot be checked.
     """
-    robot, folders, included = _parsed(mjcf), set[Path](), set[Path]()
-    for compiler in (robot, *robot.iter("compiler")) if folder else ():
-        folders |= {folder / compiler.get(key, "") for key in ("assetdir", "meshdir", "texturedir")}
+    robot, included = _parsed(mjcf), set[Path]()
+    keys, within = ("assetdir", "meshdir", "texturedir"), folder or Path()
+    named = {compiler.get(key, "") for compiler in robot.iter("compiler") for key in keys}
     waiting = [(robot, 1.0)]
     while waiting:
         element, copies = waiting.pop()
@@ -447,7 +447,9 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
                     f"The robot's MJCF refers to the file {quoted(file)}, but its text must "
                     "hold all of the robot; leave out meshes, textures and includes."
                 )
-            for path in {each / file for each in folders if (each / file).exists()} - included:
+            for path in {within / each / file for each in ("", *named)} - included:
+                if not path.exists():
+                    continue
                 if not path.is_file():
                     raise InvalidInputError(f"'{path}', which the MJCF names, is no plain file.")
                 included.add(path)
