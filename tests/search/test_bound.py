@@ -107,6 +107,15 @@ def test_the_bound_that_is_told_is_that_of_q_uncut(rotor):
     assert abs(found[1] - found[0]) > 0.1
 
 
+def test_marginals_that_explode_uncut_give_no_bound(rotor, monkeypatch):
+    monkeypatch.setattr("vgps_ros.core.marginals.STD_BOUND", 0.04)
+    task, settings = replace(rotor, std_limit=np.full(2, 0.03)), replace(FIXED, iterations=1)
+    (told,) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    assert told.bound == -np.inf
+    assert told.history[-1].entry()["bound"] is None
+    assert told.m_step_gain > 0.0
+
+
 def test_an_iteration_that_lowers_the_bound_says_so(rotor):
     """From the fourth on, q is the one of the second: the policy has moved on since."""
     kept = []
