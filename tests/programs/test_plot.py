@@ -15,7 +15,7 @@ from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.views import filmstrip
 
-DRAWN = ("learning_curve", "trajectory", "phase_portrait", "motion")
+DRAWN = ("learning_curve", "trajectory", "motion")
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample"
 
 

@@ -19,7 +19,7 @@ from vgps_ros.search.driven import Driven, planar_path
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
-from vgps_ros.views.plots import driving, motion, phase_portrait, save, trajectory
+from vgps_ros.views.plots import driving, motion, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
 
 
@@ -182,18 +182,9 @@ def test_tubes_are_two_standard_deviations_around_the_mean_with_the_executed_ang
         assert_allclose(lines["executed policy"].get_ydata(), run.executed_states[:, i])
 
 
-def test_a_phase_portrait_draws_velocity_over_angle(run):
-    figure = phase_portrait(run)
-    assert [axes.get_title() for axes in figure.axes] == ["root_yaw", "front_joint", "back_joint"]
-    for axes, i in zip(figure.axes, (2, 3, 4), strict=True):
-        [line] = axes.collections
-        loop = np.array([piece[0] for piece in line.get_segments()])
-        assert_allclose(loop, run.executed_states[:-1, [i, i + 5]])
-
-
 def test_what_is_not_known_is_not_drawn(run):
     nothing = RunRecord(run.mjcf, 0.02)
-    assert all(draw(nothing) is None for draw in (trajectory, phase_portrait, motion, filmstrip))
+    assert all(draw(nothing) is None for draw in (trajectory, motion, filmstrip))
 
 
 needs_egl = pytest.mark.skipif(

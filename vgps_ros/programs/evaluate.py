@@ -212,8 +212,7 @@ def add_arguments(parser: Parser) -> None:
         unset="20; of a task with commands 40",
     )
     parser.add_settings(
-        Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0),
-        SEED,
+        Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0), SEED
     )
     parser.add_settings(
         Setting(

@@ -31,14 +31,13 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
 
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
     from vgps_ros.views.learning_curve import learning_curve
-    from vgps_ros.views.plots import driving, motion, phase_portrait, save, trajectory
+    from vgps_ros.views.plots import driving, motion, save, trajectory
 
     run = _read(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
         "trajectory": lambda: trajectory(run),
-        "phase_portrait": lambda: phase_portrait(run),
         "motion": lambda: motion(run),
         "driven": lambda: driving(run.driven) if run.driven else None,
         "filmstrip": lambda: filmstrip(run),

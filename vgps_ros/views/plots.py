@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
@@ -19,7 +18,6 @@ from vgps_ros.simulation.model import compile_model, deviation_names, hinge_name
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
-_PHASE = ("position", "velocity")
 _POSES = 9  # drawn along a motion
 _LABELLED = 4  # one pose of so many has its time above it
 _SMOOTH = 0.3  # time over which what was driven is averaged, where no clock tells a period [s]
@@ -81,41 +79,6 @@ def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
         executed = run.executed_states[:, i]
         time = run.time_step * np.arange(len(executed))
         axes.plot(time, executed, color=_LEARNED, linewidth=1, label="executed policy")
-
-
-def phase_portrait(run: RunRecord) -> Figure | None:
-    """Draws the velocity of each hinge over its angle, darker with time: a gait is a closed loop.
-
-    Returns:
-        The figure; None if no motion under the policy is known, or the robot has no hinge.
-    """
-    model = compile_model(run.mjcf)
-    hinges, names = hinge_names(model), state_names(model)
-    if run.executed_states is None or not hinges:
-        return None
-    columns = min(4, len(hinges))
-    lines = -(-len(hinges) // columns)
-    figure = Figure(figsize=(2.2 * columns, 2.1 * lines + 0.5), layout="constrained")
-    cells = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes in cells[len(hinges) :]:
-        axes.set_axis_off()
-    shade = np.linspace(0.0, 1.0, len(run.executed_states) - 1)
-    for axes, name in zip(cells, hinges, strict=False):
-        loop = run.executed_states[:, [names.index(f"{name}/{kind}") for kind in _PHASE]]
-        pieces = list(np.stack([loop[:-1], loop[1:]], axis=1))
-        drawn = LineCollection(pieces, cmap="Blues", linewidths=1)
-        drawn.set_array(0.35 + 0.65 * shade)
-        drawn.set_clim(0.0, 1.0)
-        axes.add_collection(drawn)
-        axes.plot(*loop[0], marker="o", color="black", markersize=4)
-        axes.set_title(name, fontsize=9)
-        axes.margins(0.08)
-        axes.tick_params(labelsize=8)
-    seconds = run.time_step * (len(run.executed_states) - 1)
-    figure.suptitle(f"{seconds:.3g} s, from the dot on, darker with time", fontsize=9)
-    figure.supxlabel("angle [rad]", fontsize=9)
-    figure.supylabel("velocity [rad/s]", fontsize=9)
-    return figure
 
 
 def motion(run: RunRecord) -> Figure | None:
@@ -185,13 +148,7 @@ def driving(driven: Driven) -> Figure:
         centre = time[: len(mean)] + 0.5 * (window - 1) * driven.time_step
         seconds = f"{window * driven.time_step:.2g} s"
         axes.plot(time, driven.asked[:, i], color=_Q, linewidth=3, label="asked")
-        axes.plot(
-            centre,
-            mean,
-            color=_LEARNED,
-            linewidth=1.2,
-            label=f"driven, mean over {seconds}",
-        )
+        axes.plot(centre, mean, color=_LEARNED, linewidth=1.2, label=f"driven, mean over {seconds}")
         axes.set_ylabel(f"{command.name}\n[{command.unit}]")
         axes.set_title(f"rms error {error:.3f} {command.unit}", fontsize=9, loc="right", pad=2)
         axes.margins(x=0)

@@ -19,12 +19,7 @@ from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.simulation.controls import closed_loops, controls_of
 from vgps_ros.simulation.frames import state_layout
-from vgps_ros.simulation.model import (
-    compile_model,
-    deviation_names,
-    hinge_names,
-    state_names,
-)
+from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
 from vgps_ros.views.blueprint import PLAN_COST, PLAN_TIME, blueprint, eye, ground
 from vgps_ros.views.recording import Recording, robot_time
 from vgps_ros.views.robot_shape import RobotShape, floor

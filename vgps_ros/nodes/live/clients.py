@@ -50,13 +50,10 @@ class SimulationClient:
         self._reset = client(ResetSimulation, "reset_simulation")
         self._step = client(StepSimulation, "step_simulation")
 
-    def play(self) -> None:
-        """Lets the simulation play."""
-        self._set_state(SimulationState.STATE_PLAYING)
-
-    def pause(self) -> None:
-        """Pauses the simulation."""
-        self._set_state(SimulationState.STATE_PAUSED)
+    def set(self, wanted: int) -> None:
+        """Lets the simulation play, or pauses it, by the number of the state."""
+        request = SetSimulationState.Request(state=SimulationState(state=wanted))
+        self._call(self._set, request, _STATES[wanted].capitalize())
 
     def step(self, steps: int) -> None:
         """Lets a paused simulation do some steps."""
@@ -78,10 +75,6 @@ class SimulationClient:
         # Also where the last question has no answer: it may have been lost.
         self._get.call_async(GetSimulationState.Request()).add_done_callback(take)
 
-    def _set_state(self, wanted: int) -> None:
-        request = SetSimulationState.Request(state=SimulationState(state=wanted))
-        self._call(self._set, request, _STATES[wanted].capitalize())
-
     def _call(self, client: Any, request: Any, what: str) -> None:
         if not client.service_is_ready():
             self._tell(f"There is no simulation named {self._name}: is it running?")
@@ -94,6 +87,16 @@ class SimulationClient:
             self.look()
 
         client.call_async(request).add_done_callback(answer)
+
+
+def _ask(client: AsyncParameterClient, names: Sequence[str], then: Callable[..., object]) -> None:
+    """Calls back with the values of a node's parameters, or with none where it lacks one."""
+
+    def take(done: Future) -> None:
+        values = [parameter_value_to_python(value) for value in done.result().values]
+        then(values if None not in values else [])
+
+    client.get_parameters(list(names)).add_done_callback(take)
 
 
 class CostClient:
@@ -117,8 +120,7 @@ class CostClient:
         if not self._client.services_are_ready():
             self._show((), (), ())
         else:
-            question = self._client.get_parameters([_READINGS, _TARGETS, _WEIGHTS])
-            question.add_done_callback(self._take)
+            _ask(self._client, (_READINGS, _TARGETS, _WEIGHTS), self._take)
 
     def set(self, targets: Sequence[float], weights: Sequence[float]) -> None:
         """Sets all values at once."""
@@ -133,10 +135,9 @@ class CostClient:
         self._changing += 1
         self._client.set_parameters_atomically(parameters).add_done_callback(answer)
 
-    def _take(self, done: Future) -> None:
-        values = [parameter_value_to_python(value) for value in done.result().values]
+    def _take(self, values: list[Any]) -> None:
         if self._changing == 0:  # else the visitor's values are newer
-            self._show(*values if values and None not in values else ((), (), ()))
+            self._show(*values or ((), (), ()))
 
 
 class CommandsClient:
@@ -158,16 +159,13 @@ class CommandsClient:
         """Asks again."""
         for client in self._controllers:
             if client.services_are_ready():
-                client.get_parameters(list(FACTS)).add_done_callback(self._take)
+                _ask(client, list(FACTS), self._take)
                 return
         self._show(())
 
-    def _take(self, done: Future) -> None:
-        facts = [parameter_value_to_python(value) for value in done.result().values]
-        commands: Sequence[Command] = ()
-        if facts and None not in facts:
-            try:
-                commands = commands_of(facts)
-            except InvalidInputError as error:
-                self._tell(str(error))
-        self._show(commands)
+    def _take(self, facts: list[Any]) -> None:
+        try:
+            self._show(commands_of(facts) if facts else ())
+        except InvalidInputError as error:
+            self._show(())
+            self._tell(str(error))

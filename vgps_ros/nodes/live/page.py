@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ import mujoco
 import numpy as np
 import rich
 import viser
+from simulation_interfaces.msg import SimulationState
 from viser.infra import Message
 from websockets import ConnectionClosed
 from websockets.asyncio import server as websocket_server
@@ -92,7 +94,8 @@ class LivePage:
         with gui.add_folder("Simulation"):
             self._texts["run"] = gui.add_html("")
             simulation = actions.simulation
-            wishes = {"Play": simulation.play, "Pause": simulation.pause}
+            states = {"Play": SimulationState.STATE_PLAYING, "Pause": SimulationState.STATE_PAUSED}
+            wishes = {name: partial(simulation.set, state) for name, state in states.items()}
             self._add_buttons(wishes | {"Reset": simulation.reset})
             self._steps = gui.add_number("Steps", 1, min=1, max=1_000_000, step=1)
             self._add_buttons({"Step": lambda: simulation.step(int(self._steps.value))})
