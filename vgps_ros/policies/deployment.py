@@ -263,19 +263,9 @@ def read_deployment(path: Path) -> Deployment:
             f"'{path}' is no deployment ({error}); write one with 'vgps export --deployment'."
         ) from error
     return Deployment(
-        name=content.name,
-        mjcf=content.mjcf,
-        time_step=content.time_step,
-        horizon=content.horizon,
-        layout=content.layout,
-        controls=content.controls,
-        signals=content.signals,
-        initial_state=content.initial_state,
-        keyframes=poses,
-        observation=observation,
-        limits=limits,
-        read=content.readings,
-        sensors=content.sensors,
+        *(content.name, content.mjcf, content.time_step, content.horizon, content.layout),
+        *(content.controls, content.signals, content.initial_state, poses),
+        *(observation, limits, content.readings, content.sensors),
     )
 
 

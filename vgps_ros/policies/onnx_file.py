@@ -154,7 +154,7 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
     """Refuses a network that does not answer soon, whatever it reads.
 
     Args:
-        model: what `parsed` returned, which a runtime has opened.
+        model: what `parsed` returned.
         rows: how many observations it reads at once, where the file does not fix it.
         count: how many numbers each has, likewise.
         name: what the sentence of an error calls the file.
@@ -193,7 +193,8 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
                     f"numbers, but at most {_MOST_NUMBERS} may come of an observation, and how "
                     "many may not depend on it; use a smaller network of fixed sizes."
                 )
-        work += _work(node.op_type, [shapes[each] for each in (*node.input, *node.output) if each])
+        names = [each for each in (*node.input, *node.output) if each in shapes]
+        work += _work(node.op_type, [shapes[each] for each in names])
     if work > _MOST_WORK:
         raise InvalidInputError(
             f"{name} takes {min(work, 10**15):.1e} multiplications for an observation, but "

@@ -101,7 +101,8 @@ class OnnxPolicy:
                     f"{name} gives a {kind} of {named[i]}, but the robot takes a {own} there; use "
                     "a robot with other actuators, or give 'joint_stiffness' and 'joint_damping'."
                 )
-        self._versions = _versions(model)
+        opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
+        self._versions = f"opset {', '.join(opsets)}, IR version {model.ir_version}"
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
@@ -295,16 +296,14 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
     """
     if not outputs:
         return {}
+    check_work(parsed(content, name), 1, 1, name)
     rng, found = np.random.default_rng(0), []
     try:
         session = _session(content)
-        check_work(parsed(content, name), 1, 1, name)
         for _ in range(2):
             given = {i.name: rng.standard_normal(i.shape) for i in session.get_inputs()}
             given = {i.name: given[i.name].astype(_KINDS[i.type]) for i in session.get_inputs()}
             found.append([v.ravel() for v in session.run(outputs, given)])
-    except InvalidInputError:
-        raise
     except Exception as error:  # of onnxruntime, which has no common class for its errors
         raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
     for output, *values in zip(outputs, *found, strict=True):
@@ -314,12 +313,6 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
                 "they are; export a policy with fixed ones."
             )
     return dict(zip(outputs, found[0], strict=True))
-
-
-def _versions(model: Any) -> str:
-    """Returns the versions of ONNX that a model names."""
-    opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
-    return f"opset {', '.join(opsets)}, IR version {model.ir_version}"
 
 
 def _sentence(error: Exception) -> str:

@@ -126,12 +126,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         _drop_references(spec, changes)
     for name, sensor in sensors.items():
         _add_sensor(spec, name, sensor)
-    try:
-        with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
-            warnings.simplefilter("ignore")
-            model = spec.compile()
-    except MUJOCO_ERRORS as error:
-        raise _not_compiled(error) from error
+    model = _compiled(spec)
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
     return spec
@@ -147,14 +142,6 @@ def name_all(spec: mujoco.MjSpec) -> None:
                 candidates = chain([name], (f"{name}_{number}" for number in count(2)))
                 element.name = next(each for each in candidates if each not in taken)
                 taken.add(element.name)
-
-
-def _not_compiled(error: Exception) -> InvalidChangeError:
-    sentence = f"the model, as it is changed, does not compile: {told(error)}"
-    if "opening file" in sentence or "resource" in sentence:
-        sentence += "; `changes: {drop: [visual]}` leaves out what only shows, `drop: [meshes]` all"
-        sentence += " meshes and what they are the shape of"
-    return InvalidChangeError(("model",), f"{sentence}.")
 
 
 def _drop(spec: mujoco.MjSpec, what: Sequence[str]) -> None:
@@ -250,11 +237,15 @@ def _remove_joints(spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str
 
 def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
             warnings.simplefilter("ignore")
             return spec.compile()
     except MUJOCO_ERRORS as error:
-        raise _not_compiled(error) from error
+        sentence = f"the model, as it is changed, does not compile: {told(error)}"
+        if "opening file" in sentence or "resource" in sentence:
+            sentence += "; `changes: {drop: [visual]}` leaves out what only shows, `drop: [meshes]`"
+            sentence += " all meshes and what they are the shape of"
+        raise InvalidChangeError(("model",), f"{sentence}.") from error
 
 
 def _lock(model: mujoco.MjModel, body: Any, joint: Any, at: float, kept: Sequence[Any]) -> None:
