@@ -87,9 +87,13 @@ run execute_policy --task "$task" --json "$output/execution.json" \
   --result "$output/result.json" "${patience[@]}"
 
 stop_all
-printf '\nBag:            %s\n' "$output/bag"
-printf 'Recording:      %s\n' "$output/run.rrd"
-printf 'Learning curve: %s\n' "$output/learning_curve.png"
-[[ ! -f $output/driven.png ]] || printf 'Path driven:    %s\n' "$output/driven.png"
+show() {  # show WHAT PATH: names a result that is there
+  [[ ! -e $2 ]] || printf '%-15s %s\n' "$1:" "$2"
+}
+printf '\n'
+show Bag "$output/bag"
+show Recording "$output/run.rrd"
+show 'Learning curve' "$output/learning_curve.png"
+show 'Path driven' "$output/driven.png"
 printf 'More pictures:  vgps plot %s\n' "$output"
 exit "$failed"

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Copies of the recorded sample in which messages are altered, for the program `bag`."""
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -48,6 +49,12 @@ def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
     return rewritten(target, kept, attachments, **parameters)
 
 
+def without_some(target: Path, topic: str, gone) -> Path:
+    """Writes the sample without the messages of these numbers on a topic."""
+    count = itertools.count()
+    return copy(target, lambda m: None if m.topic == topic and next(count) in gone else m.data)
+
+
 @cache
 def sample() -> tuple[BagMessage, ...]:
     """The messages of the sample."""
@@ -61,11 +68,12 @@ def _schemas() -> dict[str, str]:
 
 
 def rewritten(
-    target: Path, messages, attachments: bool = True, definitions=None, **parameters
+    target: Path, messages, attachments: bool = True, definitions=None, texts=None, **parameters
 ) -> Path:
     """Writes the sample with other messages, in the order of their times.
 
-    Keyword arguments are added to the executor's recorded parameters.
+    Keyword arguments are added to the executor's recorded parameters; `texts` changes the text of
+    an attachment.
     """
     writer = BagWriter(target)
     # The sample's definitions, since it may be older than the installed ones.
@@ -79,7 +87,11 @@ def rewritten(
                 content = yaml.safe_load(text) if name == "parameters.yaml" else {}
                 if content:
                     content["/policy_executor"]["ros__parameters"].update(parameters)
-                writer.attach(name, yaml.safe_dump(content) if content else text, bag.start)
+                written = yaml.safe_dump(content) if content else text
+                writer.attach(name, texts(written) if texts else written, bag.start)
+    for topic, kind in {m.topic: m.kind for m in messages}.items():
+        if topic not in writer.topics:
+            writer.add_topic(topic, kind, "", [])
     for message in sorted(messages, key=lambda message: message.stamp):
         writer.write(message.topic, message.stamp, message.data)
     writer.close()

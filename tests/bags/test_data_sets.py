@@ -11,8 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.bags.altered import SAMPLE, copy, definitions_of
+from tests.bags.altered import SAMPLE, copy, definitions_of, without_some
+from tests.bags.damage import small_bag
 from vgps_ros.bags import BagReader, BagWriter, episode
+from vgps_ros.bags.mcap_file import McapFile
+from vgps_ros.bags.reader import storage_files
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
@@ -116,19 +119,50 @@ def half_the_torque(data):
     return data[:-16] + (0.5 * np.frombuffer(data[-16:])).tobytes()
 
 
+def paused(folder):
+    """The sample of a recorder that was paused for a second."""
+    return without_some(folder, "/joint_states", range(200, 250))
+
+
+def without_answers(folder):
+    """The sample without the commands of a second."""
+    return without_some(folder, "/joint_command", range(200, 250))
+
+
+def damaged(folder):
+    """The beginning of the sample with one flipped bit, in the last chunk but one with states."""
+    small_bag(folder, SAMPLE)
+    [file] = storage_files(folder)
+    data, content = bytearray(file.read_bytes()), McapFile(file)
+    stated = [p for p in content.pieces if "/joint_states" in names(content, p)]
+    data[stated[-2].begin + 200] ^= 1
+    file.write_bytes(data)
+    return folder
+
+
+def names(content, piece):
+    return {topic.name for topic, _ in content.messages([piece])}
+
+
 @pytest.mark.parametrize("form", ["parquet", "lerobot"])
-def test_missing_states_end_an_episode_and_are_named(written, tmp_path, capsys, form):
-    """As where a recorder was paused for a second, or a damaged chunk is left out."""
-    count = iter(range(10_000))
-
-    def change(message):
-        gone = message.topic == "/joint_states" and 200 <= next(count) < 250
-        return None if gone else message.data
-
-    folder = written(copy(tmp_path / "holed", change), "--format", form)
+@pytest.mark.parametrize(
+    ("hole", "words"),
+    [
+        (paused, "'{}': 50 states from 3.8"),
+        (damaged, "'{}': holed_0.mcap: the chunk at byte"),
+        (without_answers, "'{}': 50 states lack the control that answers them"),
+    ],
+)
+def test_what_is_missing_ends_an_episode_and_is_named(
+    written, tmp_path, capsys, monkeypatch, form, hole, words
+):
+    if hole is without_answers:
+        monkeypatch.setattr(episode, "controls_are_forces", lambda _: False)
+    bag = hole(tmp_path / "holed")
+    folder = written(bag, "--format", form)
     said = capsys.readouterr().err
-    assert "no states from 3." in said
-    assert "so that a motion ends there" in said
+    assert f"Not whole: {words.format(bag)}" in said
+    assert "a motion ends there" in said
     file = folder / ("motions.parquet" if form == "parquet" else f"data/{FILE}")
     table = pq.read_table(file)
     episodes = rows(table, "episode" if form == "parquet" else "episode_index")
@@ -137,7 +171,7 @@ def test_missing_states_end_an_episode_and_are_named(written, tmp_path, capsys, 
     for k in (0, 1):
         np.testing.assert_allclose(np.diff(times[episodes == k]), 0.02, atol=1e-6)
     if form == "parquet":  # the times are those of the messages
-        assert times[episodes == 1][0] - times[episodes == 0][-1] > 1.0
+        assert times[episodes == 1][0] - times[episodes == 0][-1] > 0.05
 
 
 def test_pictures_show_the_robot_in_each_state(written, tmp_path):
@@ -159,6 +193,7 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_left(written, tmp_path
     kept = tmp_path / "set" / "kept.txt"
     kept.write_text("mine")
     fails("is not an empty folder", SAMPLE)
+    fails("is not an empty folder", SAMPLE, "--overwrite")  # which is no data set
     assert [file.name for file in (tmp_path / "set").iterdir()] == ["kept.txt"]
     kept.unlink()
     fails("is not a bag", tmp_path / "nothing")
@@ -167,6 +202,9 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_left(written, tmp_path
     assert [path.name for path in Path(tmp_path).iterdir()] == ["set"]
     written(SAMPLE)
     assert (tmp_path / "set" / "motions.parquet").is_file()
+    fails("or give --overwrite", SAMPLE, "--format", "lerobot")
+    written(SAMPLE, "--format", "lerobot", "--overwrite")
+    assert sorted(path.name for path in (tmp_path / "set").iterdir()) == ["data", "meta"]
 
 
 def test_only_motions_of_one_robot_at_one_rate_make_a_data_set(written, tmp_path):

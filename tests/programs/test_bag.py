@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 from rerun.chunk import RrdReader
 
-from tests.bags.altered import SAMPLE, copy, fails, main
+from tests.bags.altered import SAMPLE, copy, fails, main, without_some
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
@@ -127,6 +127,18 @@ def test_a_bags_motion_becomes_a_demonstration_bit_for_bit(tmp_path):
     assert table.read_bytes() == before
     with pytest.raises(InvalidInputError, match="lacks the column"):
         load_demonstration(make_task("walker"), table)
+
+
+def test_what_is_missing_is_named_and_the_last_motion_becomes_a_table(tmp_path, capsys):
+    bag = without_some(tmp_path / "bag", "/joint_states", range(200, 250))
+    for command, ending in (("table", "csv"), ("rerun", "rrd")):
+        output = tmp_path / f"bag.{ending}"
+        output.write_text("of before")
+        main([command, str(bag), "--overwrite"])
+        assert "Not whole: 50 states from 3.8" in capsys.readouterr().err
+        assert output.stat().st_size > 1000
+    assert len((tmp_path / "bag.csv").read_text().split()) == 1 + 510 - 250
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["bag", "bag.csv", "bag.rrd"]
 
 
 def test_a_motion_without_torques_is_no_demonstration(tmp_path):

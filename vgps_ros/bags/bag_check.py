@@ -1,14 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Checks a bag by computing again what can be computed from its own content.
 
-- Controls: from each recorded state and policy, within the executor's recorded limits. Ours have
-  the same bits on every machine; those of an ONNX policy depend on the machine and agree within
-  `onnx_policy.TOLERANCE`. Those of the safe action count where the diagnostics say that it drove.
-- States: in lock-step, x' = f(x, u) from each recorded state and control, by MuJoCo and the
-  recorded MJCF, within `STATE_TOLERANCE`: another processor or version of MuJoCo rounds otherwise.
-- Contexts: the clock that the executor told its policy in each state. A command is at rest, or was
-  received on `cmd_vel` or `command` no longer before than `command_timeout`.
-- Files: by the digests in `SHA256SUMS`.
+docs/how_to/recordings.md tells what. Controls of ours have the same bits on every machine; those of
+an ONNX policy agree within `onnx_policy.TOLERANCE`. States and costs agree within tolerances below:
+another processor or version of MuJoCo rounds otherwise.
 
 What is missing is named, but is not called wrong: a recorder may have been paused, and may have
 lost messages. A control answers the state that has the same stamp. The topics reach a recorder
@@ -16,47 +11,68 @@ independently, so the bag may hold a state or a policy somewhat later than the c
 computed from it.
 """
 
+import math
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import pairwise
-from operator import attrgetter, itemgetter
+from functools import cache, partial
+from itertools import chain, pairwise, product
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from vgps_ros.bags.control_check import BagCheck, Stamped, check_controls, unreadable
-from vgps_ros.bags.episode import GAP, recorded_states
+from vgps_ros.bags.control_check import BagCheck, check_controls
+from vgps_ros.bags.episode import Stamped, read_motions
 from vgps_ros.bags.metadata import check_digests
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.bags.recorded_nodes import SLACK, RecordedExecutor, Timeline
+from vgps_ros.bags.recorded_nodes import (
+    SLACK,
+    RecordedExecutor,
+    Timeline,
+    learned_policy,
+    onnx_content,
+    policy_messages,
+)
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import (
     command_from_msg,
     commands_from_twist,
+    efforts_from_msg,
     nanoseconds,
     signals_from_msg,
+    wrench_from_msg,
 )
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.situations import situations
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.forces import AppliedForce, BodyFrames, JointForces
 from vgps_ros.simulation.frames import state_layout
-from vgps_ros.simulation.model import compile_model, state_names
+from vgps_ros.simulation.model import compile_model, joint_names, state_names
+from vgps_ros.tasks.task import Task
 
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
 # What no recomputation proves, in the last sentence of a check.
 UNPROVED = (
-    "when, where and by whom it was recorded, the commit, and the training of its policies; a "
-    "simulation that was computed elsewhere would pass too"
+    "when, where and by whom it was recorded, the commit, all other topics, and all else of the "
+    "training; a simulation that was computed elsewhere would pass too"
 )
 # Time by which a bag may hold a command and the answer that used it in another order [ns].
 _COMMAND_WINDOW = 250_000_000
 _CLOCK_TOLERANCE = 1e-9  # of a sine or cosine
+_ROUNDING = 2  # of a time between two stamps [ns]
+_MOST_STEPS = 100_000  # of all rollouts
+_NUDGE = 1e-9  # of a start, by far more than rounding
+_COST_TOLERANCE = 1e-2  # a cost that the nudge changes by a larger share of it proves nothing
 
 
 def check_bag(
@@ -77,17 +93,22 @@ def check_bag(
         found.wrong += bag.damages
         model = compile_model(bag.mjcf())
         executor = RecordedExecutor(bag, model)
-        states = _states(bag, executor, found)
-        commands = _commands(bag, executor, found)
+        robot, motions = StateMessages(state_layout(model), **executor.frames), []
+        # A real robot may have no odometry.
+        if not executor.is_measured or robot.topics.keys() <= bag.filled_topics.keys():
+            motions = read_motions(bag, robot, found.missing)
+        states = [*chain(*motions), *_measured(bag, executor)]
+        command_of = partial(command_from_msg, controls=executor.controls)
+        commands = _stamped(bag, "joint_command", command_of, found)
         contexts = _contexts(bag, executor, found)
-        answered = sorted([*states, *_measured(bag, executor)], key=attrgetter("received"))
+        answered = sorted(states, key=attrgetter("received"))
         check_controls(bag, executor, trusted, (answered, commands, contexts), found)
-        period = _check_gaps(states, found)
         _check_contexts(bag, executor, contexts, found)
-        if executor.is_in_lock_step and period:
-            _check_states(bag, executor, model, states, commands, period, found)
+        if executor.is_in_lock_step:
+            _check_steps(bag, executor, motions, commands, found)
         else:
             found.unproved.append("the states, which no simulation in lock-step computed")
+        _check_costs(bag, executor, found)
     digests = check_digests(path)
     found.wrong += digests or []
     if digests is None:
@@ -95,23 +116,6 @@ def check_bag(
     elif not digests:
         found.proved.append("the digest of each file")
     return found
-
-
-def _states(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[Stamped]:
-    """Reads the states of which all messages have one stamp, in the order of their receipt."""
-    messages_of = StateMessages(state_layout(executor.model), **executor.frames)
-    states, unusable = list[Stamped](), 0
-    if executor.is_measured and not messages_of.topics.keys() <= bag.filled_topics.keys():
-        return states  # of a robot without odometry
-    for received, messages in recorded_states(bag, messages_of):
-        try:
-            stamp = nanoseconds(messages[JOINTS].header.stamp)
-            states.append(Stamped(received, stamp, messages_of.join(messages)))
-        except InvalidInputError:  # noqa: PERF203
-            unusable += 1
-    if unusable:
-        found.missing.append(f"{unusable} states cannot be used")
-    return states
 
 
 def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[Stamped]:
@@ -127,55 +131,47 @@ def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[Stamped]:
             continue
         if base == ODOMETRY and not executor.is_measured:
             continue  # these states are known
-        topics = {bag.needed_topic(name): name for name in (base, JOINTS)}
-        recorded: dict[str, list[tuple[int, int, Any]]] = {name: [] for name in topics.values()}
-        for message in bag.messages(list(topics)):
-            decoded = bag.decode(message)
-            stamp = nanoseconds(decoded.header.stamp)
-            recorded[topics[message.topic]].append((stamp, message.stamp, decoded))
-        of_base = sorted(recorded[base], key=itemgetter(0))
-        stamps = [stamp for stamp, *_ in of_base]
-        for stamp, received, joints in recorded[JOINTS]:
+        of_base = [message for _, message in bag.decoded(bag.needed_topic(base))]
+        of_base.sort(key=lambda message: nanoseconds(message.header.stamp))
+        stamps = [nanoseconds(message.header.stamp) for message in of_base]
+        for received, joints in bag.decoded(bag.needed_topic(JOINTS)):
+            stamp = nanoseconds(joints.header.stamp)
             first = bisect_left(stamps, stamp - executor.tolerance)
             last = bisect_right(stamps, stamp + executor.tolerance)
-            for _, _, message in of_base[first:last]:
+            for message in of_base[first:last]:
                 with suppress(InvalidInputError):
                     x = messages_of.join({base: message, JOINTS: joints})
                     yield Stamped(received, stamp, x)
 
 
-def _commands(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[Stamped]:
-    """Reads the commands in the order in which they were received."""
-    commands, refused = [], list[str]()
-    for received, message in bag.decoded(bag.needed_topic("joint_command"), refused=refused):
+def _stamped(
+    bag: BagReader, name: str, values_of: Callable[[Any], Array], found: BagCheck
+) -> list[Stamped]:
+    """Reads the messages of a topic, which answer states, in the order of their receipt."""
+    read, refused = list[Stamped](), list[str]()
+    for received, message in bag.decoded(bag.needed_topic(name), refused=refused):
         stamp = nanoseconds(message.header.stamp)
         try:
-            commands.append(Stamped(received, stamp, command_from_msg(message, executor.controls)))
+            read.append(Stamped(received, stamp, values_of(message)))
         except InvalidInputError as error:
             refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
-    if refused:
-        found.wrong.append(unreadable("commands", refused))
-    return commands
+    found.blame(refused, f"{name.removeprefix('joint_')}s cannot be read; of the first one")
+    return read
 
 
 def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> list[Stamped]:
     """Reads what the executor told its policy in each state, in the order of receipt."""
-    names, contexts, refused = executor.signals.names, list[Stamped](), list[str]()
-    topic = bag.filled_topics.get(CONTEXT)
-    if not names or topic is None:
-        return contexts
-    for received, message in bag.decoded(topic, refused=refused):
-        stamp = nanoseconds(message.header.stamp)
-        try:
-            values = signals_from_msg(message)
-            if tuple(values) != names:
-                raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
-            contexts.append(Stamped(received, stamp, np.array(list(values.values()))))
-        except InvalidInputError as error:
-            refused.append(f"At {stamp * 1e-9:.3f} s, {error}")
-    if refused:
-        found.wrong.append(unreadable("contexts", refused))
-    return contexts
+    names = executor.signals.names
+
+    def told(message: Any) -> Array:
+        values = signals_from_msg(message)
+        if tuple(values) != names:
+            raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
+        return np.array(list(values.values()))
+
+    if not names or CONTEXT not in bag.filled_topics:
+        return []
+    return _stamped(bag, CONTEXT, told, found)
 
 
 def _check_contexts(
@@ -185,7 +181,11 @@ def _check_contexts(
     signals = executor.signals
     if not contexts:
         return
-    given, longest = _commanded(bag, executor), _longest_hold(executor)
+    given, values_of = _commanded(bag, executor), partial(executor.parameters.values, executor.node)
+    # A command may have been held for so long [ns], which no message tells in simulated time.
+    is_simulated = True in values_of("use_sim_time")
+    timeout = max(values_of("command_timeout"), default=math.inf)
+    longest = math.inf if is_simulated else 1e9 * timeout + _COMMAND_WINDOW
     different, strange = list[str](), list[str]()
     for each in contexts:
         told, at = each.values[: len(signals.commands)], f"at {each.stamp * 1e-9:.3f} s"
@@ -199,14 +199,9 @@ def _check_contexts(
             last = bisect_right(own.received, each.received + _COMMAND_WINDOW)
             if value not in (command.rest, *own.values[first:last]):
                 strange.append(f"{at} {command.name} is {value:g}")
-    if agreeing := len(contexts) - len(different):
-        found.proved.append(f"the clock of {agreeing} of {len(contexts)} contexts")
-    if different:
-        words = f"{len(different)} contexts are none that the executor tells"
-        found.wrong.append(f"{words}: {different[0]}")
-    if strange:
-        words = f"{len(strange)} values in contexts were not commanded in the bag"
-        found.missing.append(f"{words}: {strange[0]}")
+    found.prove("the clock of", len(contexts) - len(different), len(contexts), "contexts")
+    found.blame(different, "contexts are none that the executor tells")
+    found.blame(strange, "values in contexts were not commanded in the bag", found.missing)
 
 
 def _commanded(bag: BagReader, executor: RecordedExecutor) -> list[Timeline]:
@@ -227,101 +222,136 @@ def _commanded(bag: BagReader, executor: RecordedExecutor) -> list[Timeline]:
     return given
 
 
-def _longest_hold(executor: RecordedExecutor) -> float:
-    """Returns the time for which a command may have been held [ns].
-
-    It is not known where the executor's clock was simulated.
-    """
-    parameters, node = executor.parameters, executor.node
-    timeouts = parameters.values(node, "command_timeout")
-    if not timeouts or True in parameters.values(node, "use_sim_time"):
-        return float("inf")
-    return 1e9 * max(timeouts) + _COMMAND_WINDOW
-
-
-def _check_gaps(states: list[Stamped], found: BagCheck) -> int:
-    """Names the stretches in which states are missing; returns the period of the states [ns]."""
-    steps = [(a, b) for a, b in pairwise(states) if b.stamp > a.stamp]
-    period = round(np.median([b.stamp - a.stamp for a, b in steps])) if steps else 0
-    for a, b in steps:
-        if b.stamp - a.stamp > GAP * period:
-            count = round((b.stamp - a.stamp) / period) - 1
-            found.missing.append(
-                f"{count} states from {a.stamp * 1e-9:.3f} to {b.stamp * 1e-9:.3f} s are not in "
-                "the bag: they were not recorded, or were cut out"
-            )
-    return period
-
-
-def _check_states(
+def _check_steps(
     bag: BagReader,
     executor: RecordedExecutor,
-    model: mujoco.MjModel,
-    states: list[Stamped],
+    motions: list[list[Stamped]],
     commands: list[Stamped],
-    period: int,
     found: BagCheck,
 ) -> None:
+    """Computes each state of a motion but the first one again, and the efforts that led to it."""
+    pairs = [pair for motion in motions for pair in pairwise(motion)]
+    found.unproved.append(f"the first state of {len(motions)} motions")
+    if not pairs:
+        return
+    model = executor.model
+    period = float(np.median([after.stamp - before.stamp for before, after in pairs]))
     dynamics = Dynamics(model, max(1, round(period * 1e-9 / model.opt.timestep)), threads=1)
-    controls: dict[int, list[Stamped]] = defaultdict(list)
+    forces, joints, names = JointForces(model), joint_names(model), state_names(model)
+    controls = defaultdict[int, list[Stamped]](list)
     for command in commands:
         controls[command.stamp].append(command)
-    pushed = _pushed(bag, executor, states)
-    agreeing = different = unanswered = excused = 0
-    first = ""
-    before: list[Stamped] = []  # states of one stamp: a paused simulation repeats its state
-    for state in states:
-        if not before or state.stamp == before[-1].stamp:
-            before = [*before[-9:], state]
-            continue
-        previous, before = before, [state]
-        if abs(state.stamp - previous[-1].stamp - period) > 2:
-            continue  # a reset, or a gap
-        begin, end = previous[0].received - SLACK, state.received + SLACK
-        answers = [c for c in controls[previous[-1].stamp] if begin <= c.received <= end]
-        scale = np.maximum(1.0, np.abs(state.values))
-        differences = [
-            (dynamics.step(one.values, answer.values) - state.values) / scale
-            for one in reversed(previous)
-            for answer in answers
-        ]
-        if any((np.abs(difference) <= STATE_TOLERANCE).all() for difference in differences):
-            agreeing += 1
-        elif any(a <= previous[-1].stamp <= b for a, b in pushed):
-            excused += 1
-        elif not differences:
-            unanswered += 1
+    pushes = _pushes(bag, executor, list(chain(*motions)))
+    wrong, efforts, unanswered = list[str](), list[str](), 0
+    for before, after in pairs:
+        at, off = f"at {after.stamp * 1e-9:.3f} s", list[Array]()
+        first, last = before.received - SLACK, after.received + SLACK
+        answers = [c.values for c in controls[before.stamp] if first <= c.received <= last]
+        scale = np.maximum(1.0, np.abs(after.values))
+        for control, push in product(answers, [None, *pushes(before)]):
+            off.append((dynamics.step(before.values, control, push) - after.values) / scale)
+            if np.abs(off[-1]).max() > STATE_TOLERANCE:
+                continue
+            if len(after.joints.effort):
+                due, told = forces(before.values, control), efforts_from_msg(after.joints, joints)
+                if not np.allclose(told, due, rtol=STATE_TOLERANCE, atol=STATE_TOLERANCE):
+                    efforts.append(f"{at} they are {told.tolist()}, not {due.tolist()}")
+            break
         else:
-            different += 1
-            worst = int(np.argmax(np.abs(differences[0])))
-            first = first or (
-                f"at {state.stamp * 1e-9:.3f} s {state_names(model)[worst]} is "
-                f"{float(state.values[worst])!r}, which is off by "
-                f"{float(np.abs(differences[0][worst])):.2g}"
-            )
-    total = agreeing + excused + unanswered + different
-    if agreeing:
-        found.proved.append(f"{agreeing} of {total} steps from state to state")
-    if different:
-        found.wrong.append(
-            f"{different} states do not follow from the state and the control before them: {first}"
-        )
+            unanswered += not off
+            if off:
+                worst = int(np.argmax(np.abs(off[0])))
+                is_now = f"{names[worst]} is {float(after.values[worst])!r}"
+                wrong.append(f"{at} {is_now}, which is off by {abs(off[0][worst]):.2g}")
+        if abs(late := after.stamp - before.stamp - period) > _ROUNDING:
+            wrong.append(f"{at} a state comes {late * 1e-9:g} s too late")
+    agreeing = len(pairs) - unanswered - len(wrong)
+    found.prove("", agreeing, len(pairs), "steps from state to state")
+    found.blame(wrong, "states do not follow from the state and the control before them")
+    found.blame(efforts, "states tell efforts that are not those of their controls")
     if unanswered:
         found.missing.append(f"{unanswered} states lack the control that answers them")
-    if excused:
-        found.unproved.append(f"{excused} steps under a push")
 
 
-def _pushed(
+def _pushes(
     bag: BagReader, executor: RecordedExecutor, states: list[Stamped]
-) -> list[tuple[int, int]]:
-    """Returns the first and last stamps [ns] of the states from which a push may have acted."""
+) -> Callable[[Stamped], Iterator[AppliedForce]]:
+    """Returns a function that yields the pushes that may have acted from a state on."""
+    bodies, found = BodyFrames(executor.model), list[tuple[int, int, tuple[int, Array, Array]]]()
+    node, _ = executor.parameters.having("push_duration")
+    duration = max(executor.parameters.values(node, "push_duration"), default=0.0)
     topic = bag.filled_topics.get("push")
-    _, simulated = executor.parameters.having("push_duration")
-    duration = round(float(simulated.get("push_duration", 0.0)) * 1e9)
-    stretches = []
-    for message in bag.messages([topic] if topic else []):
-        around = [s.stamp for s in states if abs(s.received - message.stamp) <= SLACK]
-        if around:
-            stretches.append((min(around), max(around) + duration))
-    return stretches
+    for received, message in bag.decoded(topic) if topic else ():
+        around = [s.stamp for s in states if abs(s.received - received) <= SLACK]
+        with suppress(InvalidInputError):  # which the simulation refused
+            body, wrench = bodies.body(message.header.frame_id), wrench_from_msg(message.wrench)
+            if around:
+                last = max(around) + round(1e9 * duration)
+                found.append((min(around), last, (body, wrench[:3], wrench[3:])))
+
+    def acting(state: Stamped) -> Iterator[AppliedForce]:
+        for first, last, push in found:
+            if first <= state.stamp <= last:
+                yield bodies.applied(state.values, *push)
+
+    return acting
+
+
+def _check_costs(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> None:
+    """Rolls the policies of a training out again, without noise, the newest ones first."""
+    topic = bag.filled_topics.get("learning_progress")
+    progress = [message for _, message in bag.decoded(topic)] if topic else []
+    policies = defaultdict[int, list[GaussianPolicy]](list)
+    for _, message in policy_messages(bag, []) if progress else ():
+        with suppress(InvalidInputError):  # which was named
+            if onnx_content(message) is None:
+                policies[message.iteration].append(learned_policy(message))
+    tasks_of = cache(partial(_situations, executor))
+    wrong, agreeing, steps = list[str](), 0, 0
+    for message in reversed(progress):
+        tasks, told = tasks_of(message.seed), message.deterministic_cost
+        steps += sum(task.horizon for task in tasks)
+        if not tasks or steps > _MOST_STEPS:
+            break
+        costs = [c for policy in policies[message.iteration] if (c := _cost(tasks, policy))]
+        if any(abs(told - cost) <= error or told == cost for cost, error in costs):
+            agreeing += 1
+        elif costs:
+            wrong.append(f"that of iteration {message.iteration} is {told!r}, not {costs[-1][0]!r}")
+    found.prove("the cost without noise of", agreeing, len(progress), "policies")
+    found.blame(wrong, "costs without noise are not the policies'")
+    if unknown := len(progress) - agreeing - len(wrong):
+        found.unproved.append(f"the costs of {unknown} policies")
+
+
+def _situations(executor: RecordedExecutor, seed: int) -> list[Task]:
+    """Returns the task in each situation of a training; none where the bag does not tell them."""
+    task, (_, own) = executor.task, executor.parameters.having("evaluation_rollouts")
+    if task is None or own.get("demonstration"):
+        return []
+    settings = search_settings(task)
+    names = [s.name for s in settings_of(settings) if s.name in own]
+    lists = {name: tuple(own[name]) for name in names if isinstance(own[name], list)}
+    settings = with_values(settings, {name: own[name] for name in names} | lists)
+    if settings.renew.share or settings.disturb.start_before:
+        return []
+    return [situation.of(task) for situation, _ in situations(task, settings, seed)]
+
+
+def _cost(tasks: list[Task], policy: GaussianPolicy) -> tuple[float, float] | None:
+    """Returns the mean cost without noise, and what rounding may change; None if that is much."""
+    costs = np.zeros(2)
+    for task in tasks:
+        dynamics, nudges = task.dynamics, np.zeros((2, task.dynamics.space.tangent_dim))
+        nudges[1] = _NUDGE
+        noise = np.zeros((2, task.horizon, len(policy.noise_std)))
+        starts = dynamics.space.add(task.initial_state, nudges)
+        starts[0] = task.initial_state
+        try:
+            motions = dynamics.execute(policy, task.observation, starts, noise)
+        except InvalidInputError:  # a policy of another robot
+            return None
+        costs += task.rollout_costs(*motions) / len(tasks)
+    cost, nudged = costs.tolist()
+    error = abs(nudged - cost) + STATE_TOLERANCE * abs(cost)
+    return (cost, error) if cost == nudged or error <= _COST_TOLERANCE * abs(cost) else None

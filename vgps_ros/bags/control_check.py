@@ -4,18 +4,17 @@
 from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
-from vgps_ros.bags.episode import GAP
+from vgps_ros.bags.episode import GAP, Stamped
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import (
+    ONNX,
     RecordedExecutor,
     Timeline,
     learned_policy,
     onnx_content,
-    onnx_policy,
     policy_messages,
 )
 from vgps_ros.core.errors import InvalidInputError
@@ -47,24 +46,16 @@ class BagCheck:
     unproved: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
 
+    def prove(self, words: str, agreeing: int, total: int, kind: str) -> None:
+        """Notes how many of a kind agree, if any do."""
+        if agreeing > 0:
+            self.proved.append(f"{words} {agreeing} of {total} {kind}".lstrip())
 
-class Stamped(NamedTuple):
-    """A state x, a context z or a control u of a bag.
-
-    Attributes:
-        received: when it was received [ns].
-        stamp: that of the state to which it belongs [ns].
-        values: its numbers.
-    """
-
-    received: int
-    stamp: int
-    values: Array
-
-
-def unreadable(kind: str, sentences: list[str]) -> str:
-    """Says how many messages of a kind cannot be read, and why the first one cannot."""
-    return f"{len(sentences)} {kind} cannot be read; of the first one: {sentences[0].rstrip('.')}"
+    def blame(self, sentences: list[str], words: str, where: list[str] | None = None) -> None:
+        """Notes how many things are wrong, or missing, and the sentence on the first, if any is."""
+        if sentences:
+            noted = f"{len(sentences)} {words}: {sentences[0].rstrip('.')}"
+            (self.wrong if where is None else where).append(noted)
 
 
 def check_controls(
@@ -93,8 +84,7 @@ def check_controls(
         for each in those:
             values_of[each.stamp].add(each.received, each.values)
     check = _ControlCheck(bag, executor, _policies(bag, executor, trusted, found))
-    first = ""
-    counts = found.counts
+    different, counts = list[str](), found.counts
     for command in commands:
         answered = [
             (x, z)
@@ -107,13 +97,9 @@ def check_controls(
         ]
         kind, sentence = check.kind_of(command, answered)
         counts[kind] += 1
-        first = first or sentence
-    agreeing = sum(counts[kind] for kind in AGREEING)
-    if agreeing:
-        found.proved.append(f"{agreeing} of {len(commands)} controls")
-    if counts["different"]:
-        words = f"{counts['different']} controls are not what the policy gives for their states"
-        found.wrong.append(f"{words}: {first}")
+        different += [sentence] if sentence else []
+    found.prove("", sum(counts[kind] for kind in AGREEING), len(commands), "controls")
+    found.blame(different, "controls are not what the policy gives for their states")
     if counts["posed"]:
         found.unproved.append(f"{counts['posed']} controls of standing up, holding or sitting down")
     for kind, words in (
@@ -296,12 +282,11 @@ def _policies(
                 check_robot("The policy", message.robot, executor.robot)
                 usable = executor.learned(policy)
             else:
-                usable = onnx_policy(content or b"", executor.controls)
+                usable = OnnxPolicy(content or b"", f"The message on {ONNX}", executor.controls)
             executor.check_fits(usable)
             iteration = message.iteration if policy else 0
             timeline.add(received, (iteration, ExecutedPolicy(usable)))
-    if refused:
-        found.wrong.append(unreadable("policies", refused))
+    found.blame(refused, "policies cannot be read; of the first one")
     if same:
         found.proved.append(f"{same} policies by the file")
     elif trusted:

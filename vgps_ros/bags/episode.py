@@ -1,14 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads the motions in a bag: their states, and the controls that led to them.
 
-A motion ends where time goes back, as at a reset, and where states are missing.
+A motion ends where time goes back, as at a reset, where the robot was put elsewhere, and where
+states are missing.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
@@ -24,7 +24,6 @@ from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import controls_are_forces
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import actuated_joint_names
-from vgps_ros.tasks.motion_table import write_motion
 
 GAP = 1.5  # a longer step from state to state than so many usual ones is a gap
 
@@ -41,6 +40,62 @@ def recorded_states(bag: BagReader, states: StateMessages) -> Iterator[tuple[int
     for message in bag.messages(list(names)):
         if found := collector.add(names[message.topic], bag.decode(message)):
             yield message.stamp, found
+
+
+class Stamped(NamedTuple):
+    """A state x, a context z or a control u of a bag.
+
+    Attributes:
+        received: when it was received [ns].
+        stamp: that of the state to which it belongs [ns].
+        values: its numbers.
+        joints: of a state, its message on joint_states.
+    """
+
+    received: int
+    stamp: int
+    values: Array
+    joints: Any = None
+
+
+def read_motions(bag: BagReader, robot: StateMessages, faults: list[str]) -> list[list[Stamped]]:
+    """Reads the states of a robot and splits them into motions. Repeated states count once.
+
+    Args:
+        bag: the bag.
+        robot: joins messages to states.
+        faults: takes a sentence on each stretch without states, and on those that are none.
+
+    Raises:
+        InvalidInputError: the bag lacks a topic, or a message fits no definition.
+    """
+    states, unusable = list[Stamped](), 0
+    for received, messages in recorded_states(bag, robot):
+        joints = messages[JOINTS]
+        try:
+            x = robot.join(messages)
+            states.append(Stamped(received, nanoseconds(joints.header.stamp), x, joints))
+        except InvalidInputError:
+            unusable += 1
+    if unusable:
+        faults.append(f"{unusable} states cannot be used")
+    steps = [b.stamp - a.stamp for a, b in pairwise(states) if b.stamp > a.stamp]
+    period = float(np.median(steps)) if steps else 0.0
+    motions = [states[:1]] if states else []
+    for before, state in pairwise(states):
+        step = state.stamp - before.stamp
+        if not step and np.array_equal(before.values, state.values):
+            continue
+        if not 0 < step <= GAP * period:
+            motions.append([])
+        if step > GAP * period:
+            faults.append(
+                f"{round(step / period) - 1} states from {before.stamp * 1e-9:.3f} to "
+                f"{state.stamp * 1e-9:.3f} s are not in the bag: they were not recorded, or were "
+                "cut out, so that a motion ends there"
+            )
+        motions[-1].append(state)
+    return motions
 
 
 @dataclass(frozen=True)
@@ -67,108 +122,88 @@ class Episode:
         """Time between two states [s]."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def trajectory(self) -> Trajectory:
+        """The states, and the control in each but the last."""
+        return Trajectory(self.states, self.controls[1:])
 
-def episodes(bag: BagReader, model: mujoco.MjModel) -> list[Episode]:
-    """Reads the motions of a robot. Repeated states count once.
 
-    Motions of fewer than two states are left out.
+def episodes(
+    bag: BagReader, model: mujoco.MjModel, faults: list[str] | None = None
+) -> list[Episode]:
+    """Reads the motions of a robot but those of fewer than two states.
+
+    Args:
+        bag: the bag.
+        model: the robot.
+        faults: takes a sentence on each part of the bag that is damaged or has no states.
     """
-    robot_states = StateMessages(state_layout(model))
-    states = [
-        (received, nanoseconds(messages[JOINTS].header.stamp), messages)
-        for received, messages in recorded_states(bag, robot_states)
-    ]
-    steps = [b - a for (_, a, _), (_, b, _) in pairwise(states) if b > a]
-    longest = GAP * float(np.median(steps)) if steps else 0.0
-    motions: list[_Motion] = []
-    newest = sys.maxsize
-    for received, stamp, messages in states:
-        if not newest <= stamp <= newest + longest:
-            motions.append(_Motion(received, {}, {}))
-        newest = stamp
-        motions[-1].states[stamp] = robot_states.join(messages)
-        motions[-1].joints[stamp] = messages[JOINTS]
-    ends = [motion.begin for motion in motions[1:]]
-    controls = _efforts if controls_are_forces(model) else _answers(bag, model)
-    return [
-        Episode(
-            model,
-            min(motion.states) * 1e-9,
-            (np.array([*motion.states]) - min(motion.states)) * 1e-9,
-            np.array([*motion.states.values()]),
-            controls(motion, end, model),
-        )
-        for motion, end in zip(motions, [*ends, sys.maxsize], strict=False)
-        if len(motion.states) > 1
-    ]
+    faults = [] if faults is None else faults
+    faults += bag.damages
+    motions = read_motions(bag, StateMessages(state_layout(model)), faults)
+    ends = [motion[0].received for motion in motions[1:]]
+    controls = _controls(bag, model)
+    found = []
+    for motion, end in zip(motions, [*ends, sys.maxsize], strict=False):
+        if len(motion) > 1:
+            stamps = np.array([state.stamp for state in motion])
+            states = np.array([state.values for state in motion])
+            time, answers = (stamps - stamps[0]) * 1e-9, controls(motion, end)
+            found.append(Episode(model, motion[0].stamp * 1e-9, time, states, answers))
+    return found
 
 
-def holes(motions: Sequence[Episode]) -> list[str]:
-    """Returns a sentence on each stretch between two motions in which states are missing."""
-    return [
-        f"no states from {end:.3f} to {after.start:.3f} s, so that a motion ends there"
-        for before, after in pairwise(motions)
-        if after.start > (end := before.start + float(before.time[-1]))
-    ]
-
-
-class _Motion(NamedTuple):
-    begin: int  # time at which the first state was received [ns]
-    states: dict[int, Array]  # by stamp [ns]
-    joints: dict[int, Any]  # the messages on joint_states
-
-
-def _efforts(motion: _Motion, _end: int, model: mujoco.MjModel) -> Array:
-    """Returns the recorded efforts of the driven joints, shape (N, n_u)."""
-    names, unknown = actuated_joint_names(model), np.full(model.nu, np.nan)
-    joints = motion.joints.values()
-    return np.array([efforts_from_msg(m, names) if len(m.effort) else unknown for m in joints])
-
-
-def _answers(bag: BagReader, model: mujoco.MjModel) -> Callable[..., Array]:
-    """Returns a function that finds the joint_command that answers the state before each."""
-    controls, unknown = controls_of(model), np.full(model.nu, np.nan)
-    topic = bag.filled_topics.get("joint_command")
-    recorded = list(bag.decoded(topic)) if topic else []
-
-    def find(motion: _Motion, end: int, _model: mujoco.MjModel) -> Array:
-        # Stamps come again after a reset; the topics reach a recorder independently.
-        answers = {
-            nanoseconds(message.header.stamp): command_from_msg(message, controls)
-            for received, message in recorded
-            if motion.begin - SLACK <= received < end
-        }
-        return np.array(
-            [unknown, *(answers.get(stamp, unknown) for stamp in [*motion.states][:-1])]
-        )
-
-    return find
-
-
-def motion_of(episode: Episode) -> Trajectory:
-    """Returns the states of a motion, and the control in each but the last.
+def driven_episodes(bag: BagReader, model: mujoco.MjModel, faults: list[str]) -> list[Episode]:
+    """Reads the motions as `episodes` does; they end, too, where a control is not known.
 
     Raises:
-        InvalidInputError: some controls are not known.
+        InvalidInputError: there is none.
     """
-    if not np.isfinite(episode.controls[1:]).all():
+    read, found, unknown = episodes(bag, model, faults), list[Episode](), 0
+    for each in read:
+        known = np.isfinite(each.controls[1:]).all(axis=1)
+        unknown += int((~known).sum())
+        for i, j in np.flatnonzero(np.diff(np.r_[0, known, 0])).reshape(-1, 2):
+            part = slice(i, j + 1)
+            start, time = each.start + each.time[i], each.time[part] - each.time[i]
+            found.append(Episode(model, start, time, each.states[part], each.controls[part]))
+    if unknown and found:
+        faults.append(f"{unknown} states lack the control that answers them: a motion ends there")
+    if not read:
+        raise InvalidInputError(f"'{bag.path}' has no motion: it needs two states at least.")
+    if not found:
         raise InvalidInputError(
             "The recorded joint_states have no efforts, but the torques are needed: record a "
             "simulation or a robot that publishes them."
-            if controls_are_forces(episode.model)
-            else "Some of the recorded states have no joint_command that answers them, but all "
+            if controls_are_forces(model)
+            else "None of the recorded states has a joint_command that answers it, but all "
             "controls are needed: record the robot in lock-step."
         )
-    return Trajectory(episode.states, episode.controls[1:])
+    return found
 
 
-def write_table(episode: Episode, path: Path) -> None:
-    """Writes a motion as a table that `vgps train --demonstration` reads.
+def _controls(bag: BagReader, model: mujoco.MjModel) -> Callable[[list[Stamped], int], Array]:
+    """Returns a function that finds the controls that led to the states of a motion, (N, n_u).
 
-    Raises:
-        InvalidInputError: the file exists, or some controls of the motion are not known.
+    The next motion begins at a time of receipt [ns]: stamps come again after a reset. The topics
+    reach a recorder independently.
     """
-    try:
-        write_motion(path, episode.model, episode.time, motion_of(episode))
-    except FileExistsError as error:
-        raise InvalidInputError(f"'{path}' exists already; name another file.") from error
+    controls, unknown = controls_of(model), np.full(model.nu, np.nan)
+    names, is_told = actuated_joint_names(model), controls_are_forces(model)
+    topic = None if is_told else bag.filled_topics.get("joint_command")
+    recorded = list(bag.decoded(topic)) if topic else []
+
+    def find(motion: list[Stamped], end: int) -> Array:
+        if is_told:
+            said = [state.joints for state in motion]
+            return np.array(
+                [efforts_from_msg(m, names) if len(m.effort) else unknown for m in said]
+            )
+        answers = {
+            nanoseconds(message.header.stamp): command_from_msg(message, controls)
+            for received, message in recorded
+            if motion[0].received - SLACK <= received < end
+        }
+        return np.array([unknown, *(answers.get(state.stamp, unknown) for state in motion[:-1])])
+
+    return find

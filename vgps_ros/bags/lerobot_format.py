@@ -134,7 +134,7 @@ def _pictures(data: DataSet, size: tuple[int, int]) -> tuple[Any, list[dict[str,
         found = _statistics(np.concatenate(colours))
         # LeRobot's pictures have their three colours first.
         shaped = {k: [[[c]] for c in v] for k, v in found.items() if k != "count"}
-        statistics.append(shaped | {"count": [motion.horizon]})
+        statistics.append(shaped | {"count": [len(motion.states) - 1]})
     kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     return pa.array(column, kind), statistics
 

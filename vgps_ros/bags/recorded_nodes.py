@@ -13,7 +13,7 @@ import numpy as np
 from rclpy.parameter import parameter_value_to_python
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.core.controls import CONTROL_BOUND, Controls
+from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy, RememberingPolicy
 from vgps_ros.core.observation import NO_CONTEXT, Observation
@@ -25,7 +25,6 @@ from vgps_ros.core.signals import Signals
 from vgps_ros.messages.conversions import policy_from_msg, robot_model
 from vgps_ros.policies.deployment import Reader
 from vgps_ros.policies.driver import observation_of
-from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals
@@ -92,15 +91,6 @@ def learned_policy(message: Any) -> GaussianPolicy:
 def onnx_content(message: Any) -> bytes | None:
     """Returns the bytes of an ONNX file, or None if the message is a policy of a learner."""
     return bytes(message.data) if hasattr(message, "data") else None
-
-
-def onnx_policy(content: bytes, controls: Controls) -> OnnxPolicy:
-    """Returns the network that a bag holds, for a robot with these controls.
-
-    Raises:
-        InvalidInputError: the bytes are no policy of this robot.
-    """
-    return OnnxPolicy(content, f"The message on {ONNX}", controls)
 
 
 class RecordedParameters:

@@ -18,6 +18,7 @@ from vgps_ros.messages.conversions import (
     signals_from_msg,
 )
 from vgps_ros.messages.names import CONTEXT
+from vgps_ros.messages.robot_state import JOINTS
 from vgps_ros.search.driven import Driven
 from vgps_ros.search.run_record import RunRecord, read_results
 from vgps_ros.simulation.model import compile_model
@@ -56,7 +57,8 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             return [message for _, message in bag.decoded(topics[name])] if name in topics else []
 
         distributions = [m for m in decoded("trajectory_distribution") if m.trajectory_index == 0]
-        motions = episodes(bag, compile_model(mjcf)) if "joint_states" in topics else []
+        faults = list[str]()
+        motions = episodes(bag, compile_model(mjcf), faults) if JOINTS in topics else []
         episode = motions[-1] if motions else None
         time_step = episode.time_step if episode else 0.0
         if distributions:
@@ -72,6 +74,7 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             state_covariances=last.state_covariances if last else None,
             executed_states=episode.states if episode else None,
             driven=_driven(bag, episode) if episode and CONTEXT in topics else None,
+            faults=tuple(faults),
         )
 
 

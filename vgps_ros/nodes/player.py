@@ -4,8 +4,9 @@
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
@@ -94,11 +95,11 @@ class Player(Node):
         self._error: VgpsError | None = None
         self._looks = 0
         for kind, name, answer in (  # as `ros2 bag play` has them
-            (Pause, "pause", self._pause),
-            (Resume, "resume", self._resume),
-            (TogglePaused, "toggle_paused", self._toggle),
-            (IsPaused, "is_paused", self._tell_paused),
-            (GetRate, "get_rate", self._tell_rate),
+            (Pause, "pause", partial(self._hold, lambda: True)),
+            (Resume, "resume", partial(self._hold, lambda: False)),
+            (TogglePaused, "toggle_paused", partial(self._hold, lambda: not self._playback.paused)),
+            (IsPaused, "is_paused", partial(self._tell, "paused")),
+            (GetRate, "get_rate", partial(self._tell, "rate")),
             (SetRate, "set_rate", self._set_rate),
             (PlayNext, "play_next", self._play_next),
             (Burst, "burst", self._burst),
@@ -261,26 +262,17 @@ class Player(Node):
 
     # Services
 
-    def _pause(self, _: object, response: Pause.Response) -> Pause.Response:
-        self._playback.pause()
-        self._log("Paused")
+    def _hold(self, is_held: Callable[[], bool], _: object, response: Any) -> Any:
+        if is_held():
+            self._playback.pause()
+            self._log("Paused")
+        else:
+            self._playback.resume()
+            self._log("Goes on")
         return response
 
-    def _resume(self, _: object, response: Resume.Response) -> Resume.Response:
-        self._playback.resume()
-        self._log("Goes on")
-        return response
-
-    def _toggle(self, _: object, response: TogglePaused.Response) -> TogglePaused.Response:
-        (self._resume if self._playback.paused else self._pause)(_, response)
-        return response
-
-    def _tell_paused(self, _: object, response: IsPaused.Response) -> IsPaused.Response:
-        response.paused = self._playback.paused
-        return response
-
-    def _tell_rate(self, _: object, response: GetRate.Response) -> GetRate.Response:
-        response.rate = self._playback.rate
+    def _tell(self, name: str, _: object, response: Any) -> Any:
+        setattr(response, name, getattr(self._playback, name))
         return response
 
     def _set_rate(self, request: SetRate.Request, response: SetRate.Response) -> SetRate.Response:

@@ -144,11 +144,7 @@ class Recorder(Node):
             del self._passed_over[topic]
             self._health.clear(topic)
         for topic, kinds in found:
-            if (
-                not self._may_record(topic)
-                or topic in self._writer.topics
-                or not self._filter.wants(topic)
-            ):
+            if not self._may_record(topic) or topic in self._writer.topics:
                 continue
             if time.monotonic() < self._passed_over.get(topic, 0.0):
                 continue

@@ -3,10 +3,12 @@
 
 import argparse
 import json
+import os
 import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
@@ -15,7 +17,8 @@ import yaml
 
 from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.programs.command_line import Parser
+from vgps_ros.programs.command_line import Parser, refuse_existing
+from vgps_ros.storage.files import as_json, part_of, read_yaml
 
 _MISSING = 3  # exit code of a check that found nothing wrong, but lacked something
 
@@ -75,8 +78,6 @@ def info(arguments: argparse.Namespace) -> None:
 
 def _shown(attached: bytes) -> Any:
     """Returns an attachment as JSON can have it; of one that is no YAML, how large it is."""
-    from vgps_ros.storage.files import as_json, read_yaml
-
     try:
         return as_json(read_yaml(attached, "It"))
     except InvalidInputError:
@@ -114,17 +115,24 @@ def rerun(arguments: argparse.Namespace) -> None:
     from rich.progress import track
 
     from vgps_ros.bags import BagReader
+    from vgps_ros.bags.episode import episodes
+    from vgps_ros.simulation.model import compile_model
     from vgps_ros.views.graph_scene import GraphScene, is_drawn
 
-    output = arguments.output or arguments.bag.resolve().with_suffix(".rrd")
+    output = _output(arguments, ".rrd")
+    part = part_of(output)
+    part.unlink(missing_ok=True)
+    faults = list[str]()
     with BagReader(arguments.bag, arguments.namespace) as bag:
-        _warn(bag.damages)
-        bag.mjcf()
+        model = compile_model(bag.mjcf())
         bag.needed_topic("joint_states")
+        with suppress(InvalidInputError):  # a real robot's states may lack what odometry tells
+            episodes(bag, model, faults)
+        _warn(faults)
         of_robot = {*bag.filled_topics.values(), *bag.of_robot_nodes("iterations")}
         topics = [topic for topic in sorted(of_robot) if is_drawn(topic, bag.topics[topic])]
         left_out: Counter[str] = Counter()
-        scene = GraphScene(output, lambda _, text: left_out.update([text] if text else []))
+        scene = GraphScene(part, lambda _, text: left_out.update([text] if text else []))
         try:
             total = sum(bag.counts[topic] for topic in topics)
             messages = track(bag.messages(topics), "Drawing", total, console=Console(stderr=True))
@@ -132,9 +140,10 @@ def rerun(arguments: argparse.Namespace) -> None:
                 scene.show(message.topic, bag.decode(message))
         except BaseException:
             scene.close()
-            output.unlink()
+            part.unlink()
             raise
         scene.close()
+    os.replace(part, output)
     for sentence, times in left_out.items():
         _say(f"{sentence} ({times} times)", sys.stderr)
     print(f"Wrote {output}; open it with `vgps view {shlex.quote(str(output))}`.")
@@ -143,19 +152,16 @@ def rerun(arguments: argparse.Namespace) -> None:
 def table(arguments: argparse.Namespace) -> None:
     """Writes the last motion as a table that can be a demonstration."""
     from vgps_ros.bags import BagReader
-    from vgps_ros.bags.episode import episodes, holes, write_table
+    from vgps_ros.bags.episode import driven_episodes
     from vgps_ros.simulation.model import compile_model
+    from vgps_ros.tasks.motion_table import write_motion
 
-    output = arguments.output or arguments.bag.resolve().with_suffix(".csv")
+    output, faults = _output(arguments, ".csv"), list[str]()
     with BagReader(arguments.bag, arguments.namespace) as bag:
-        _warn(bag.damages)
-        motions = episodes(bag, compile_model(bag.mjcf()))
-    if not motions:
-        raise InvalidInputError(f"'{arguments.bag}' has no motion: it needs two states at least.")
-    for sentence in holes(motions):
-        _say(f"The bag has {sentence}.", sys.stderr)
-    write_table(motions[-1], output)
-    print(f"Wrote {len(motions[-1].time)} states, {motions[-1].time[-1]:g} s, to {output}.")
+        *_, last = driven_episodes(bag, compile_model(bag.mjcf()), faults)
+    _warn(faults)
+    write_motion(output, last.model, last.time, last.trajectory)
+    print(f"Wrote {len(last.time)} states, {last.time[-1]:g} s, to {output}.")
 
 
 def reindex(arguments: argparse.Namespace) -> None:
@@ -176,10 +182,17 @@ def reindex(arguments: argparse.Namespace) -> None:
     print(f"Rebuilt {path / 'metadata.yaml'}.")
 
 
-def _warn(damages: Sequence[str]) -> None:
-    """Says what is damaged, and so left out."""
-    for sentence in damages:
-        _say(f"Damaged: {sentence}.", sys.stderr)
+def _output(arguments: argparse.Namespace, ending: str) -> Path:
+    """Returns the file to write, which must not be there, or may be replaced."""
+    output: Path = arguments.output or arguments.bag.resolve().with_suffix(ending)
+    refuse_existing([output], overwrite=arguments.overwrite)
+    return output
+
+
+def _warn(faults: Sequence[str]) -> None:
+    """Says what is damaged or missing, and so left out."""
+    for sentence in faults:
+        _say(f"Not whole: {sentence}.", sys.stderr)
 
 
 def _say(sentence: str, file: TextIO | None = None) -> None:
@@ -206,14 +219,9 @@ def add_arguments(parser: Parser) -> None:
             command.add_argument(
                 "--policy", type=Path, help="file that was policy_file of the executor"
             )
-        elif action is rerun:
-            command.add_argument(
-                "--output", type=Path, help="file to write, which must not exist; default BAG.rrd"
-            )
-        elif action is table:
-            command.add_argument(
-                "--output", type=Path, help="CSV to write, which must not exist; default BAG.csv"
-            )
+        elif action in (rerun, table):
+            ending = ".rrd" if action is rerun else ".csv"
+            command.add_output("--output", f"file to write; default BAG{ending}")
 
 
 def run(arguments: argparse.Namespace) -> None:

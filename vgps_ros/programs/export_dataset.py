@@ -2,7 +2,7 @@
 """Writes the motions of bags as a data set, for learning from them elsewhere.
 
 Each row is a step: the state, and the control that was chosen in it. An episode ends at a reset and
-where states are missing.
+where states or controls are missing.
 """
 
 import argparse
@@ -26,9 +26,7 @@ _LARGEST = 4096  # width or height of a picture [pixels]
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folders of bags")
-    parser.add_argument(
-        "--output", type=Path, required=True, help="folder to write, which must be empty or new"
-    )
+    parser.add_output("--output", "folder to write, empty, new or a data set", required=True)
     parser.add_settings(_FORMAT)
     parser.add_argument(
         "--pictures",
@@ -46,14 +44,14 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.bags.data_sets import new_folder, read_data_set, write_parquet
     from vgps_ros.bags.lerobot_format import write_lerobot
 
-    with new_folder(arguments.output) as folder:
+    with new_folder(arguments.output, overwrite=arguments.overwrite) as folder:
         data = read_data_set(arguments.bags, arguments.namespace)
         if arguments.format == "parquet":
             write_parquet(data, folder)
         else:
             write_lerobot(data, folder, arguments.pictures)
     for sentence in data.faults:
-        print(printable(f"Left out: {sentence}."), file=sys.stderr)
+        print(printable(f"Not whole: {sentence}."), file=sys.stderr)
     print(
         f"Wrote {len(data.motions)} episodes with {sum(data.lengths)} steps in all to "
         f"{arguments.output}."

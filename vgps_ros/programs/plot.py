@@ -11,6 +11,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
@@ -48,7 +49,7 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
         [output / file for files in names.values() for file in files], overwrite=overwrite
     )
     output.mkdir(parents=True, exist_ok=True)
-    written, notes = [], []
+    written, notes = [], [f"Not whole: {sentence}." for sentence in run.faults]
     with Progress(console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task("", total=len(pictures))
         for name, draw in pictures.items():
@@ -70,7 +71,7 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
         "No motion: there are no joint_states under a policy.": run.executed_states,
     }
     notes += [sentence for sentence, value in known.items() if value is None]
-    print(*notes, f"Wrote {', '.join(written)} to {output}.", sep="\n")
+    print(*map(printable, notes), f"Wrote {', '.join(written)} to {output}.", sep="\n")
 
 
 def _read(source: Path, namespace: str | None) -> "RunRecord":

@@ -25,6 +25,7 @@ class RunRecord:
         state_covariances: covariances of the last q(ζ)'s marginals.
         executed_states: states of the robot under the learned policy, over N steps.
         driven: what the robot was told in that motion, and what it did of it.
+        faults: a sentence on each part of the bag that is damaged, or in which states are missing.
     """
 
     mjcf: str
@@ -35,6 +36,7 @@ class RunRecord:
     state_covariances: Annotated[Array | None, Shape("T+1", "n_dx", "n_dx")] = None
     executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
     driven: Driven | None = None
+    faults: tuple[str, ...] = ()
 
     def save_trajectories(self, folder: RunFolder) -> None:
         """Writes the known motions to trajectories.npz, for a run without a bag."""

@@ -11,6 +11,7 @@ JOINT/velocity_target in place of its effort.
 """
 
 import csv
+import io
 from pathlib import Path
 
 import mujoco
@@ -23,6 +24,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import state_names
+from vgps_ros.storage.files import replacing
 from vgps_ros.tasks.task import Task
 
 
@@ -114,19 +116,21 @@ def write_motion(path: Path, model: mujoco.MjModel, time: Array, motion: Traject
     """Writes a motion that `load_demonstration` reads back bit for bit.
 
     Args:
-        path: a file that does not exist.
+        path: the file; one that is there is replaced.
         model: the robot.
         time: time of each state, shape (T+1,) [s].
         motion: x, u.
 
     Raises:
-        FileExistsError: the file exists.
+        OSError: it cannot be written.
     """
     commands = np.pad(controls_of(model).at_joints(motion.controls), ((0, 1), (0, 0)))
-    with path.open("x", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(_columns(model))
-        writer.writerows(np.column_stack([time, motion.states, commands]).tolist())
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(_columns(model))
+    writer.writerows(np.column_stack([time, motion.states, commands]).tolist())
+    with replacing(path) as file:
+        file.write(text.getvalue().encode())
 
 
 def _columns(model: mujoco.MjModel) -> list[str]:
