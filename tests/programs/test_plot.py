@@ -13,6 +13,8 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.search.run_record import read_results
+from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.views import filmstrip
 
 DRAWN = ("learning_curve", "trajectory", "motion")
@@ -70,7 +72,7 @@ def test_a_bag_gives_the_costs_the_last_q_and_the_last_episode():
 
 
 def test_a_trained_run_gives_the_same_kind_of_record(trained):
-    run = read_run(trained)
+    run = read_results(RunFolder(trained))
     assert run.result == json.loads((trained / "result.json").read_text())
     assert run.executed_states.shape == run.mean_states.shape == (501, 10)
 

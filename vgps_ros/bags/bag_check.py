@@ -125,12 +125,12 @@ def _measured(bag: BagReader, executor: RecordedExecutor) -> Iterator[Stamped]:
     the stamp of `joint_states` are few, and only the right one gives the controls bit for bit.
     """
     model = executor.model
+    known = [] if executor.is_measured else [ODOMETRY]
     for is_blind, base in ((True, IMU), (False, ODOMETRY)):
         messages_of = StateMessages(state_layout(model), is_blind=is_blind, **executor.frames)
-        if messages_of.sources.keys() != {base, JOINTS} or base not in bag.filled_topics:
+        topics = bag.filled_topics.keys() - known
+        if messages_of.sources.keys() != {base, JOINTS} or base not in topics:
             continue
-        if base == ODOMETRY and not executor.is_measured:
-            continue  # these states are known
         of_base = [message for _, message in bag.decoded(bag.needed_topic(base))]
         of_base.sort(key=lambda message: nanoseconds(message.header.stamp))
         stamps = [nanoseconds(message.header.stamp) for message in of_base]
@@ -169,9 +169,8 @@ def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> li
             raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
         return np.array(list(values.values()))
 
-    if not names or CONTEXT not in bag.filled_topics:
-        return []
-    return _stamped(bag, CONTEXT, told, found)
+    is_told = names and CONTEXT in bag.filled_topics
+    return _stamped(bag, CONTEXT, told, found) if is_told else []
 
 
 def _check_contexts(
@@ -269,8 +268,7 @@ def _check_steps(
     found.prove("", agreeing, len(pairs), "steps from state to state")
     found.blame(wrong, "states do not follow from the state and the control before them")
     found.blame(efforts, "states tell efforts that are not those of their controls")
-    if unanswered:
-        found.missing.append(f"{unanswered} states lack the control that answers them")
+    found.missing += [f"{unanswered} states lack the control that answers them"] * bool(unanswered)
 
 
 def _pushes(

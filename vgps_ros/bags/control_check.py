@@ -4,6 +4,7 @@
 from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -65,19 +66,13 @@ def check_controls(
     recorded: tuple[list[Stamped], list[Stamped], list[Stamped]],
     found: BagCheck,
 ) -> None:
-    """Computes the controls again.
-
-    Args:
-        bag: the bag.
-        executor: its executor.
-        trusted: a policy that the executor was started with; None if all came from a learner.
-        recorded: states, commands and contexts, each in the order of receipt.
-        found: takes the outcome.
+    """Computes the controls again, from states, commands and contexts in the order of receipt.
 
     Raises:
         InvalidInputError: the bag has no policy that its robot could use.
     """
     states, commands, contexts = recorded
+    names = executor.signals.names
     by_stamp: dict[int, Timeline] = defaultdict(Timeline)
     told: dict[int, Timeline] = defaultdict(Timeline)
     for values_of, those in ((by_stamp, states), (told, contexts)):
@@ -86,15 +81,8 @@ def check_controls(
     check = _ControlCheck(bag, executor, _policies(bag, executor, trusted, found))
     different, counts = list[str](), found.counts
     for command in commands:
-        answered = [
-            (x, z)
-            for x in by_stamp[command.stamp].around(command.received)
-            for z in (
-                told[command.stamp].around(command.received)
-                if executor.signals.names
-                else [NO_CONTEXT]
-            )
-        ]
+        around = told[command.stamp].around(command.received) if names else [NO_CONTEXT]
+        answered = list(product(by_stamp[command.stamp].around(command.received), around))
         kind, sentence = check.kind_of(command, answered)
         counts[kind] += 1
         different += [sentence] if sentence else []
@@ -102,18 +90,12 @@ def check_controls(
     found.blame(different, "controls are not what the policy gives for their states")
     if counts["posed"]:
         found.unproved.append(f"{counts['posed']} controls of standing up, holding or sitting down")
-    for kind, words in (
-        (
-            "stateless",
-            "controls answer states that are not in the bag"
-            + ", or whose context is not" * bool(executor.signals.names),
-        ),
-        ("first", "controls are the first under a torque_rate_limit, so that none before is known"),
-        (
-            "remembering",
-            "controls depend on steps that are not in the bag, which a policy remembers",
-        ),
-    ):
+    for kind, words in {
+        "stateless": "controls answer states that are not in the bag"
+        + ", or whose context is not" * bool(names),
+        "first": "controls are the first under a torque_rate_limit, so that none before is known",
+        "remembering": "controls depend on steps that are not in the bag, which a policy remembers",
+    }.items():
         if counts[kind]:
             found.missing.append(f"{counts[kind]} {words}")
 

@@ -70,21 +70,10 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
     return yaml.safe_dump(information, sort_keys=False)
 
 
-def type_hashes(folder: Path) -> dict[str, str]:
-    """Returns the type hash of each topic that `metadata.yaml` tells, if it can be read.
+def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]] | None:
+    """Returns the names of a bag's files, without folders; None if not all can be read.
 
-    Some writers put the hashes nowhere else.
-    """
-    try:
-        entries = _information(folder)["topics_with_message_count"]
-        topics = [entry["topic_metadata"] for entry in entries]
-        return {str(t["name"]): str(t["type_description_hash"]).strip() for t in topics}
-    except (InvalidInputError, KeyError, TypeError):
-        return {}
-
-
-def read_metadata(folder: Path) -> list[str] | None:
-    """Returns the names of the files of a bag, without folders; None if nothing can be read.
+    And the type hash of each topic, which some writers put nowhere else.
 
     Raises:
         InvalidInputError: `metadata.yaml` is of a bag that is not read here.
@@ -93,14 +82,16 @@ def read_metadata(folder: Path) -> list[str] | None:
         information = _information(folder)
         storage, mode = information["storage_identifier"], information["compression_mode"]
         names = [Path(str(name)).name for name in information["relative_file_paths"]]
-    except (InvalidInputError, KeyError, TypeError):
+        topics = [each["topic_metadata"] for each in information["topics_with_message_count"]]
+        hashes = {str(t["name"]): str(t.get("type_description_hash", "")).strip() for t in topics}
+    except (InvalidInputError, AttributeError, KeyError, TypeError):
         return None
     if storage in _FOREIGN_STORAGE or mode in _FOREIGN_MODES:
         raise InvalidInputError(
             f"'{folder}' is not a bag that can be read: its storage is {storage} with the "
             f"compression mode {mode!r}, and only mcap with compressed chunks is read."
         )
-    return names
+    return names, hashes
 
 
 def _information(folder: Path) -> Any:

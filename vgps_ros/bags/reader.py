@@ -15,7 +15,7 @@ from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vgps_ros.bags.mcap_file import McapFile
-from vgps_ros.bags.metadata import FILE_NAME, read_metadata, type_hashes
+from vgps_ros.bags.metadata import FILE_NAME, read_metadata
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash, is_mjcf, message_type
@@ -79,7 +79,7 @@ class BagReader:
             raise InvalidInputError(missing)
         topics = [topic for file in self.files for topic in file.topics.values()]
         self.topics = {topic.name: topic.kind for topic in topics}
-        told = type_hashes(path)
+        _, told = read_metadata(path) or ((), {})
         self.type_hashes = {t.name: t.type_hash or told.get(t.name, "") for t in topics}
         self.qos = {topic.name: list(topic.qos) for topic in topics}
         counts = sum((Counter(file.summary.counts) for file in self.files), Counter[str]())
@@ -301,10 +301,9 @@ def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
     """
     files = files or [McapFile(file) for file in storage_files(path)]
     lacks = [f"the index of {file.path.name}" for file in files if not file.is_complete]
-    named = read_metadata(path)
-    if named is None:
+    if (described := read_metadata(path)) is None:
         lacks.insert(0, f"a whole {FILE_NAME}" if (path / FILE_NAME).exists() else FILE_NAME)
-    elif absent := set(named) - {file.path.name for file in files}:
+    elif absent := set(described[0]) - {file.path.name for file in files}:
         lacks.insert(0, f"the file {', '.join(sorted(absent))}")
     if not lacks:
         return ""

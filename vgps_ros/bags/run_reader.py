@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Reads a run from its bag, or from the files that `train` writes."""
+"""Reads a run from its bag."""
 
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,13 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import JOINTS
 from vgps_ros.search.driven import Driven
-from vgps_ros.search.run_record import RunRecord, read_results
+from vgps_ros.search.run_record import RunRecord
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
 
 
 def read_run(path: Path, namespace: str | None = None) -> RunRecord:
-    """Reads a run from the folder of a bag, or from the folder with the results of a run.
+    """Reads a run from the folder of a bag, or from the folder of a run that has one.
 
     Args:
         path: the folder.
@@ -36,8 +36,6 @@ def read_run(path: Path, namespace: str | None = None) -> RunRecord:
         InvalidInputError: the folder is neither of these, or cannot be read.
     """
     folder = RunFolder(path)
-    if folder.trajectories.is_file():
-        return read_results(folder)
     if folder.bag.is_dir():
         return _read_bag(folder.bag, namespace)
     if folder.result.is_file():
@@ -74,7 +72,7 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             state_covariances=last.state_covariances if last else None,
             executed_states=episode.states if episode else None,
             driven=_driven(bag, episode) if episode and CONTEXT in topics else None,
-            faults=tuple(faults),
+            faults=tuple(faults or bag.damages),
         )
 
 

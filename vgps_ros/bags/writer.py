@@ -29,7 +29,7 @@ from vgps_ros.bags.metadata import (
     FILE_NAME,
     bag_information,
     file_digest,
-    type_hashes,
+    read_metadata,
     write_digests,
     write_metadata,
 )
@@ -349,7 +349,7 @@ def repair(path: Path) -> list[Path]:
     if not known:
         raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
     topics: dict[str, Topic] = {}
-    hashes = type_hashes(path)
+    _, hashes = read_metadata(path) or ((), {})
     for topic in (topic for content in known for topic in content.topics.values()):
         type_hash = topic.type_hash or hashes.get(topic.name, "")
         topics.setdefault(topic.name, replace(topic, type_hash=type_hash))

@@ -138,12 +138,10 @@ def rerun(arguments: argparse.Namespace) -> None:
             messages = track(bag.messages(topics), "Drawing", total, console=Console(stderr=True))
             for message in messages:
                 scene.show(message.topic, bag.decode(message))
-        except BaseException:
             scene.close()
-            part.unlink()
-            raise
-        scene.close()
-    os.replace(part, output)
+            os.replace(part, output)
+        finally:
+            part.unlink(missing_ok=True)
     for sentence, times in left_out.items():
         _say(f"{sentence} ({times} times)", sys.stderr)
     print(f"Wrote {output}; open it with `vgps view {shlex.quote(str(output))}`.")

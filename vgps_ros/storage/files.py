@@ -118,7 +118,7 @@ def read_archive(path: Path) -> dict[str, NDArray]:
         raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
 
 
-_LARGEST = 2**20  # which takes two seconds [characters]
+_LARGEST = 2**21  # which takes some seconds [characters]
 _MOST = 10**6  # values, where each alias counts as what it stands for
 _DEEPEST = 100  # nesting
 
