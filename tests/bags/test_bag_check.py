@@ -87,8 +87,8 @@ def test_the_sample_agrees_and_the_last_line_says_what_that_proves(capsys):
     assert code == 0
     assert last.startswith(
         f"Proved: {ALL} of {ALL} controls, 500 of 500 steps from state to state, the cost without "
-        "noise of 4 of 4 policies, the digest of each file. Not proved: the first state of 1 "
-        "motions; when, where and by whom"
+        "noise of 4 of 4 policies, the digest of each file. Not proved: the first state of a "
+        "motion, when, where and by whom"
     )
 
 
@@ -328,7 +328,7 @@ def test_a_bag_without_digests_says_so(tmp_path, capsys):
     (tmp_path / "bag" / "SHA256SUMS").unlink()
     code, words = outcome(tmp_path / "bag", capsys)
     assert code == 0
-    assert "; the files, which have no SHA256SUMS; " in words
+    assert "Not proved: the files, which have no SHA256SUMS; " in words
 
 
 def test_a_byte_that_was_altered_later_is_found_by_the_digest_of_its_file(tmp_path, capsys):

@@ -281,8 +281,8 @@ SAID = {
     "a year later": (later, "when, where and by whom it was recorded"),
     "another commit": (sample, "the commit"),
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
-    "each state put elsewhere": (jumps, "the first state of 500 motions"),
-    "all moved by a metre": (moved, "the first state of 1 motions"),
+    "each state put elsewhere": (jumps, "how 500 motions begin"),
+    "all moved by a metre": (moved, "the first state of a motion"),
     "simulated elsewhere": (lambda: told(simulated()), "a simulation that was computed elsewhere"),
 }
 

@@ -63,8 +63,8 @@ from vgps_ros.tasks.task import Task
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
 # What no recomputation proves, in the last sentence of a check.
 UNPROVED = (
-    "when, where and by whom it was recorded, the commit, all other topics, and all else of the "
-    "training; a simulation that was computed elsewhere would pass too"
+    "the first state of a motion, when, where and by whom it was recorded, the commit, all other "
+    "topics, and all else of the training; a simulation that was computed elsewhere would pass too"
 )
 # Time by which a bag may hold a command and the answer that used it in another order [ns].
 _COMMAND_WINDOW = 250_000_000
@@ -230,7 +230,7 @@ def _check_steps(
 ) -> None:
     """Computes each state of a motion but the first one again, and the efforts that led to it."""
     pairs = [pair for motion in motions for pair in pairwise(motion)]
-    found.unproved.append(f"the first state of {len(motions)} motions")
+    found.unproved += [f"how {len(motions)} motions begin"] * (len(motions) > 1)
     if not pairs:
         return
     model = executor.model
