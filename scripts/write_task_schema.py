@@ -1,7 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
-Run it in the repository's root after a change of `vgps_ros/tasks/schema.py`:
+Run it in the repository's root after a change of `vgps_ros/tasks/schema.py`, or of a setting of a
+search:
 
     python scripts/write_task_schema.py
 """
@@ -15,6 +16,8 @@ from typing import Any
 import msgspec
 import yaml
 
+from vgps_ros.core.settings import settings_of
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks.schema import TaskFile
 from vgps_ros.tasks.task_file import SCHEMA_PATH
 
@@ -24,11 +27,14 @@ _BLOCK = re.compile(r"(<!-- keys: .*? -->\n).*?(<!-- end of keys -->)", re.S)
 
 def definition() -> str:
     """Returns the text of the schema."""
-    schema = {
+    schema: dict[str, Any] = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": "Written by scripts/write_task_schema.py from schema.py; do not edit.",
         **_finite(msgspec.json.schema(TaskFile)),
     }
+    names = [each.name for each in settings_of(SearchSettings())]
+    groups = sorted({name.partition(".")[0] for name in names if "." in name})
+    schema["$defs"]["TaskFile"]["properties"]["search"]["propertyNames"] = {"enum": names + groups}
     return json.dumps(schema, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -45,10 +45,18 @@ def changed(path, **changes):
 
 
 @pytest.mark.parametrize(
+    "place",
+    ["<body", '<frame pos=".1 .2 0" euler="0 0 70"><body'],
+    ids=["in a body", "in a frame"],
+)
+@pytest.mark.parametrize(
     "locked",
     [{"pitch": 0.5}, {"roll": -0.4}, {"yaw": 0.3}, {"pitch": 0.5, "roll": 0.2}, {"elbow": 0.2}],
 )
-def test_a_locked_joint_leaves_the_rest_as_if_it_stood_there(arm, locked):
+def test_a_locked_joint_leaves_the_rest_as_if_it_stood_there(arm, place, locked):
+    text = arm.read_text().replace('<body name="upper"', f'{place} name="upper"')
+    end = "</frame>" * ("frame" in place)
+    arm.write_text(text.replace("</body></body></body>", f"</body></body>{end}</body>"))
     before, after = changed(arm), changed(arm, joints={j: {"lock": at} for j, at in locked.items()})
     assert after.njnt == before.njnt - len(locked)
     assert not {after.actuator(i).name for i in range(after.nu)} & set(locked)

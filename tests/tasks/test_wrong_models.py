@@ -77,6 +77,10 @@ MODELS = {
         "hand",
     ),
     "unknown class": ({"inside": '<geom class="visual" size=".1"/>'}, "visual"),
+    "short keyframe": (
+        {"bottom": '<keyframe><key name="bent" qpos=".1"/></keyframe>'},
+        r"keyframe 'bent' has 1 positions \(qpos\), but the model has 2",
+    ),
     "sensor of nothing": ({"bottom": '<sensor><jointpos joint="wrist"/></sensor>'}, "wrist"),
 }
 
@@ -129,6 +133,8 @@ TASKS = {
     "commands: {forward: {range: [0.0, 1.0]}}": "no cost reads it",
     "clock: {frequency: 0.0}": "clock.frequency",
     "optimizer: {ddp.floor: 0.1}": "optimizer",
+    "search: {situation: 3}": "line 5, search.situation: .* Did you mean 'situations'",
+    "search: {fit: {iteration: 3}}": "Did you mean 'fit.iterations'",
     "horizn: 2.0": "Did you mean 'horizon'",
 }
 

@@ -38,7 +38,8 @@ _SMALL = 1e-3  # an iteration of DDP that brings a smaller share of the cost is 
 _DEEP = 0.05  # depth from which on geoms overlap, as a share of the model's extent
 _DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the motion dives
 _WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
-_GRACE = 0.7  # time that a signal leaves for an orderly end [s]
+_NOWHERE = 0.9  # share of what it costs to do nothing from which on a motion goes nowhere
+_GRACE = 0.5  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
 
@@ -227,7 +228,9 @@ def examine_task(
             '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
         )
         return found
-    found.notes += _nothing_to_do(task)
+    rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
+    still = task.dynamics.rollout(task.initial_state, lambda *_: rest, first.horizon)
+    found.notes += _nothing_to_do(task, still)
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
     found.troubles += _unmoved(task, first, linear) + inexact(task, found.errors)
@@ -257,7 +260,7 @@ def examine_task(
         costs.append([*readings.tolist(), controls])
     found.parts = list(zip([*task.cost_names, "controls"], *costs, strict=True))
     if found.optimized:
-        found.troubles += _after(task, found.optimized, found.costs)
+        found.troubles += _after(task, found.optimized, found.costs, task.cost.values(still))
     return found
 
 
@@ -287,13 +290,10 @@ def _at_start(task: "Task") -> list[str]:
     return troubles
 
 
-def _nothing_to_do(task: "Task") -> list[str]:
+def _nothing_to_do(task: "Task", still: Trajectory) -> list[str]:
     """Says whether the start is the goal: nothing costs there, and the robot stays by itself."""
-    rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
-    stays = task.dynamics.rollout(task.initial_state, lambda *_: rest, 20)
-    cost = task.cost.values(stays).sum()
-    moves = np.abs(stays.states - task.initial_state).max()
-    if cost > 1e-9 or not moves < 1e-6:
+    moves = np.abs(still.states - task.initial_state).max()
+    if task.cost.values(still).sum() > 1e-9 or not moves < 1e-6:
         return []
     return [
         "the start is the goal, where the robot stays without a control; a policy learns no more "
@@ -386,8 +386,11 @@ def _dives(task: "Task", motion: Trajectory) -> bool:
     return bool(heights[-1] == min(heights) and -speeds[-1] > _DIVES * before)
 
 
-def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
-    """Names what looks wrong about the optimised motion."""
+def _after(task: "Task", motion: Trajectory, costs: list[float], still: Array) -> list[str]:
+    """Names what looks wrong about the optimised motion.
+
+    `still` is what each step costs without a control.
+    """
     from vgps_ros.tasks.first_motion import Best
 
     troubles = []
@@ -402,7 +405,15 @@ def _after(task: "Task", motion: Trajectory, costs: list[float]) -> list[str]:
                 "some left for what disturbs it."
             )
     is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0])  # none is below 0
-    if is_poor and not isinstance(task.begin, Best):  # which DDP has improved already
+    ends = task.cost.values(motion)[-1]
+    if min(costs[-1] / max(still.sum(), 1e-9), ends / max(still[0], 1e-9)) > _NOWHERE:
+        best = "begin with the best of several first motions (`begin: {law: best}`)"
+        more = "allow stronger controls, give them less weight, or score the way to the goal (cost)"
+        troubles.append(
+            f"The motion costs {costs[-1]:.4g}, and {still.sum():.4g} without any control, so it "
+            f"goes nowhere: {more if isinstance(task.begin, Best) else f'{best}, or {more}'}."
+        )
+    elif is_poor and not isinstance(task.begin, Best):  # which DDP has improved already
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."

@@ -52,6 +52,7 @@ def change_at(*place: str | int) -> Iterator[None]:
 Values = Mapping[str, Any]
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_POSITIONS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}  # of others 1
 _WORDS = {  # options that are words, with MuJoCo's enumerations of them
     "integrator": (mujoco.mjtIntegrator, "mjINT_"),
     "solver": (mujoco.mjtSolver, "mjSOL_"),
@@ -83,6 +84,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         sentence = f"the model is no valid MJCF: {told(error)}."
         raise InvalidChangeError(("model",), sentence) from error
     name_all(spec)
+    positions = sum(_POSITIONS.get(joint.type, 1) for joint in spec.joints)
+    short = {key.name: len(key.qpos) for key in spec.keys if 0 < len(key.qpos) < positions}
     _drop(spec, changes.get("drop", ()))
     if changes.get("floor"):
         if spec.geom("floor") is not None:
@@ -129,6 +132,12 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     model = _compiled(spec)
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
+    for name, size in short.items():  # which MuJoCo has filled
+        raise InvalidChangeError(
+            ("model",),
+            f"the keyframe {quoted(name)} has {size} positions (qpos), but the model has "
+            f"{positions}; give it all of them.",
+        )
     return spec
 
 
@@ -211,6 +220,7 @@ def _remove_joints(spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str
     for body in spec.bodies:
         kept: list[Any] = []
         if any(joint.name in locked for joint in body.joints):
+            body.set_frame(body.parent.add_frame())  # an even one, since its place counts all
             body.pos, body.quat = before.body(body.name).pos, before.body(body.name).quat
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         for joint in list(body.joints):

@@ -44,7 +44,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.parser import ParserError
 from ruamel.yaml.scanner import ScannerError
 
-from vgps_ros.core.checks import listed, nearest, quoted
+from vgps_ros.core.checks import listed, nearest, one_of, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
@@ -439,13 +439,24 @@ def read_task_file(path: Path) -> tuple[TaskFile, Document]:
 
 
 def settings_in(task: TaskFile, document: Document) -> tuple[OptimizerSettings, Entries]:
-    """Returns the settings of the optimizer, and those of a search, whose method is not known here.
+    """Returns the settings of the optimizer, and those of a search, whose values it checks itself.
 
     Raises:
-        InvalidInputError: one of the optimizer's is unknown or out of range.
+        InvalidInputError: one of them is unknown, or one of the optimizer's is out of range.
     """
     optimizer = Entries(task.optimizer, document, "optimizer")
-    return with_values(OptimizerSettings(), optimizer), Entries(task.search, document, "search")
+    search = Entries(task.search, document, "search")
+    for name in search:
+        with search.at(name):
+            one_of("setting", name, _search_names())
+    return with_values(OptimizerSettings(), optimizer), search
+
+
+@lru_cache
+def _search_names() -> list[str]:
+    """Returns the names of a search's settings, which is below this room, by the JSON schema."""
+    of_task = json.loads(SCHEMA_PATH.read_text())["$defs"]["TaskFile"]["properties"]
+    return list(of_task["search"]["propertyNames"]["enum"])
 
 
 def find_model(task: TaskFile, document: Document) -> Path:
