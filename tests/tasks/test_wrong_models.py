@@ -28,7 +28,7 @@ cost: [{sensor: shoulder/position}, {control: all, weight: 0.1}]
 
 # What is put into a model, and what is said of it.
 MODELS = {
-    "no XML": (ARM.replace("</mujoco>", ""), "the model is no valid MJCF: XML parse error"),
+    "no XML": (ARM.replace("</mujoco>", ""), "is no valid MJCF: .* no XML"),
     "unknown element": ({"top": "<robot/>"}, "unrecognized element"),
     "no joint": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "must have one"),
     "no actuator": (ARM.partition("<actuator>")[0] + "</mujoco>", "0 actuators, but it needs"),
