@@ -96,15 +96,11 @@ def _told(error: Exception) -> str:
 
 def _without_ros_arguments(words: Sequence[str]) -> list[str]:
     """Returns the words without those between --ros-args and --, which ROS reads itself."""
-    kept, is_of_ros = [], False
-    for word in words:
-        if word == "--ros-args":
-            is_of_ros = True
-        elif not is_of_ros:
-            kept.append(word)
-        elif word == "--":
-            is_of_ros = False
-    return kept
+    while "--ros-args" in words:
+        start = words.index("--ros-args")
+        end = words.index("--", start) + 1 if "--" in words[start:] else len(words)
+        words = [*words[:start], *words[end:]]
+    return list(words)
 
 
 def _parser(words: Sequence[str]) -> "Parser":

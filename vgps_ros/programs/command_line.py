@@ -81,8 +81,13 @@ class Parser(argparse.ArgumentParser):
             "--overwrite", action="store_true", help="replace what an earlier run has written"
         )
 
-    def add_ros_arguments(self) -> None:
-        """Adds the flag after which ROS, which reads them itself, finds its arguments."""
+    def add_ros_arguments(self, awaited: str) -> None:
+        """Adds what a client of the graph takes: how long it waits for what, and ROS's arguments.
+
+        ROS reads those itself.
+        """
+        wait = f"longest wait for {awaited} [s]"
+        self.add_settings(Setting("timeout", 20.0, wait, minimum=0.1, maximum=86_400.0))
         self.add_argument(
             "--ros-args",
             nargs=argparse.REMAINDER,

@@ -17,13 +17,6 @@ from vgps_ros.programs.command_line import Parser
 from vgps_ros.tasks.course import FIGURE_OF_EIGHT, SPEED, TURN, course_of
 
 RATE = Setting("rate", 20.0, "commands per second [Hz]", minimum=0.1, maximum=1000.0)
-TIMEOUT = Setting(
-    "timeout",
-    20.0,
-    "longest wait for a robot that takes cmd_vel [s]",
-    minimum=0.1,
-    maximum=86_400.0,
-)
 _FAREWELL = 1.0  # longest wait until the last command has arrived [s]
 
 
@@ -31,13 +24,13 @@ def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     course = f"{FIGURE_OF_EIGHT}, or a file of legs"
     parser.add_argument("course", nargs="?", default=FIGURE_OF_EIGHT, help=course)
-    parser.add_settings(SPEED, TURN, RATE, TIMEOUT)
+    parser.add_settings(SPEED, TURN, RATE)
     parser.add_argument(
         "--unstamped",
         action="store_true",
         help="publish geometry_msgs/Twist in place of TwistStamped, as older robots take it",
     )
-    parser.add_ros_arguments()
+    parser.add_ros_arguments("a robot that takes cmd_vel")
 
 
 def run(arguments: argparse.Namespace) -> None:

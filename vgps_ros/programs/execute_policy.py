@@ -21,8 +21,7 @@ from vgps_ros.tasks.registry import TASK
 
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
-    wait = "longest wait for the simulation, a policy or a step [s]"
-    parser.add_settings(TASK, Setting("timeout", 20.0, wait, minimum=0.1, maximum=86_400.0))
+    parser.add_settings(TASK)
     steps = Setting("steps", 1, "control steps to run", minimum=1, maximum=1_000_000_000)
     parser.add_settings(steps, unset="the horizon of the task, or the whole course")
     parser.add_argument(
@@ -40,7 +39,7 @@ def add_arguments(parser: Parser) -> None:
         "--result", type=Path, metavar="FILE", help="result.json whose costs to show beside"
     )
     parser.add_argument("--simulation", default="simulation", help="name of the simulation node")
-    parser.add_ros_arguments()
+    parser.add_ros_arguments("the simulation, a policy or a step")
 
 
 def run(arguments: argparse.Namespace) -> None:

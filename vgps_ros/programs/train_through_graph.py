@@ -23,11 +23,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_output("--output", "folder for the results", required=True)
     parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
     lost = "wait for a learner that was killed or hangs; a new one gets the goal again [s]"
-    parser.add_settings(
-        Setting("timeout", 20.0, "wait for the learner [s]", minimum=0.1, maximum=86_400.0),
-        Setting("lost_timeout", 300.0, lost, minimum=0.0, maximum=86_400.0),
-    )
-    parser.add_ros_arguments()
+    parser.add_settings(Setting("lost_timeout", 300.0, lost, minimum=0.0, maximum=86_400.0))
+    parser.add_ros_arguments("the learner")
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -65,15 +65,9 @@ def _draw_angle(axes: Axes, run: RunRecord, i: int, i_dx: int) -> None:
         mean = run.mean_states[:, i]
         deviation = np.sqrt(run.state_covariances[:, i_dx, i_dx].clip(0.0))
         time = run.time_step * np.arange(len(mean))
-        axes.fill_between(
-            time,
-            mean - 2.0 * deviation,
-            mean + 2.0 * deviation,
-            color=_Q,
-            alpha=0.4,
-            linewidth=0,
-            label="q: mean ± 2 sd",
-        )
+        low, high = mean - 2.0 * deviation, mean + 2.0 * deviation
+        label = "q: mean ± 2 sd"
+        axes.fill_between(time, low, high, color=_Q, alpha=0.4, linewidth=0, label=label)
         axes.plot(time, mean, color=_Q, linewidth=1.2, label="q: mean")
     if run.executed_states is not None:
         executed = run.executed_states[:, i]
@@ -154,8 +148,8 @@ def driving(driven: Driven) -> Figure:
         axes.margins(x=0)
         axes.tick_params(labelbottom=i == rows - 1)
     axes.set_xlabel("time [s]")
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, ncols=2, loc="outside upper center")
+    shown = axes.get_legend_handles_labels()
+    figure.legend(*shown, frameon=False, ncols=2, loc="outside upper center")
     return figure
 
 
@@ -193,16 +187,13 @@ def survival_curves(found: Mapping[str, Mapping[str, Any]], rollouts: int) -> Fi
     panels[0, 0].set_ylim(-3, 103)
     for axes in panels[:, 0]:
         axes.set_ylabel(f"survive, of {rollouts} [%]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
     if len(found) > 1:
-        figure.legend(
-            handles, labels, frameon=False, ncols=len(_COLOURS), loc="outside upper center"
-        )
+        shown = panels[0, 0].get_legend_handles_labels()
+        figure.legend(*shown, frameon=False, ncols=len(_COLOURS), loc="outside upper center")
     return figure
 
 
 def _bars(shares: Array, count: int) -> Array:
     """Returns how far the interval of 95 % reaches below and above each share, (2, m)."""
     low, high = np.transpose([interval(share, count) for share in shares])
-    bars = np.stack([shares - low, high - shares])
-    return np.maximum(bars, 0.0)
+    return np.maximum([shares - low, high - shares], 0.0)
