@@ -39,6 +39,7 @@ _DEEP = 0.05  # depth from which on geoms overlap, as a share of the model's ext
 _DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the motion dives
 _WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
 _NOWHERE = 0.9  # share of what it costs to do nothing from which on a motion goes nowhere
+_FAR = 0.7  # share of the start's cost from which on a step at the end is as far from the goal
 _GRACE = 0.5  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
@@ -406,7 +407,7 @@ def _after(task: "Task", motion: Trajectory, costs: list[float], still: Array) -
             )
     is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0])  # none is below 0
     ends = task.cost.values(motion)[-1]
-    if min(costs[-1] / max(still.sum(), 1e-9), ends / max(still[0], 1e-9)) > _NOWHERE:
+    if costs[-1] > max(_NOWHERE * still.sum(), 1e-9) and ends > max(_FAR * still[0], 1e-9):
         best = "begin with the best of several first motions (`begin: {law: best}`)"
         more = "allow stronger controls, give them less weight, or score the way to the goal (cost)"
         troubles.append(
