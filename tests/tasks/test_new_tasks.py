@@ -69,6 +69,11 @@ CUP = """<mujoco><worldbody><body name="cup" pos="0 0 1">
   </worldbody><actuator><motor joint="cup" ctrlrange="-9 9" ctrllimited="true"/>
   </actuator></mujoco>"""
 
+CART = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+  <body name="cart" pos="0 0 .1"><freejoint/><geom type="box" size=".2 .1 .05"/>
+    <body name="wheel" pos=".2 0 -.05"><joint name="wheel" axis="0 1 0"/><geom size=".05"/></body>
+  </body></worldbody><actuator><motor joint="wheel" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+  </mujoco>"""
 FINGER = """<body pos="{0} 0 1"><joint name="f{0}_1" axis="0 1 0" range="0 90"/>{1}
   <body pos="0 0 .4"><joint name="f{0}_2" axis="0 1 0" range="0 90"/>{1}</body></body>"""
 HAND = f"""<mujoco><compiler autolimits="true"/><worldbody>
@@ -106,6 +111,7 @@ def written(tmp_path, monkeypatch):
         (WEAK, "underactuated", ["swing: 3.1416", "swing/cos, target: 1, weight: 1"]),
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
+        (CART, "No feet were found", ["index: x, target: 1"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),
         (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
         (

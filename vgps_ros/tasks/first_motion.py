@@ -307,9 +307,9 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
         key = keyframe(model, begin.pose, document, ("begin", "pose"))
         data.qpos[:] = model.key_qpos[key]
     mujoco.mj_forward(model, data)
-    joints = model.actuator_trnid[:, 0]
-    single = model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
-    of_joint = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & single
+    of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    joints = np.where(of_joint, model.actuator_trnid[:, 0], 0)
+    of_joint &= model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
     joints = np.where(of_joint, joints, 0)
     places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     inertia = np.empty((model.nv, model.nv))

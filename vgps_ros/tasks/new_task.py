@@ -287,8 +287,9 @@ def _stand(robot: _Robot) -> None:
             data.qpos[place] = np.clip(data.qpos[place], low + share, high - share)
     mujoco.mj_forward(model, data)
     robot.feet = _feet(robot)
-    _bend(robot, original)
-    robot.feet = _feet(robot)
+    if robot.feet:
+        _bend(robot, original)
+        robot.feet = _feet(robot)
     lowest = float(_bottoms(robot).min(initial=np.inf))
     if np.isfinite(lowest):
         depth = float(np.ceil(1e3 * (_ground(robot) - lowest)) / 1e3)
