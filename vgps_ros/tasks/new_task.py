@@ -74,6 +74,12 @@ class _Robot:
         return any(self.model.jnt_type[j] == _FREE for j in self.base)
 
     @property
+    def motors(self) -> dict[int, int]:
+        """The joint of each actuator that drives one by itself."""
+        own = np.flatnonzero(self.model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+        return {int(i): int(self.model.actuator_trnid[i, 0]) for i in own}
+
+    @property
     def is_biped(self) -> bool:
         """Whether it may fall to all sides from two feet."""
         return self.is_free and len(self.feet) == 2
@@ -236,9 +242,9 @@ def _is_weak(robot: _Robot, joint: int) -> bool:
     Not where the robot has a thing beside it, which it is for.
     """
     model, data = robot.model, robot.data
-    motors = np.flatnonzero(model.actuator_trnid[:, 0] == joint)
+    motors = [i for i, j in robot.motors.items() if j == joint]
     turns = model.jnt_type[joint] == _HINGE and not model.jnt_limited[joint]
-    if not (turns and motors.size) or _object(robot) is not None:
+    if not (turns and motors) or _object(robot) is not None:
         return False
     ends = np.where(model.actuator_ctrllimited[motors], model.actuator_ctrlrange[motors, 1], np.inf)
     start, place, pull = data.qpos.copy(), model.jnt_qposadr[joint], 0.0
@@ -710,7 +716,7 @@ def _mirror(robot: _Robot) -> list[str]:
         return []
     anchors = (data.xanchor - data.xpos[robot.root]) @ robot.frame
     axes = data.xaxis @ robot.frame
-    motors = {int(model.actuator_trnid[i, 0]): model.actuator(i).name for i in range(model.nu)}
+    motors = {joint: model.actuator(i).name for i, joint in robot.motors.items()}
     swaps, flips, pairs = set[tuple[str, str]](), list[str](), dict[str, str]()
     for j in joints:
         image = axes[j] * ([-1, 1, -1] if model.jnt_type[j] == _HINGE else [1, -1, 1])
