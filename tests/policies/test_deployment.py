@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.onnx_models import elu_layers, elu_mean, elu_model
-from tests.servo_arm import SERVOS
+from tests.servo_arm import REMEMBERING, write_arm
 from vgps_ros import tasks
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.deployment import read_deployment, write_deployment
@@ -21,27 +21,14 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.storage.files import to_tree
 from vgps_ros.tasks import BUILT_IN, make_deployment, make_task
 
-ARM = """
-model: arm.xml
-control_period: 0.02
-horizon: 1.0
-start: {keyframe: home}
-clock: {frequency: 2.0}
-cost: [{control: all, weight: 1.0}]
-observe: [joint_positions, last_action, clock, joint_velocities]
-history: 2
-"""
-
 
 def arm(folder, *changes):
     """Makes the task of an arm with servos, with some texts changed."""
-    text = ARM
+    text = REMEMBERING
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
-    (folder / "arm.xml").write_text(SERVOS)
-    (folder / "task.yaml").write_text(text)
-    return make_task(str(folder / "task.yaml"))
+    return make_task(write_arm(folder, task=text))
 
 
 def again(task, folder):

@@ -110,6 +110,8 @@ def written(tmp_path, monkeypatch):
         (ACROBOT, "underactuated", ["begin: {law: best}"]),
         (WEAK, "underactuated", ["swing: 3.1416", "swing/cos, target: 1, weight: 1"]),
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
+        (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
+        (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
         (CART, "No feet were found", ["index: x, target: 1"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),

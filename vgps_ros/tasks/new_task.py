@@ -215,7 +215,7 @@ def _robot(model: mujoco.MjModel) -> _Robot:
         robot.kind = "vehicle"
         if robot.gravity and _vertical(robot) is not None:
             _stand(robot)
-    elif robot.gravity and any(_hangs(robot, j) or _is_weak(robot, j) for j in robot.joints):
+    elif robot.gravity and any(_hangs(robot, j) for j in robot.joints):
         robot.kind = "pendulum"
     elif _fingers(robot) > 2:
         robot.kind = "hand"
@@ -225,28 +225,25 @@ def _robot(model: mujoco.MjModel) -> _Robot:
 
 
 def _hangs(robot: _Robot, joint: int) -> bool:
-    """Returns whether nothing but gravity moves a hinge of the robot: no motor, spring or loop."""
+    """Returns whether gravity moves a hinge: there is no motor, spring or loop, or it is weak."""
     model = robot.model
+    if model.jnt_type[joint] != _HINGE:
+        return False
+    if model.jnt_dofadr[joint] in robot.driven:
+        return _is_weak(robot, joint)
     tied = {int(i) for i in [*model.eq_obj1id, *model.eq_obj2id]} if model.neq else set()
-    return bool(
-        model.jnt_type[joint] == _HINGE
-        and model.jnt_dofadr[joint] not in robot.driven
-        and not np.any(model.jnt_stiffness[joint])
-        and joint not in tied
-    )
+    return not np.any(model.jnt_stiffness[joint]) and joint not in tied
 
 
 def _is_weak(robot: _Robot, joint: int) -> bool:
-    """Returns whether a hinge turns without end, but gravity overcomes its motors on the way.
+    """Returns whether a hinge turns without end, and gravity overcomes its motors on the way.
 
     Not where the robot has a thing beside it, which it is for.
     """
     model, data = robot.model, robot.data
     motors = [i for i, j in robot.motors.items() if j == joint]
-    turns = model.jnt_type[joint] == _HINGE and not model.jnt_limited[joint]
-    if not (turns and motors) or _object(robot) is not None:
+    if model.jnt_limited[joint] or not motors or _object(robot) is not None:
         return False
-    ends = np.where(model.actuator_ctrllimited[motors], model.actuator_ctrlrange[motors, 1], np.inf)
     start, place, pull = data.qpos.copy(), model.jnt_qposadr[joint], 0.0
     for angle in np.linspace(0.0, 2 * np.pi, 8, endpoint=False):
         data.qpos[place] = angle
@@ -254,7 +251,7 @@ def _is_weak(robot: _Robot, joint: int) -> bool:
         pull = max(pull, abs(data.qfrc_bias[model.jnt_dofadr[joint]]))
     data.qpos[:] = start
     mujoco.mj_forward(model, data)
-    return bool(pull > (np.abs(model.actuator_gear[motors, 0]) * ends).sum())
+    return bool(pull > controls_of(model).largest[motors].sum())
 
 
 def _fingers(robot: _Robot) -> int:
@@ -831,7 +828,7 @@ def _pose_cost(robot: _Robot) -> list[dict[str, Any]]:
     for j in robot.joints:
         name, goal = model.joint(j).name, robot.goal[model.jnt_qposadr[j]]
         if j in turning:  # what a strong motor drives may turn on the way
-            weight = 1.0 if _hangs(robot, j) or _is_weak(robot, j) else 0.1
+            weight = 1.0 if _hangs(robot, j) else 0.1
             for wave, to in (("cos", np.cos(goal)), ("sin", np.sin(goal))):
                 term = {"sensor": f"{name}/{wave}", "target": round(float(to), 3)}
                 terms.append(term | {"weight": weight})
