@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Finite differences in a compiled loop, which calls MuJoCo's C functions without Python.
+"""Derivatives of steps in a compiled loop, which calls MuJoCo's C functions without Python.
 
 In a simulator step, all forces balance at the acceleration a = (v' − v)/h (before damping is
 integrated implicitly), which MuJoCo searches by Newton's method:
@@ -13,6 +13,14 @@ with the inverse Hessian (∂r/∂a)⁻¹ of the point itself. So a difference n
         moved = z ⊕ eps e_j
         a = a_0 − H⁻¹ (r(moved, a_0) − r_0)
         column[j] = (integrate(moved, a) ⊖ after) / eps
+
+Velocities and controls need no difference of steps at all. At a given position r is linear in
+them next to the point, and the new velocity is linear in a, so that
+
+    ∂v'/∂v = 1 + K H⁻¹ (−∂r/∂v),    ∂v'/∂u = K H⁻¹ (−∂r/∂u),    K = ∂v'/∂a,
+
+and new positions follow from new velocities. MuJoCo knows the derivatives of smooth forces by
+velocities; those of the constraints' forces are differences of the forces alone.
 
 Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a
 are then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away
@@ -39,8 +47,10 @@ from vgps_ros.simulation.mujoco_functions import (
     mj_make_constraint,
     mj_make_m,
     mj_mul_m,
+    mj_reference_constraint,
     mj_step_skip,
     mj_transmission,
+    mjd_smooth_vel,
 )
 
 # Stages that a step may skip, because their results are still valid from the step before.
@@ -49,6 +59,9 @@ _OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
 _OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 # Difference of accelerations for ∂r/∂a [m/s², rad/s²]. In between its kinks, r is linear in a.
 _ACCELERATION_EPS = 1e-3
+# Difference of velocities for the constraints' forces [m/s, rad/s], which are linear in them, too:
+# the stiffest contact turns it into a smaller acceleration than the one above.
+_VELOCITY_EPS = 1e-6
 _ASYMMETRY = 1e-6  # of ∂r/∂a, at most, where r has no kink; rounding leaves 1e-10
 
 
@@ -58,6 +71,7 @@ class Balance(NamedTuple):
     Attributes:
         acceleration: a_0, shape (n_v,).
         residual: r_0, shape (n_v,).
+        mass: M, shape (n_v, n_v).
         inverse_hessian: H⁻¹, shape (n_v, n_v).
         moved: another acceleration.
         moved_residual: another residual.
@@ -67,6 +81,7 @@ class Balance(NamedTuple):
 
     acceleration: Array
     residual: Array
+    mass: Array
     inverse_hessian: Array
     moved: Array
     moved_residual: Array
@@ -78,8 +93,9 @@ class Balance(NamedTuple):
 def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
 
-    Takes differences of width eps along the `columns` of (δx, u): controls first, positions last,
-    so that the stages which a step skips stay valid. They are centred where a velocity is within
+    Takes differences of width eps along the `columns` of (δx, u), of which positions alone are left
+    where velocities and controls are known. Controls come first, positions last, so that the stages
+    which a step skips stay valid. They are centred where a velocity is within
     `kink` of zero, and point inwards where a control is at its limit: beyond it nothing changes.
     Returns the number of simulator steps.
     """
@@ -88,7 +104,8 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
     z, moved, warm = np.empty(n_x + n_u), np.empty(n_x + n_u), np.empty(n_v)  # z = (x, u)
     after, plus, minus = np.empty(n_x), np.empty(n_x), np.empty(n_x)
     direction, column = np.zeros(n_v), np.empty(n_dx)
-    vectors = np.empty(n_v), np.empty(n_v), np.empty((n_v, n_v)), np.empty(n_v), np.empty(n_v)
+    square = np.empty((n_v, n_v)), np.empty((n_v, n_v))
+    vectors = np.empty(n_v), np.empty(n_v), *square, np.empty(n_v), np.empty(n_v)
     balance = Balance(*vectors, np.zeros(1, np.bool_), np.zeros(1, np.bool_))
     a, b = np.eye(n_dx), np.empty((n_dx, n_u))  # the columns of cyclic positions stay as they are
     steps = 0
@@ -104,8 +121,12 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
                 _find_balance(sim, balance)
             else:  # the balance of forces above has no push
                 balance.is_smooth[0] = False
+            known = 0
+            if sim.structure.knows_velocities and balance.is_smooth[0]:
+                known = n_dx + n_u - n_v  # columns
+                _differentiate_forces(sim, balance, z, after, eps, a, b)
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
-            for j in columns:
+            for j in columns[known:]:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
                 width, is_centred = eps, centred
                 if j >= n_dx:
@@ -184,33 +205,136 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
         sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
-    keeps_system = 1 if skip >= _OF_POSITIONS else 0
+    _integrate(sim, 1 if skip >= _OF_POSITIONS else 0)
+    get_state(sim, after)
+
+
+@compiled
+def _integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Advances the state by the accelerations and forces that the simulation holds."""
     if sim.structure.is_implicit:
         mj_implicit_skip(sim.model, sim.data, keeps_system)
     else:
         mj_euler_skip(sim.model, sim.data, keeps_system)
-    get_state(sim, after)
 
 
 @compiled
 def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the balance of forces at the point from which the simulation has stepped."""
-    acceleration, residual, hessian, moved, scratch, is_pushed, is_smooth = balance
+    acceleration, residual, mass, hessian, product, force, is_pushed, is_smooth = balance
     _copy(sim.qacc, acceleration)
-    _copy(sim.qacc, moved)
     is_pushed[0] = not sim.structure.is_one_sided
-    for force in sim.qfrc_constraint:
-        is_pushed[0] |= force != 0.0
+    for pushes in sim.qfrc_constraint:
+        is_pushed[0] |= pushes != 0.0
     _write_residual(sim, acceleration, residual)
+    _copy(sim.qfrc_constraint, force)
     for j in range(len(acceleration)):
-        moved[j] = acceleration[j] + _ACCELERATION_EPS
-        _write_residual(sim, moved, scratch)
+        sim.qacc[:] = 0.0
+        sim.qacc[j] = 1.0
+        mj_mul_m(sim.model, sim.data, product.ctypes.data, sim.qacc.ctypes.data)
+        _copy(acceleration, sim.qacc)
+        if is_pushed[0]:
+            sim.qacc[j] += _ACCELERATION_EPS
+            mj_inv_constraint(sim.model, sim.data)
         for i in range(len(acceleration)):
-            hessian[i, j] = (scratch[i] - residual[i]) / _ACCELERATION_EPS
-        moved[j] = acceleration[j]
+            mass[i, j] = product[i]
+            hessian[i, j] = product[i] - (sim.qfrc_constraint[i] - force[i]) / _ACCELERATION_EPS
     is_smooth[0] = _is_symmetric(hessian)
     if is_smooth[0]:
         _invert(hessian)
+
+
+@compiled
+def _differentiate_forces(sim, balance, z, after, eps, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes all columns but those of positions by the balance at z, from which a step led to after.
+
+    Activations do not follow velocities, and their own columns are differences.
+    """
+    n_q, n_v, n_a, n_u = len(sim.qpos), len(sim.qvel), len(sim.act), len(sim.ctrl)
+    n_dx, before = 2 * n_v + n_a, balance.moved
+    rates, moves = np.empty((n_v, n_v)), np.zeros((n_v, n_dx - n_v + n_u))  # ∂v'/∂a, −∂r/∂(v, u)
+    put_state(sim, z)
+    _copy(z[len(after) :], sim.ctrl)
+    mjd_smooth_vel(sim.model, sim.data, 1)
+    for i in range(n_v):
+        for k in range(sim.row_starts[i], sim.row_starts[i] + sim.row_lengths[i]):
+            moves[i, sim.row_columns[k]] = sim.smooth_rates[k]
+    if balance.is_pushed[0]:
+        _copy(balance.acceleration, sim.qacc)
+        mj_inv_constraint(sim.model, sim.data)
+        _copy(sim.qfrc_constraint, before)
+        for j in range(n_v):
+            sim.qvel[j] += _VELOCITY_EPS
+            mj_reference_constraint(sim.model, sim.data)
+            mj_inv_constraint(sim.model, sim.data)
+            sim.qvel[j] = z[n_q + j]
+            for i in range(n_v):
+                moves[i, j] += (sim.qfrc_constraint[i] - before[i]) / _VELOCITY_EPS
+    a[2 * n_v :, n_v : 2 * n_v] = 0.0
+    _copy(sim.qfrc_actuator, before)
+    for j in range(n_v, n_v + n_a + n_u):
+        u, width = j - n_v - n_a, eps
+        if u < 0:
+            sim.act[j - n_v] += width
+        else:
+            width = eps if sim.high[u] - sim.ctrl[u] >= eps else -eps
+            sim.ctrl[u] += width
+        mj_fwd_actuation(sim.model, sim.data)
+        for i in range(n_v):
+            moves[i, j] = (sim.qfrc_actuator[i] - before[i]) / width
+        if n_a:
+            _integrate(sim, 1)
+            for i in range(n_a):
+                change = (sim.act[i] - after[n_q + n_v + i]) / width
+                if u < 0:
+                    a[2 * n_v + i, n_v + j] = change
+                else:
+                    b[2 * n_v + i, u] = change
+            put_state(sim, z)
+        if u >= 0:
+            sim.ctrl[u] = z[len(after) + u]
+    for j in range(n_v):
+        put_state(sim, z)
+        for i in range(n_v):
+            sim.qacc[i] = 1.0 if i == j else 0.0
+            sim.qfrc_smooth[i] = 0.0
+            sim.qfrc_constraint[i] = balance.mass[i, j]
+        _integrate(sim, 1)
+        for i in range(n_v):
+            rates[i, j] = sim.qvel[i] - z[n_q + i]
+    moves = rates @ (balance.inverse_hessian @ moves)
+    for j in range(n_v):
+        moves[j, j] += 1.0
+    a[n_v : 2 * n_v, n_v:] = moves[:, : n_v + n_a]
+    b[n_v : 2 * n_v] = moves[:, n_v + n_a :]
+    _turn(sim, after, moves)
+    a[:n_v, n_v:] = moves[:, : n_v + n_a]
+    b[:n_v] = moves[:, n_v + n_a :]
+
+
+@compiled
+def _turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Turns derivatives of new velocities, (n_v, n), into those of the positions they lead to.
+
+    A quaternion q' = q exp(h ω') moves by δ = h J(h ω') δω', with the right Jacobian of SO(3),
+    J(θ) = 1 − c [θ]ₓ + s [θ]ₓ², c = (1 − cos|θ|)/|θ|², s = (|θ| − sin|θ|)/|θ|³.
+    """
+    h, n_q = sim.structure.time_step, len(sim.qpos)
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            rows[i, j] *= h
+    for first in sim.structure.quaternions:
+        x, y, w = h * after[n_q + first : n_q + first + 3]
+        angle = np.sqrt(x * x + y * y + w * w)
+        c, s = 0.5, 1.0 / 6.0
+        if angle > 1e-4:
+            c, s = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+        for j in range(rows.shape[1]):
+            p, q, r = rows[first, j], rows[first + 1, j], rows[first + 2, j]
+            u, v, t = y * r - w * q, w * p - x * r, x * q - y * p  # θ × δ
+            rows[first, j] += s * (y * t - w * v) - c * u
+            rows[first + 1, j] += s * (w * u - x * t) - c * v
+            rows[first + 2, j] += s * (x * v - y * u) - c * t
 
 
 @compiled

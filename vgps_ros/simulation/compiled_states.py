@@ -8,6 +8,7 @@ the time of a slice.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.records import Array
@@ -44,6 +45,8 @@ class CompiledSimulation(NamedTuple):
         high: highest controls; loops clip to both, and record what is left.
         substeps: simulator steps for which one control is held.
         structure: what derivatives of a step may leave out.
+        smooth_rates: derivatives of smooth forces by velocities, row after row without zeros;
+            row_lengths, row_starts and row_columns tell where each stands.
         applied: force and torque on each body's centre of mass along the world's axes, shape
             (nbody, 6) [N, N·m]; zero between two steps.
         push: the push, whose force loops write to `applied`.
@@ -67,6 +70,10 @@ class CompiledSimulation(NamedTuple):
     qfrc_constraint: Array
     substeps: int
     structure: StepStructure
+    smooth_rates: Array
+    row_lengths: NDArray[np.int32]
+    row_starts: NDArray[np.int32]
+    row_columns: NDArray[np.int32]
     applied: Array
     push: BodyPush
 

@@ -127,7 +127,8 @@ def _compiled_simulation(
         *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
         *(data.qfrc_smooth, data.qfrc_constraint),
     )
-    rest = substeps, step_structure(model), data.xfrc_applied, push
+    rates = data.qDeriv, model.D_rownnz, model.D_rowadr, model.D_colind
+    rest = substeps, step_structure(model), *rates, data.xfrc_applied, push
     return CompiledSimulation(model._address, data._address, *arrays, *rest)
 
 

@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.checks import nearest, quoted, told
 from vgps_ros.core.dynamics import StateSpace
@@ -291,12 +292,19 @@ class StepStructure(NamedTuple):
         is_implicit: whether that integration is implicit in velocity.
         is_one_sided: whether constraints act only while they push, as contacts and limits do; then
             a constraint without force has none nearby either.
+        knows_velocities: whether MuJoCo's derivatives of forces by velocities are all of them: not
+            those of tendons and sites, which couple joints of several branches.
+        time_step: of a step [s].
+        quaternions: the first degree of freedom of each ball and free joint's rotation.
     """
 
     may_skip: bool
     may_predict: bool
     is_implicit: bool
     is_one_sided: bool
+    knows_velocities: bool
+    time_step: float
+    quaternions: NDArray[np.int32]
 
 
 def step_structure(model: mujoco.MjModel) -> StepStructure:
@@ -321,7 +329,23 @@ def step_structure(model: mujoco.MjModel) -> StepStructure:
             or model.dof_frictionloss.any()
             or model.tendon_frictionloss.any()
         ),
+        knows_velocities=bool(_are_known(model)),
+        time_step=float(option.timestep),
+        quaternions=np.r_[
+            model.jnt_dofadr[model.jnt_type == _JOINT.mjJNT_FREE] + 3,
+            model.jnt_dofadr[model.jnt_type == _JOINT.mjJNT_BALL],
+        ].astype(np.int32),
     )
+
+
+def _are_known(model: mujoco.MjModel) -> bool:
+    """Returns whether MuJoCo's derivatives of forces by velocities are all of them."""
+    at_joint = model.actuator_trntype <= int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    is_affine = model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)
+    at_velocity = is_affine & (model.actuator_biasprm[:, 2] != 0.0)
+    is_plain = is_affine & (at_joint | ~at_velocity)
+    follows = model.actuator_dyntype <= int(mujoco.mjtDyn.mjDYN_MUSCLE)  # its control alone
+    return bool((is_plain & follows).all() and not model.tendon_damping.any())
 
 
 def damping_varies(model: mujoco.MjModel) -> bool:

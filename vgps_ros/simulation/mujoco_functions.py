@@ -69,8 +69,10 @@ mj_transmission = _of_simulation("mj_transmission")
 mj_fwd_velocity = _of_simulation("mj_fwdVelocity")
 mj_fwd_actuation = _of_simulation("mj_fwdActuation")
 mj_inv_constraint = _of_simulation("mj_invConstraint")
+mj_reference_constraint = _of_simulation("mj_referenceConstraint")
 
 _CALL_STEP_SKIP, _CALL_MUL_M = _call_of("mj_stepSkip"), _call_of("mj_mulM")
+_CALL_SMOOTH_VEL = _call_of("mjd_smooth_vel")
 _CALL_EULER_SKIP, _CALL_IMPLICIT_SKIP = _call_of("mj_EulerSkip"), _call_of("mj_implicitSkip")
 _CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of("mj_integratePos")
 
@@ -79,6 +81,12 @@ _CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of
 def mj_step_skip(_, model, data, skipped_stage, skips_sensors):  # type: ignore[no-untyped-def]
     """Advances the simulation by one simulator step, without stages that are valid already."""
     return types.void(types.intp, types.intp, types.int32, types.int32), _CALL_STEP_SKIP
+
+
+@_intrinsic
+def mjd_smooth_vel(_, model, data, has_bias):  # type: ignore[no-untyped-def]
+    """Writes the derivatives of smooth forces by velocities, with those of the bias if asked."""
+    return types.void(types.intp, types.intp, types.int32), _CALL_SMOOTH_VEL
 
 
 @_intrinsic
