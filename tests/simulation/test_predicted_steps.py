@@ -10,6 +10,9 @@ from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import damping_varies, step_structure
 
+# Whose force has mostly reached its limit.
+SERVO = '<position name="hip" joint="hip" kp="90" kv="2" forcerange="-9 9"/>'
+
 
 def model_with(option="", old="", new=""):
     mjcf = EVERYTHING.replace('integrator="implicitfast"', option or 'integrator="implicitfast"')
@@ -35,6 +38,11 @@ def centred_differences(model, state, control):
         ("", '<motor name="hip" joint="hip"/>', '<velocity name="hip" joint="hip" kv=".5"/>'),
         ("", 'joint name="hip"', 'joint name="hip" frictionloss=".1"'),
         ("", "<tendon>", '<equality><joint joint1="hip" joint2="knee"/></equality><tendon>'),
+        ("", '<fixed name="both">', '<fixed name="both" damping="2">'),
+        ("", '<position name="pull" tendon="both"', '<position name="pull" kv="1" tendon="both"'),
+        ("", 'joint name="hip"', 'joint name="hip" actuatorfrcrange="-.2 .2"'),
+        ("", '<motor name="hip" joint="hip"/>', SERVO),
+        ("", 'dynprm=".05"', 'dynprm=".05" actearly="true"'),
     ],
 )
 def test_predicted_accelerations_differentiate_as_full_steps_do(changes, rng):
@@ -48,6 +56,33 @@ def test_predicted_accelerations_differentiate_as_full_steps_do(changes, rng):
         found = np.hstack([linear.f_x[t], linear.f_u[t]])
         errors.append(np.abs(found - expected).max() / np.abs(expected).max())
     assert np.quantile(errors, 0.8) < 1e-5
+
+
+@pytest.mark.parametrize("changes", [(), ("", '<motor name="hip" joint="hip"/>', SERVO)])
+def test_columns_of_velocities_and_controls_are_closer_than_differences_of_steps(changes, rng):
+    model = model_with(*changes)
+    assert step_structure(model).knows_velocities
+    states, controls = random_states(model, rng, 13), rng.uniform(-1, 1, (12, model.nu))
+    linear, _ = Dynamics(model, threads=1).linearize(Trajectory(states, controls))
+    errors = []
+    for t, control in enumerate(controls):
+        expected = centred_differences(model, states[t], control)[:, model.nv :]
+        found = np.hstack([linear.f_x[t, :, model.nv :], linear.f_u[t]])
+        errors.append(np.abs(found - expected).max())
+    assert np.quantile(errors, 0.8) < 3e-9
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("", '<fixed name="both">', '<fixed name="both" damping="2">'),
+        ("", '<position name="pull" tendon="both"', '<position name="pull" kv="1" tendon="both"'),
+    ],
+)
+def test_what_couples_joints_of_several_branches_is_left_to_differences(changes):
+    structure = step_structure(model_with(*changes))
+    assert structure.may_predict
+    assert not structure.knows_velocities
 
 
 def test_a_search_for_the_acceleration_that_stops_early_disturbs_no_difference(rng):

@@ -62,6 +62,7 @@ _ACCELERATION_EPS = 1e-3
 # Difference of velocities for the constraints' forces [m/s, rad/s], which are linear in them, too:
 # the stiffest contact turns it into a smaller acceleration than the one above.
 _VELOCITY_EPS = 1e-6
+_CONTROL_EPS = 1e-6  # of controls and activations, in which the motors' forces are linear, too
 _ASYMMETRY = 1e-6  # of ∂r/∂a, at most, where r has no kink; rounding leaves 1e-10
 
 
@@ -124,7 +125,7 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
             known = 0
             if sim.structure.knows_velocities and balance.is_smooth[0]:
                 known = n_dx + n_u - n_v  # columns
-                _differentiate_forces(sim, balance, z, after, eps, a, b)
+                _differentiate_forces(sim, balance, z, after, a, b)
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns[known:]:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
@@ -245,8 +246,8 @@ def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no c
 
 
 @compiled
-def _differentiate_forces(sim, balance, z, after, eps, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes all columns but those of positions by the balance at z, from which a step led to after.
+def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes all columns but those of positions by the balance at z, which a step brought to after.
 
     Activations do not follow velocities, and their own columns are differences.
     """
@@ -273,11 +274,11 @@ def _differentiate_forces(sim, balance, z, after, eps, a, b):  # type: ignore[no
     a[2 * n_v :, n_v : 2 * n_v] = 0.0
     _copy(sim.qfrc_actuator, before)
     for j in range(n_v, n_v + n_a + n_u):
-        u, width = j - n_v - n_a, eps
+        u, width = j - n_v - n_a, _CONTROL_EPS
         if u < 0:
             sim.act[j - n_v] += width
         else:
-            width = eps if sim.high[u] - sim.ctrl[u] >= eps else -eps
+            width = width if sim.high[u] - sim.ctrl[u] >= width else -width
             sim.ctrl[u] += width
         mj_fwd_actuation(sim.model, sim.data)
         for i in range(n_v):
