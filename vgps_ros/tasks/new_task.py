@@ -604,7 +604,8 @@ def _signals(robot: _Robot) -> dict[str, Any]:
     many = len(robot.feet) > 2
     fast = float(f"{(0.4 if many else 0.22) * (robot.gravity * robot.leg) ** 0.5:.1g}")
     rate = (0.6 if many or robot.hops else 0.36) * (robot.gravity / robot.leg) ** 0.5
-    push = 3.0 if many else 0.3 if robot.hops else 0.5 if robot.is_biped else 1.0  # [m/s]
+    two = robot.is_biped
+    push = 3.0 if many else 0.3 if robot.hops else 0.25 if two else 1.0  # [m/s]
     return {
         "ahead": [0.0 if robot.hops else -fast / 2, fast],  # [m/s]
         "aside": [-0.4 * fast, 0.4 * fast],
@@ -612,6 +613,10 @@ def _signals(robot: _Robot) -> dict[str, Any]:
         "turns": robot.is_free,
         "rate": f"{rate:.2g}",
         "push": f"{push * robot.mass:.2g}",
+        "biped": two,
+        "iterations": 30 if robot.hops else 26 if two else 22,
+        "solves": 3 if two else 2,  # DDP iterations
+        "new_solves": 24 if two else 16,
         "unlimited": dict.fromkeys(_places(robot), np.inf),
         "mirror": _mirror(robot),
     }
@@ -652,10 +657,11 @@ def _scored(robot: _Robot) -> dict[str, Any]:
         "rises": robot.height > 0.0,
         "height": robot.height,
         "low": 0.55 * robot.height,
-        "lifts": 40.0 / leg**2 if legs else 10.0,
+        "lifts": (105.0 if robot.is_biped else 40.0) / leg**2 if legs else 10.0,
+        "turning": 15 if robot.is_biped else 5,
         "leans": ["xyz"[i] for i in leans],
         "upright": [robot.frame[2, i] for i in leans],
-        "steadies": 20 if legs else 5,
+        "steadies": 50 if robot.is_biped else 20 if legs else 5,
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
         "feet": feet,
         "steps": [*steps, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
@@ -672,7 +678,7 @@ def _begin(robot: _Robot) -> dict[str, Any]:
     """Returns which first motion it gets, one of five."""
     controls = controls_of(robot.model) if robot.model.nu else None
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
-    path = robot.is_biped
+    path = robot.is_biped and controls is not None and not is_servo
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
     high = controls.limits[1] if controls else np.full(1, np.inf)
     std = np.where(np.isfinite(high) & (high > 0), 0.2 * high, 1.0).tolist()
@@ -727,10 +733,11 @@ def _mirror(robot: _Robot) -> list[str]:
             parts = zip(*(re.split(r"([^A-Za-z]+)", n) for n in (one, other)), strict=False)
             swaps |= {(a, b) for a, b in parts if "" < a < b}
             flips += [one] if one and one not in flips and image @ axes[near[0]] < 0 else []
-    up, turning = (_new(robot, name) for name in ("up", "turning"))
+    up, turning, velocity = (_new(robot, name) for name in ("up", "turning", "velocity"))
     pairs |= {up: up, turning: turning}
     if any(exchanged(a, sorted(swaps)) != b for a, b in pairs.items()):
         return []
+    flips += [f"{velocity}/y"] if robot.is_biped else []
     flips += [f"{up}/y", f"{turning}/[xz]", "command/sideways", "command/turn", "clock/*"]
     return [f"swap: {_flow([list(pair) for pair in sorted(swaps)])}", f"flip: {_flow(flips)}"]
 
@@ -881,6 +888,7 @@ def _observed(robot: _Robot) -> list[Any]:
     entries += [_new(robot, "up")] if robot.is_free and _leans(robot) else []
     if robot.is_free and robot.feet:
         entries.append(_new(robot, "turning"))
+        entries += [_new(robot, "velocity")] if robot.is_biped else []
     elif robot.is_free:
         joint = model.joint(robot.base[0]).name
         entries += [*(f"{joint}/{rate}" for rate in ("z", "vx", "vy", "vz")), *_rates(joint)]
