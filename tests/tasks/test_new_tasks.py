@@ -100,6 +100,8 @@ def written(tmp_path, monkeypatch):
     [
         (walker(*FOUR), "Legs, 4", ["command: turn", "clock: {frequency", "begin: {law: pd}"]),
         (walker(*TWO), "Legs, 2", ["swap: [[left, right]]", "begin: {law: path}"]),
+        (walker(*TWO), "Legs, 2", ["up, turning, velocity, commands", '"velocity/*": 0.05']),
+        (walker(*TWO, motor="position", extra=SERVO), "Legs, 2", ["begin: {law: pd}"]),
         (walker(("mid", 0, 0)), "Legs, 1", ["clock: {frequency"]),
         (
             walker(("mid", 0, 0), extra='ctrlrange="-20 20"'),
@@ -190,6 +192,16 @@ def test_a_robot_without_actuators_gets_servos_as_strong_as_its_load(written):
         task.initial_state, lambda *_: task.dynamics.controls.resting(task.initial_state), 100
     )
     assert not task.fallen(held.states).any()
+
+
+def test_joints_are_locked_by_one_line_though_other_lines_name_them(written, tmp_path):
+    text, _ = written(walker(*TWO).partition("<actuator>")[0] + "</mujoco>")
+    assert "left_roll" in text.partition("flip:")[2]
+    text = text.replace("  joints:", '  joints:\n    "*_roll": {lock: 0.0}')
+    (tmp_path / "mine" / "task.yaml").write_text(text)
+    task = make_task("mine")
+    assert task.dims["n_u"] == 4
+    assert not any("roll" in name for name in task.observation.names)
 
 
 def test_a_nose_along_y_is_noticed(written):

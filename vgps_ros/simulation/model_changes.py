@@ -2,11 +2,12 @@
 """Changes a robot's model in memory, through MuJoCo's MjSpec; the file itself is never edited.
 
 Changes and added sensors are plain data, of the form that `vgps_ros.tasks.schema` declares. They
-are made in this order: what only shows is dropped, a floor is added, bodies, joints and actuators
-are removed, joints locked, options set, joints, geoms and masses changed, contacts restricted,
-motors and sensors added. Bodies, joints, geoms and actuators without
-a name get one first, so that changes and tasks can name them: a body after the one that carries it,
-a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after what it drives.
+are made in this order: what only shows is dropped, a floor is added, actuators and bodies are
+removed, options set, joints, geoms and masses changed, contacts restricted, motors added, joints
+removed or locked with what drives them, and sensors added. Bodies, joints, geoms and actuators
+without a name get one first, so that changes and tasks can name them: a body after the one that
+carries it, a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after what it
+drives.
 """
 
 import warnings
@@ -101,16 +102,6 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         for body in _matching(spec.bodies[1:], "body", pattern, "remove_bodies", i):
             if spec.body(body.name) is not None:  # not with one that carries it
                 spec.delete(body)
-    gone, locked = list[str](), dict[str, float]()
-    for i, pattern in enumerate(changes.get("remove_joints", ())):
-        found = _matching(spec.joints, "joint", pattern, "remove_joints", i)
-        gone += [joint.name for joint in found]
-    for pattern, values in changes.get("joints", {}).items():
-        if "lock" in values:
-            found = _matching(spec.joints, "joint", pattern, "joints", pattern)
-            locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
-    if gone or locked:
-        _remove_joints(spec, gone, locked)
     _set_option(spec.option, changes.get("option", {}))
     for kind, elements in (("joint", spec.joints), ("geom", spec.geoms)):
         for pattern, values in changes.get(f"{kind}s", {}).items():
@@ -125,6 +116,16 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         _restrict_contacts(spec, changes["only_contacts"])
     for name, motor in changes.get("actuators", {}).items():
         _add_motors(spec, name, motor)
+    gone, locked = list[str](), dict[str, float]()
+    for i, pattern in enumerate(changes.get("remove_joints", ())):
+        found = _matching(spec.joints, "joint", pattern, "remove_joints", i)
+        gone += [joint.name for joint in found]
+    for pattern, values in changes.get("joints", {}).items():
+        if "lock" in values:
+            found = _matching(spec.joints, "joint", pattern, "joints", pattern)
+            locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
+    if gone or locked:
+        _remove_joints(spec, gone, locked)
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
     for name, sensor in sensors.items():

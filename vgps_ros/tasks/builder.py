@@ -208,10 +208,15 @@ class _Reader:
             with self.document.at(("sensor_noise", pattern)):
                 of_readings |= dict.fromkeys(matching("reading", pattern, read), std)
         noise = np.array([of_readings.get(reading_of(name), 0.0) for name in names])
-        return Augmentation(noise, self._mirror(file.mirror, names) if file.mirror else None)
+        locked = [name for name, values in file.changes.joints.items() if values.lock is not None]
+        mirror = self._mirror(file.mirror, names, locked) if file.mirror else None
+        return Augmentation(noise, mirror)
 
-    def _mirror(self, entry: MirrorEntry, names: list[str]) -> Mirror:
-        """Returns the exchange of left and right of what is read, and of the actuators."""
+    def _mirror(self, entry: MirrorEntry, names: list[str], locked: list[str]) -> Mirror:
+        """Returns the exchange of left and right of what is read, and of the actuators.
+
+        What is flipped may be a joint that is locked, and so is read no longer.
+        """
         actuators = [self.model.actuator(i).name for i in range(self.model.nu)]
         # What a number is of, by whose name it is flipped.
         of = {name: reading_of(name) for name in [*names, *actuators]}
@@ -226,7 +231,7 @@ class _Reader:
                 if fnmatchcase(own, pattern) or fnmatchcase(own.rpartition("/")[0], pattern)
             ]
             self.document.refuse(
-                not found,
+                not found and not any(fnmatchcase(pattern, lock) for lock in locked),
                 ("mirror", "flip"),
                 f"{quoted(pattern)} is no name or pattern of a reading or an actuator.",
             )
