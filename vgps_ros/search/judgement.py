@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.errors import InvalidInputError
@@ -358,6 +357,8 @@ def check_lengths(task: Task, seconds: float) -> None:
 
 def interval(share: float, count: int) -> tuple[float, float]:
     """Returns Wilson's interval of 95 % of a share of so many rollouts."""
+    from scipy.stats import binomtest  # which is slow to load
+
     low, high = binomtest(round(share * count), count).proportion_ci(method="wilson")
     return float(low), float(high)
 
