@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Bags that end on a full, slow or hanging disk: what it took can be read."""
+"""Bags on a full or slow disk: what it took can be read."""
 
 import os
 import re
@@ -47,7 +47,7 @@ def test_closed_on_a_full_disk_it_keeps_what_the_disk_took(tmp_path, size, setti
         assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
     assert bool(missing_parts(bag.path)) == bool(sentence)
     if sentence:
-        assert re.search("ulimit -f.*bag reindex", sentence)
+        assert re.search("File too large; make room .*bag reindex", sentence)
         repair(bag.path)
     assert numbers(bag.path) == list(range(1, bag.message_count + 1))
     assert bag.message_count + bag.lost == 3000
@@ -60,9 +60,9 @@ def test_a_slow_disk_holds_nothing_up_and_what_is_too_much_is_counted(tmp_path, 
     bag.flush()
     gate.clear()
     bag.fill(10_000)  # would not return if it waited
-    assert 5_000_000 < bag.disk.backlog < 6_000_000
+    assert 5_000_000 < bag.backlog < 6_000_000
     assert 4_000 < bag.lost < 5_500
-    assert bag.disk.fault is None
+    assert not bag.fault
     gate.set()
     bag.flush()
     kept = bag.message_count
@@ -85,28 +85,6 @@ def test_the_end_waits_for_a_slow_disk(tmp_path, monkeypatch):
     bag.close()
     assert bag.lost == 0
     assert numbers(bag.path) == list(range(1, 2001))
-
-
-def test_the_end_does_not_wait_for_a_disk_that_hangs(tmp_path, gate):
-    bag = Bag(tmp_path / "bag")
-    bag.fill(500)
-    bag.flush()
-    gate.clear()
-    bag.fill(500)
-    start = time.monotonic()
-    with pytest.raises(UnfinishedBagError, match="hangs"):
-        bag.close()
-    assert time.monotonic() - start < 3.0  # 2 s, where the machine is quiet
-    assert (bag.message_count, bag.lost) == (500, 500)
-    gate.set()
-    deadline = time.monotonic() + 10.0
-    while "still being recorded" in missing_parts(bag.path) and time.monotonic() < deadline:
-        time.sleep(0.02)  # until the write that hung has ended
-    assert re.search(r"bag_0\.mcap. [0-9]+ messages", missing_parts(bag.path))
-    repair(bag.path)
-    kept = numbers(bag.path)
-    assert kept == list(range(1, len(kept) + 1))
-    assert len(kept) >= 500  # the write that hung may have come through
 
 
 def test_a_bag_whose_metadata_cannot_be_written_says_so(tmp_path):

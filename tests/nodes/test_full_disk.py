@@ -3,9 +3,7 @@
 
 import os
 import resource
-import shutil
 import signal
-import subprocess
 import threading
 import time
 from contextlib import contextmanager
@@ -19,7 +17,6 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt8MultiArray
 
-from tests.nodes.conftest import EXECUTABLES
 from vgps_ros.bags.reader import missing_parts
 from vgps_ros.bags.writer import repair
 from vgps_ros.messages.conversions import pack, stamp_of, state_to_msg
@@ -90,7 +87,7 @@ def value(status: DiagnosticStatus, key: str) -> int:
     return int(next(v.value for v in status.values if v.key == key))
 
 
-def test_a_full_disk_is_said_others_notice_nothing_and_it_goes_on_by_itself(graph, tmp_path):
+def test_a_full_disk_is_said_others_notice_nothing_and_what_comes_later_is_lost(graph, tmp_path):
     path = tmp_path / "bag"
     recorder = start(graph, path, cache_size=1.0)
     source = Source(graph)
@@ -99,26 +96,20 @@ def test_a_full_disk_is_said_others_notice_nothing_and_it_goes_on_by_itself(grap
     graph.spin_for(1.0)
     limit(recorder, sum(f.stat().st_size for f in path.iterdir()) + 100_000)
     source.publish(300)  # 6 MB
-    full = graph.diagnosis("recorder", DiagnosticStatus.ERROR, "Messages are being lost")
-    for part in ("Cannot write to", str(path / "bag_0.mcap"), "MB are free", "ulimit -f"):
+    full = graph.diagnosis("recorder", DiagnosticStatus.ERROR, "Cannot write to")
+    for part in (str(path / "bag_0.mcap"), "make room on the disk"):
         assert part in full.message
     lost = value(full, "messages_lost")
     assert lost > 0
     assert graph.diagnosis("policy_executor", DiagnosticStatus.OK)
     assert executor.running
-    limit(recorder, resource.RLIM_INFINITY)
-    graph.diagnosis("recorder", DiagnosticStatus.OK)
-    before = source.count
-    source.publish(50)
-    graph.spin_for(1.0)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     assert "Traceback" not in recorder.output
-    assert missing_parts(path) == ""
-    recorded = stamps(path)
-    assert recorded == sorted(set(recorded))
-    assert set(range(50)) <= set(recorded)
-    assert set(range(before, before + 50)) <= set(recorded)
     assert "messages are lost" in recorder.output
+    repair(path)
+    recorded = stamps(path)
+    assert recorded == list(range(len(recorded)))
+    assert len(recorded) >= 50
 
 
 @pytest.mark.parametrize("room", [0, pytest.param(60_000, marks=pytest.mark.slow)])
@@ -165,43 +156,6 @@ def test_signals_at_any_time_leave_a_whole_bag_within_two_seconds(graph, tmp_pat
         assert missing_parts(path) == ""
         recorded = stamps(path)
         assert recorded == list(range(recorded[0], recorded[0] + len(recorded)))
-
-
-@pytest.mark.slow
-def test_on_a_small_disk_of_its_own_it_fills_the_disk_and_ends_with_a_whole_bag(graph, tmp_path):
-    mount = 'mount -t tmpfs -o size=3m none "$0" && exec "$@"'  # unmounted with its namespace
-    namespace = ["unshare", "-rm", "sh", "-c", mount, str(tmp_path)]
-    if subprocess.run([*namespace, "true"], capture_output=True, check=False).returncode:
-        pytest.skip("Needs namespaces, to mount a small disk; the tests above do without.")
-    arguments = [f"output:={tmp_path / 'bag'}", "cache_size:=1.0", "min_space:=0.3"]
-    options = [word for argument in arguments for word in ("-p", argument)]
-    process = subprocess.Popen(
-        [*namespace, str(EXECUTABLES / "recorder"), "--ros-args", *options],
-        env=graph._environment,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        source = Source(graph)
-        source.publish(300)  # 6 MB
-        full = graph.diagnosis("recorder", DiagnosticStatus.ERROR, "Messages are being lost")
-        assert "No space left" in full.message
-        assert "free some space there" in full.message
-        # Its disk is gone with the process, unless somebody has a hold of it.
-        disk = os.open(f"/proc/{process.pid}/root{tmp_path}", os.O_DIRECTORY)
-        process.terminate()
-        output, _ = process.communicate(timeout=30)
-        shutil.copytree(f"/proc/self/fd/{disk}/bag", tmp_path / "copy")
-        os.close(disk)
-    finally:
-        process.kill()
-        process.wait()
-    assert process.returncode == 0
-    assert "messages are lost" in output
-    assert missing_parts(tmp_path / "copy") == ""
-    recorded = stamps(tmp_path / "copy")
-    assert recorded == list(range(len(recorded)))
-    assert len(recorded) > 80
 
 
 @pytest.mark.slow

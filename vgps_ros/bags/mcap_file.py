@@ -7,6 +7,7 @@ killed has no index and may end within a record. Where the length of a record is
 goes on at the next chunk that the index names; without an index the rest of the file is lost.
 """
 
+import fcntl
 import io
 import struct
 import zlib
@@ -232,6 +233,16 @@ class McapFile:
 
     def _note(self, damage: str) -> None:
         self.damages.append(f"{self.path.name}: {damage}")
+
+
+def is_being_written(path: Path) -> bool:
+    """Returns whether a `BagWriter` of some process still writes the file."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def _records(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:

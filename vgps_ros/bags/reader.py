@@ -14,12 +14,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vgps_ros.bags.mcap_file import McapFile
+from vgps_ros.bags.mcap_file import McapFile, is_being_written
 from vgps_ros.bags.metadata import FILE_NAME, read_metadata
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash, is_mjcf, message_type
-from vgps_ros.storage.disk import is_being_written
 
 # What a graph has once for each robot.
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}

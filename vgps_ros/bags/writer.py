@@ -6,13 +6,15 @@ a slow disk holds up nobody. A bag whose recorder was killed lacks `metadata.yam
 its last file, which `repair` makes anew.
 """
 
+import fcntl
+import hashlib
 import math
 import os
 import re
+import threading
 import time
-from collections import Counter
-from collections.abc import Sequence
-from contextlib import suppress
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,7 @@ from mcap.well_known import Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vgps_ros.bags.mcap_file import FileSummary, McapFile, Topic
+from vgps_ros.bags.mcap_file import FileSummary, McapFile, Topic, is_being_written
 from vgps_ros.bags.metadata import (
     FILE_NAME,
     bag_information,
@@ -37,11 +39,11 @@ from vgps_ros.bags.reader import storage_files
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.messages.names import file_of
-from vgps_ros.storage.disk import Disk, is_being_written
 
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
 
 _CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
+_PERIOD = 0.05  # between two looks for messages to write [s]
 _FLUSH_PERIOD = 0.4  # a killed recorder loses the messages of this time at most, and a moment [s]
 
 
@@ -52,8 +54,9 @@ class UnfinishedBagError(VgpsError):
 class BagWriter:
     """A bag that is being written.
 
-    Messages wait in memory for a disk that is slow or full, up to a limit; those beyond it are
-    counted as lost. Twice a second at least, those that came are handed over to the system.
+    Messages wait in memory for a slow disk, up to a limit; those beyond it are counted as lost.
+    Twice a second at least, those that came are handed over to the system. Where the disk refuses
+    something, as when it is full, all that comes later is lost, too.
 
     Args:
         path: folder of the bag; it must not exist.
@@ -61,14 +64,11 @@ class BagWriter:
         max_file_size: begin a new file beyond this size [bytes]; 0: never.
         max_file_duration: begin a new file after this time [ns]; 0: never.
         max_backlog: what may wait for the disk [bytes].
-        min_space: what is left free on the disk until the bag is closed [bytes].
 
     Attributes:
         path: the folder.
         topics: topics that messages can be written to, by their names.
-        message_count: messages written so far, those included that wait for the disk.
-        lost: number of messages that could not be written.
-        disk: the disk, which says what waits for it and why nothing can be written now.
+        fault: a sentence on why nothing can be written any more; empty if it can.
 
     Raises:
         InvalidInputError: the folder exists, cannot be made or cannot be written to.
@@ -82,42 +82,52 @@ class BagWriter:
         max_file_size: int = 0,
         max_file_duration: int = 0,
         max_backlog: float = math.inf,
-        min_space: int = 0,
     ):
         self.path = path
         self.topics: dict[str, Topic] = {}
-        self.message_count = self.lost = 0
+        self.fault = ""
         self._compression = one_of("compression", compression, COMPRESSIONS)
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
         self._max_backlog = max_backlog
         self._definitions = MessageDefinitions()
-        self._is_finished = False
-        # All below belongs to the disk's thread.
+        self._work: deque[tuple[Callable[..., object], tuple[object, ...], int]] = deque()
+        self._is_closing = threading.Event()
+        # Numbers of works, bytes and messages, each counted by one thread.
+        self._put_works = self._put_bytes = self._taken = self._refused = 0
+        self._done_works = self._done_bytes = self._seen = self._dropped = 0
+        # All below belongs to the writing thread.
         self._attachments: dict[str, Attachment] = {}
         self._known: dict[str, Topic] = {}
         self._files: list[_BagFile] = []
-        self._flushed = time.monotonic()
         try:
             path.mkdir(parents=True)
+            self._begin_file()
         except FileExistsError as error:
             raise InvalidInputError(
                 f"The bag folder '{path}' exists already; name one that does not."
             ) from error
         except OSError as error:
-            raise InvalidInputError(f"The bag folder '{path}' cannot be made: {error}.") from error
-        self.disk = Disk(min_space, self._flush_now_and_then)
-        self.disk.put(self._begin_file)
-        if not self.disk.drain() and (fault := self.disk.fault):
-            self.disk.stop()
-            with suppress(OSError):
-                for file in path.iterdir():
-                    file.unlink()
-                path.rmdir()
             raise InvalidInputError(
-                f"The bag folder '{path}' cannot be written to: {fault.reason}; {fault.next_step}, "
-                "or name another folder."
-            )
+                f"The bag folder '{path}' cannot be made or written to: {error}; name another one."
+            ) from error
+        # A daemon: the end of the process must not wait for a bag that nobody closes.
+        threading.Thread(target=self._run, name="bag", daemon=True).start()
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far, those included that wait for the disk."""
+        return self._taken - self._dropped
+
+    @property
+    def lost(self) -> int:
+        """Number of messages that could not be written."""
+        return self._refused + self._dropped
+
+    @property
+    def backlog(self) -> int:
+        """What waits for the disk [bytes]."""
+        return self._put_bytes - self._done_bytes
 
     def add_topic(
         self, name: str, kind: str, type_hash: str, qos: Sequence[dict[str, Any]]
@@ -129,7 +139,7 @@ class BagWriter:
         """
         topic = Topic(name, kind, type_hash, qos, self._definitions.find(kind))
         self.topics[name] = topic
-        self.disk.put(self._add_topic, topic)
+        self._put(self._add_topic, topic)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Writes one message, or counts it as lost.
@@ -139,43 +149,32 @@ class BagWriter:
             stamp: time at which it was received [ns].
             data: the message as CDR.
         """
-        if self.disk.backlog > self._max_backlog:
-            self.lost += 1
+        if self.backlog > self._max_backlog:
+            self._refused += 1
             return
-        self.message_count += 1
-        self.disk.put(self._write, topic, stamp, data, size=len(data))
+        self._taken += 1
+        self._put(self._write, topic, stamp, data, size=len(data))
 
     def attach(self, name: str, text: str, stamp: int) -> None:
         """Adds a named text to this file and to those that follow; a later one replaces it."""
-        self.disk.put(self._attach, Attachment(stamp, stamp, name, "text/plain", text.encode()))
+        self._put(self._attach, Attachment(stamp, stamp, name, "text/plain", text.encode()))
 
     def flush(self) -> None:
         """Waits until the disk has all messages so far, or takes none."""
-        self.disk.put(self._flush)
-        self.disk.drain()
+        self._put(self._flush)
+        self._wait()
 
     def close(self) -> None:
         """Completes the bag: the last file's index, `metadata.yaml` and `SHA256SUMS`.
 
-        What a full disk, or one that hangs, does not take is lost; a slow one is waited for.
-
         Raises:
             UnfinishedBagError: what is on the disk can be read, but has no index.
         """
-        if not self.disk.drain():
-            for work, arguments, _ in self.disk.abandon():
-                if work == self._write:
-                    self._lose(1)
-                else:
-                    self.disk.put(work, *arguments)
-        self.disk.min_space = 0  # it was kept for what comes now
-        self.disk.put(self._complete)
-        self.disk.drain()
-        responds = self.disk.stop()
-        if not self._is_finished:
-            self._lose(sum(file.unsaved for file in self._files))
-            fault = self.disk.fault if responds else None
-            raise self._unfinished(f"{fault.reason}; {fault.next_step}" if fault else "")
+        self._put(self._finish)
+        self._is_closing.set()
+        self._wait()
+        if self.fault:
+            raise self._unfinished(self.fault)
         writing = FILE_NAME
         try:
             write_metadata(self.path, self._information())
@@ -183,29 +182,64 @@ class BagWriter:
             digests = {file.on_disk.path.name: file.on_disk.sha256 for file in self._files}
             write_digests(self.path, {name: sha.hexdigest() for name, sha in digests.items()})
         except OSError as error:
-            raise self._unfinished(f"{writing} cannot be written, {error.strerror}") from error
-
-    def _lose(self, count: int) -> None:
-        self.message_count -= count
-        self.lost += count
+            raise self._unfinished(f"{writing} cannot be written, {error.strerror}.") from error
 
     def _unfinished(self, reason: str) -> UnfinishedBagError:
         return UnfinishedBagError(
-            f"The bag '{self.path}' could not be completed: {reason or 'the disk hangs'}. What is "
-            f"there can be read; `ros2 run vgps_ros bag reindex {self.path}` completes it, where "
-            "there is space."
+            f"The bag '{self.path}' could not be completed: {reason} What is there can be read; "
+            f"`ros2 run vgps_ros bag reindex {self.path}` completes it, where there is space."
         )
+
+    def _put(self, work: Callable[..., object], *arguments: object, size: int = 0) -> None:
+        """Hands work to the thread, with arguments that keep so many bytes in memory."""
+        self._put_bytes += size
+        self._put_works += 1
+        self._work.append((work, arguments, size))
+
+    def _wait(self) -> None:
+        while self._done_works < self._put_works:
+            time.sleep(0.005)
 
     def _information(self) -> str:
         return bag_information(self._known.values(), [file.summary for file in self._files])
 
-    # The disk's thread
+    # The writing thread
+
+    def _run(self) -> None:
+        is_closing = False
+        while not is_closing:
+            is_closing = self._is_closing.wait(_PERIOD)  # after which nothing is put any more
+            while self._work:
+                work, arguments, size = self._work.popleft()
+                self._do(work, *arguments)
+                self._done_bytes += size
+                self._done_works += 1
+            if time.monotonic() - self._flushed > _FLUSH_PERIOD:
+                self._do(self._flush)
+
+    def _do(self, work: Callable[..., object], *arguments: object) -> None:
+        """Does work on the files; after a fault, only counts the messages that are lost."""
+        if self.fault:
+            self._dropped += work == self._write
+            return
+        try:
+            work(*arguments)
+        except OSError as error:
+            saved = sum(each.summary.message_count - each.unsaved for each in self._files)
+            self._dropped = self._seen - saved
+            file = self._files[-1]
+            file.on_disk.close()
+            self.fault = (
+                f"Cannot write to '{file.on_disk.path}': {error.strerror}; make room on the disk, "
+                "and start a new recording."
+            )
 
     def _begin_file(self) -> None:
         """Begins a file, which has all topics and attachments of those before it."""
         name = f"{self.path.name}_{len(self._files)}.mcap"  # as rosbag2 counts them
-        file = _BagFile(self.disk.open(self.path / name), self._compression)
+        file = _BagFile(_HashedFile(self.path / name), self._compression)
         self._files.append(file)
+        self._flushed = time.monotonic()
         for topic in self._known.values():
             file.add_topic(topic)
         for attachment in self._attachments.values():
@@ -220,16 +254,13 @@ class BagWriter:
         self._files[-1].attach(attachment)
 
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
+        self._seen += 1
         size, duration, file = self._max_file_size, self._max_file_duration, self._files[-1]
         is_long = duration and file.start and stamp - file.start >= duration
         if is_long or (size and file.on_disk.size >= size):
             self._finish()
             self._begin_file()
         self._files[-1].write(topic, stamp, data)
-
-    def _flush_now_and_then(self) -> None:
-        if self._files and time.monotonic() - self._flushed > _FLUSH_PERIOD:
-            self._flush()
 
     def _flush(self) -> None:
         self._files[-1].flush()
@@ -238,10 +269,50 @@ class BagWriter:
     def _finish(self) -> None:
         self._files[-1].finish(self._information())
         self._files[-1].on_disk.close()
+        self._flushed = math.inf
 
-    def _complete(self) -> None:
-        self._finish()
-        self._is_finished = True
+
+class _HashedFile:
+    """A new file that is locked while it is written (see `is_being_written`).
+
+    Attributes:
+        path: the file.
+        size: bytes on the disk.
+        sha256: digest of what is on the disk.
+    """
+
+    def __init__(self, path: Path):
+        self.path, self.size, self.sha256 = path, 0, hashlib.sha256()
+        self._file = path.open("xb", buffering=0)
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+
+    def write(self, block: bytes) -> int:
+        """Appends a block, all of it or nothing.
+
+        Raises:
+            OSError: the disk does not take it.
+        """
+        rest, end = memoryview(block), self.size + len(block)
+        try:
+            while rest:
+                rest = rest[os.pwrite(self._file.fileno(), rest, end - len(rest)) :]
+        except OSError:
+            self._file.truncate(self.size)
+            raise
+        self.size = end
+        self.sha256.update(block)
+        return len(block)
+
+    def tell(self) -> int:
+        """Returns the size of the file [bytes]."""
+        return self.size
+
+    def flush(self) -> None:
+        """Does nothing: each block is on the disk already."""
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
 
 
 class _BagFile:

@@ -76,15 +76,9 @@ class RecorderSettings:
     )
     cache_size: float = setting(
         100.0,
-        "messages that may wait in memory for a slow or full disk; more than these are lost [MB]",
+        "messages that may wait in memory for a slow disk; more than these are lost [MB]",
         minimum=1.0,
         maximum=1e5,
-    )
-    min_space: float = setting(
-        16.0,
-        "space that is left free on the disk, so that the bag can be completed there [MB]",
-        minimum=0.0,
-        maximum=1e7,
     )
     start_paused: bool = setting(False, "whether to wait for ~/resume before recording")
 
@@ -110,7 +104,6 @@ class Recorder(Node):
             max_file_size=round(settings.max_file_size * 1e6),
             max_file_duration=round(settings.max_file_duration * 1e9),
             max_backlog=round(settings.cache_size * 1e6),
-            min_space=round(settings.min_space * 1e6),
         )
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._writer.attach("environment.yaml", environment(), self._wall_clock.now().nanoseconds)
@@ -171,17 +164,17 @@ class Recorder(Node):
         health.set_value("messages", writer.message_count)
         missed = self._missed.total()
         health.set_value("messages_lost", writer.lost + missed)
-        health.set_value("backlog_mb", round(writer.disk.backlog * 1e-6, 1))
+        health.set_value("backlog_mb", round(writer.backlog * 1e-6, 1))
         health.set_value("topics", len(writer.topics))
         health.set_value("paused", self._paused)
-        health.report("disk", error=writer.disk.fault.sentence if writer.disk.fault else "")
+        health.report("disk", error=writer.fault)
         cache = f"{self._cache_size:g} MB that may wait for the disk (cache_size)"
         full = f"Messages are being lost: the {cache} are full."
         slow = f"Over half of the {cache} are full: the disk is slower than the input."
         health.report(
             "cache",
             error=full if writer.lost > self._lost else "",
-            warning=slow if writer.disk.backlog * 1e-6 > 0.5 * self._cache_size else "",
+            warning=slow if writer.backlog * 1e-6 > 0.5 * self._cache_size else "",
         )
         fast = (
             f"Messages are being lost: {', '.join(sorted(self._missed))} came faster than the "
