@@ -150,9 +150,9 @@ def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
     [
         ('<include file="/etc/hostname"/>', "refers to the file '/etc/hostname'"),
         ('<asset><mesh name="m" file="/etc/hostname"/></asset>', "refers to the file"),
-        ("<worldbody/>", "must have one"),
-        ('<worldbody><body><joint/><geom size="1"/></body></worldbody>', "each a name"),
-        ('<worldbody><body><freejoint/><geom size="1"/></body></worldbody>', "each a name"),
+        ("<worldbody/>", "has no joint"),
+        ('<worldbody><body><joint/><geom size="1"/></body></worldbody>', "joints have no name"),
+        ('<worldbody><body><freejoint/><geom size="1"/></body></worldbody>', "joints have no name"),
         ('<size memory="8E"/><worldbody/>', "does not compile"),
         ('&x;<include file="/etc/hostname"/>', "is no XML that can be checked .*mend the text"),
         ('<replicate count="20000"><geom/></replicate>', "asks for 20000 copies in <replicate>"),

@@ -336,3 +336,24 @@ def test_a_motion_that_dives_at_its_end_is_named(folder, capsys):
     path.write_text(re.sub("lookahead.*", "", path.read_text()))
     main(["check", "mine"])
     assert "lets itself fall at its end" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_thing_that_the_robot_hardly_touches_is_named(folder, capsys):
+    """The arm falls on the paddle late, which a time in which nothing moves it precedes."""
+    model = PENDULUM.replace(' contype="0" conaffinity="0"', "").replace(
+        'pos="1 0 0"', 'pos=".4 0 -.4"'
+    )
+    (folder / "pendulum.xml").write_text(model.replace('-0.5"', '-0.6"'))
+    goal = ("{sensor: hinge/position}", "{sensor: free_hinge/velocity, target: 3.0, weight: 1.0}")
+    shown = check(folder, capsys, goal, ("horizon: 1.0", "horizon: 0.7"))
+    assert "The cost's free_hinge/velocity does not change in" in shown, shown
+
+
+def test_a_path_is_called_a_guess_whose_cost_may_rise(folder, capsys):
+    fall = ("cost:", "begin: {law: path}\ncost:")
+    strong = ("{sensor: hinge/position}", "{sensor: hinge/position, target: 1.0}")
+    shown = check(folder, capsys, fall, strong, weight="100.0")
+    first, last = (float(word) for word in re.search(r"DDP: (\S+) to (\S+) in", shown).groups())
+    assert last > first == 0.0
+    assert "It begins with a guess that no robot can follow" in shown
+    assert "hardly lowers the cost" not in shown

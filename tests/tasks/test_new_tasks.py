@@ -236,3 +236,38 @@ def test_only_free_bodies_are_no_robot(written):
             '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
         )
     assert "no hinge or slide that a motor could drive" in str(stop.value)
+
+
+BALL = '<body name="{0}" pos="2 0 .1"><freejoint/><geom size=".1"/><site name="{0}"/></body>'
+
+
+def test_what_moves_beside_legs_is_removed_unless_it_is_a_target(written):
+    """With it go its own motor, its place in keyframes, and the sensor of it."""
+    ball = BALL.format("ball") + '<body name="door"><joint name="door"/><geom size=".1"/></body>'
+    model = walker(*FOUR).replace("</worldbody>", f"{ball}</worldbody>")
+    model = model.replace("</actuator>", '<motor name="door" joint="door"/></actuator>')
+    places = f"0 0 .6 1 0 0 0 {'0 ' * 12} 2 0 .1 1 0 0 0 0"
+    model = model.replace(
+        "</mujoco>",
+        '<sensor><framepos name="ball" objtype="site" objname="ball"/></sensor>'
+        f'<keyframe><key name="home" qpos="{places}"/></keyframe></mujoco>',
+    )
+    text, task = written(model)
+    assert "remove_bodies: [ball, door]" in text
+    assert "only_contacts: [[ground, " in text
+    assert (task.dynamics.model.nv, task.dynamics.model.nu) == (18, 12)
+    text, task = written(model.replace('"ball"', '"target"'))
+    assert "remove_bodies: [door]" in text
+    assert "only_contacts" not in text
+    assert task.dynamics.model.nv == 24
+
+
+def test_a_model_of_which_nothing_could_be_driven_is_refused_at_once(written):
+    """As dm_control's swimmer.xml, to which a program adds all but the head."""
+    base = "".join(
+        f'<joint name="{axis}" type="slide" axis="{way}"/>'
+        for axis, way in (("x", "1 0 0"), ("y", "0 1 0"))
+    )
+    head = f"<mujoco><worldbody><body>{base}<geom size='.1'/></body></worldbody></mujoco>"
+    with pytest.raises(SystemExit, match="nothing but its base moves, and no actuator drives that"):
+        written(head)

@@ -30,7 +30,10 @@ cost: [{sensor: shoulder/position}, {control: all, weight: 0.1}]
 MODELS = {
     "no XML": (ARM.replace("</mujoco>", ""), "is no valid MJCF: .* no XML"),
     "unknown element": ({"top": "<robot/>"}, "unrecognized element"),
-    "no joint": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "must have one"),
+    "no joint": (
+        "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>",
+        "has no joint",
+    ),
     "no actuator": (ARM.partition("<actuator>")[0] + "</mujoco>", "0 actuators, but it needs"),
     "sleeping": ({"top": '<option><flag sleep="enable"/></option>'}, "lets resting bodies sleep"),
     "no mass": ({"inside": "<body><joint/></body>"}, "mass and inertia of moving bodies"),
@@ -91,9 +94,9 @@ TASKS = {
     "changes: {joints: {elbow: {lock: far}}}": "changes.joints.elbow.lock",
     "changes: {joints: {wrst: {lock: 0.0}}}": "'wrst' matches no joint",
     "changes: {remove_joints: [elbo]}": "Did you mean 'elbow'",
-    "changes: {remove_joints: [shoulder, elbow]}": "must have one",
+    "changes: {remove_joints: [shoulder, elbow]}": "has no joint",
     "changes: {remove_bodies: [loer]}": "Did you mean 'lower'",
-    "changes: {remove_bodies: [upper]}": "must have one|framepos|tip",
+    "changes: {remove_bodies: [upper]}": "has no joint|framepos|tip",
     "changes: {remove_actuators: [m_elbw]}": "Did you mean 'm_elbow'",
     "changes: {remove_actuators: ['*']}": "0 actuators",
     "changes: {bodies: {lowr: {mass: 1.0}}}": "Did you mean 'lower'",

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vgps_ros.core.controls import Mask
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.seeding import SEED
@@ -40,6 +41,8 @@ _DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the moti
 _WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
 _NOWHERE = 0.9  # share of what it costs to do nothing from which on a motion goes nowhere
 _FAR = 0.7  # share of the start's cost from which on a step at the end is as far from the goal
+_MUCH = 0.1  # share of the cost from which on a part of it is what the task is for
+_UNTOUCHED = 0.5  # share of the steps in which a reading stays as it was, if nothing touches it
 _GRACE = 0.5  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
@@ -51,6 +54,7 @@ class TaskCheck:
     # Each part of the cost: its name, what it costs along the first and the optimised motion.
     parts: list[tuple[str, float, float]] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)  # at first, and after each iteration of DDP
+    is_guess: bool = False  # whether the first motion is one that no robot can follow, as a path
     seconds: float = 0.0  # wall time of all iterations
     errors: list[float] = field(default_factory=list)  # of the derivatives, of the largest entry
     troubles: list[str] = field(default_factory=list)  # a sentence on each
@@ -142,7 +146,7 @@ def _show(task: "Task", found: TaskCheck) -> None:
     if found.parts:
         table = Table(
             "part of the cost",
-            Column("first rollout", justify="right"),
+            Column("first guess" if found.is_guess else "first rollout", justify="right"),
             Column("optimised", justify="right"),
         )
         for name, first, last in found.parts:
@@ -160,6 +164,11 @@ def _show(task: "Task", found: TaskCheck) -> None:
             f"DDP: {found.costs[0]:.4g} to {found.costs[-1]:.4g} in {count} iterations and "
             f"{found.seconds:.1f} s, {found.seconds / count:.3f} s each."
         )
+        if found.is_guess:
+            console.print(
+                "It begins with a guess that no robot can follow (begin), so what it ends with may "
+                "cost more."
+            )
     if found.errors:
         median, most = np.quantile(found.errors, [0.5, 0.9])
         console.print(
@@ -218,7 +227,7 @@ def examine_task(
     told = task.in_context(request.situation.context)
     try:
         nominal = nominal_of(told, request)
-        first = nominal.trajectory
+        first, found.is_guess = nominal.trajectory, nominal.gaps is not None
         found.costs.append(float(task.cost.values(first).sum()))
     except VgpsError as error:
         found.troubles.append(f"The first rollout fails: {error}")
@@ -234,7 +243,13 @@ def examine_task(
     found.notes += _nothing_to_do(task, still)
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
-    found.troubles += _unmoved(task, first, linear) + inexact(task, found.errors)
+    is_unmoved = _unmoved(task, first, linear)
+    found.troubles += [
+        f"No control moves the cost's {name}: is it the right sensor, does the robot touch what it "
+        "measures, and are the actuators strong enough?"
+        for name in np.array(task.cost_names)[is_unmoved]
+    ]
+    found.troubles += inexact(task, found.errors)
     began = time.perf_counter()
 
     def note(iteration: "Iteration") -> None:
@@ -261,7 +276,8 @@ def examine_task(
         costs.append([*readings.tolist(), controls])
     found.parts = list(zip([*task.cost_names, "controls"], *costs, strict=True))
     if found.optimized:
-        found.troubles += _after(task, found.optimized, found.costs, task.cost.values(still))
+        found.troubles += _after(task, found.optimized, found, task.cost.values(still))
+        found.troubles += _untouched(task, found.optimized, is_unmoved)
     return found
 
 
@@ -354,8 +370,8 @@ def derivative_errors(task: "Task", trajectory: Trajectory) -> list[float]:
     return list((np.abs(plain - centred).max(axis=(1, 2)) / sizes).tolist())
 
 
-def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> list[str]:
-    """Names the readings of the cost that no control changes along a motion, by the chain rule."""
+def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> Mask:
+    """Returns which readings of the cost no control changes along a motion, by the chain rule."""
     states, controls = motion.states[:-1], motion.controls
     _, j_x, j_u = task.cost.features.linearize(states, controls)
     moved = np.abs(j_u).sum(axis=(0, 2))
@@ -363,11 +379,24 @@ def _unmoved(task: "Task", motion: Trajectory, linear: LinearDynamics) -> list[s
     for t in reversed(range(motion.horizon)):
         moved += np.abs(adjoint @ linear.f_u[t]).sum(axis=1)
         adjoint = j_x[t] + adjoint @ linear.f_x[t]
+    return np.asarray(moved < _UNMOVED)
+
+
+def _untouched(task: "Task", motion: Trajectory, is_known: Mask) -> list[str]:
+    """Names what the task is for and does not change in most steps; some of it is known already.
+
+    What a robot moves by itself always changes a little, so this is of a thing that it must touch.
+    """
+    states, controls = motion.states[:-1], motion.controls
+    readings, parts = task.cost.features(states, controls), task.cost.parts(states, controls)
+    shares = (np.abs(readings - readings[0]) < _UNMOVED).mean(axis=0)
+    costly = parts.sum(axis=0) > max(_MUCH * task.cost.values(motion).sum(), _UNMOVED)
     return [
-        f"No control moves the cost's {name}: is it the right sensor, and are the actuators strong "
-        "enough?"
-        for name, size in zip(task.cost_names, moved, strict=True)
-        if size < _UNMOVED
+        f"The cost's {task.cost_names[i]} does not change in {100 * shares[i]:.0f} % of the "
+        "optimised motion, so the robot hardly touches what it measures, and no derivative shows "
+        "the way there: find a first motion that touches it (`begin: {law: sampling}`), start "
+        "nearer (start: positions), or score how far away it is (cost)."
+        for i in np.flatnonzero(costly & (shares > _UNTOUCHED) & ~is_known)
     ]
 
 
@@ -387,7 +416,7 @@ def _dives(task: "Task", motion: Trajectory) -> bool:
     return bool(heights[-1] == min(heights) and -speeds[-1] > _DIVES * before)
 
 
-def _after(task: "Task", motion: Trajectory, costs: list[float], still: Array) -> list[str]:
+def _after(task: "Task", motion: Trajectory, found: TaskCheck, still: Array) -> list[str]:
     """Names what looks wrong about the optimised motion.
 
     `still` is what each step costs without a control.
@@ -405,7 +434,8 @@ def _after(task: "Task", motion: Trajectory, costs: list[float], still: Array) -
                 "which DDP keeps to: allow more, or give controls more weight, if it should have "
                 "some left for what disturbs it."
             )
-    is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0])  # none is below 0
+    costs = found.costs  # none is below 0
+    is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0]) and not found.is_guess
     ends = task.cost.values(motion)[-1]
     if costs[-1] > max(_NOWHERE * still.sum(), 1e-9) and ends > max(_FAR * still[0], 1e-9):
         best = "begin with the best of several first motions (`begin: {law: best}`)"

@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
-    from vgps_ros.tasks.new_task import first_task_file
+    from vgps_ros.tasks.new_task import first_task_file, things_beside_legs
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
 
@@ -46,16 +46,20 @@ def run(arguments: argparse.Namespace) -> None:
     found = find_model(file, _Flag(Path.cwd() / "task.yaml", {}, {}))
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    dropped = []
+    changes = dict[str, list[str]]()
     try:
-        spec = changed_spec(found, {}, {})
+        spec = changed_spec(found, changes, {})
     except InvalidInputError as error:  # files of meshes that only show may be elsewhere
         try:
-            spec, dropped = changed_spec(found, {"drop": ["visual"]}, {}), ["visual"]
+            changes = {"drop": ["visual"]}
+            spec = changed_spec(found, changes, {})
         except InvalidInputError:
             raise error from None
     model = compile_model(self_contained(spec), is_own=True)
-    text = first_task_file(reference, model, str(SCHEMA_PATH), dropped)
+    if beside := things_beside_legs(model):
+        changes["remove_bodies"] = beside
+        model = compile_model(self_contained(changed_spec(found, changes, {})), is_own=True)
+    text = first_task_file(reference, model, str(SCHEMA_PATH), changes)
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     name = shlex.quote(str(path))

@@ -66,10 +66,15 @@ def compile_model(mjcf: str, *, is_own: bool = False) -> mujoco.MjModel:
     except MUJOCO_ERRORS as error:
         raise InvalidInputError(f"The robot's MJCF does not compile: {told(error)}.") from error
     _check_awake(model)  # some of its functions end the process where bodies sleep
-    names = [model.joint(i).name for i in range(model.njnt)]
-    if not (names and all(names)):
+    if not model.njnt:
         raise InvalidInputError(
-            f"The robot has the joints {quoted(names)}, but it must have one, and each a name."
+            "The model has no joint, so nothing in it can move; each body that shall move against "
+            "the one that carries it needs a <joint> or <freejoint/> in the MJCF."
+        )
+    if nameless := [i for i in range(model.njnt) if not model.joint(i).name]:
+        raise InvalidInputError(
+            f"{len(nameless)} of the model's {model.njnt} joints have no name, by which tasks and "
+            'messages refer to each; write <joint name="..."/> in the MJCF.'
         )
     return model
 

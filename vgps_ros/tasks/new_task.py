@@ -30,7 +30,7 @@ _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
 _NEAR = 2.0  # body lengths within which a swimmer is sent to a target
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # as in mjtJoint
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
-_CHANGES = ("options", "contact", "limits", "floor", "motors")
+_CHANGES = ("drop", "remove_bodies", "options", "contact", "limits", "floor", "motors")
 
 
 @dataclass
@@ -140,17 +140,32 @@ class _Robot:
         return found
 
 
-def first_task_file(reference: str, model: mujoco.MjModel, schema: str, dropped: list[str]) -> str:
-    """Returns the text of a task file for a model, all of whose joints and actuators have names.
-
-    The file names the model by the reference, and a JSON schema by its path, for editors; `dropped`
-    is what had to be left out of the model, as `changes: {drop: ...}` has it.
+def things_beside_legs(model: mujoco.MjModel) -> list[str]:
+    """Returns the bodies that move beside a robot with legs, and that are not called a target.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    facts = _facts(_robot(model)) | {"schema": schema, "model": reference, "dropped": dropped}
-    facts["changes"] = any(facts[name] for name in ("dropped", *_CHANGES))
+    robot = _robot(model)
+    trees = {int(i) for i in model.dof_treeid if robot.feet} - {*robot.trees}
+    names = [model.body(np.flatnonzero(model.body_treeid == i)[0]).name for i in sorted(trees)]
+    return [name for name in names if "target" not in name]
+
+
+def first_task_file(
+    reference: str, model: mujoco.MjModel, schema: str, changes: dict[str, list[str]]
+) -> str:
+    """Returns the text of a task file for a model, all of whose joints and actuators have names.
+
+    The file names the model by the reference, and a JSON schema by its path, for editors; `changes`
+    is what has been dropped and removed of the model already, as `changes` of a task has it.
+
+    Raises:
+        InvalidInputError: no actuator drives a joint, and no joint could have one.
+    """
+    facts = {"drop": [], "remove_bodies": []} | changes | {"schema": schema, "model": reference}
+    facts |= _facts(_robot(model))
+    facts["changes"] = any(facts[name] for name in _CHANGES)
     said = {key: value if isinstance(value, str) else _flow(value) for key, value in facts.items()}
     lines = list[str]()
     for line in _TEMPLATE.read_text().splitlines():
@@ -206,6 +221,11 @@ def _robot(model: mujoco.MjModel) -> _Robot:
     gravity = 0.0 if flags & mujoco.mjtDisableBit.mjDSBL_GRAVITY else abs(model.opt.gravity[2])
     trees = [tree] if base or not driven else trees[trees >= 0].tolist()
     robot = _Robot(model, data, root, trees, base, driven or single, float(gravity))
+    if not model.nu and not robot.joints:
+        raise InvalidInputError(
+            "--model: nothing but its base moves, and no actuator drives that; name a model with "
+            "links and motors. Where a program adds them, save the MJCF that it makes."
+        )
     ups = [round(robot.reset(key).frame[2, 2], 1) for key in range(model.nkey)]
     key = int(np.argmax(ups)) if ups else None
     robot.reset(None if key is None or np.allclose(model.key_qpos[key], model.qpos0) else key)
@@ -589,7 +609,7 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
 def _contacts(robot: _Robot) -> list[list[str]]:
     """Returns the pairs of a ground and a foot, if all have names and nothing else moves."""
     model = robot.model
-    if not robot.in_tree(model.dof_bodyid).all():
+    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `things_beside_legs` leaves
         return []
     feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
     feet &= _bottoms(robot) < _ground(robot) + 0.1 * robot.leg
