@@ -204,6 +204,27 @@ def test_joints_are_locked_by_one_line_though_other_lines_name_them(written, tmp
     assert not any("roll" in name for name in task.observation.names)
 
 
+def test_new_locks_joints_and_puts_servos_as_strong_in_place_of_motors(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    strong = walker(*FOUR, extra='gear="20" ctrlrange="-1 1"').replace(
+        'joint="FL_knee" gear="20"', 'joint="FL_knee" gear="35"'
+    )
+    (tmp_path / "robot.xml").write_text(strong)
+    flags = ["--lock", "*_roll", "HL_roll=0.2", "--servos"]
+    main(["new", "mine", "--model", "robot.xml", *flags])
+    task = make_task("mine")
+    model = task.dynamics.model
+    assert task.dims["n_u"] == 8
+    forces = dict(zip(task.actuated_joint_names, model.actuator_forcerange[:, 1], strict=True))
+    assert forces == pytest.approx(dict.fromkeys(forces, 20.0) | {"FL_knee": 35.0})
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert data.body("HL_thigh").xmat[5] == pytest.approx(-np.sin(0.2), abs=1e-6)
+    assert data.body("HR_thigh").xmat[5] == pytest.approx(0.0, abs=1e-6)
+    with pytest.raises(SystemExit):
+        main(["new", "other", "--model", "robot.xml", "--lock", "FL_roll=far"])
+
+
 def test_a_nose_along_y_is_noticed(written):
     places = [(name, -y, x) for name, x, y in FOUR]
     turned = walker(*places).replace('size=".2 .1 .05"', 'size=".1 .2 .05"')

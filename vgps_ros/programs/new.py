@@ -8,10 +8,15 @@ import argparse
 import os
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.tasks.task_file import Document, Place, shortened
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 class _Flag(Document):
@@ -28,7 +33,35 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--model", required=True, help="the robot's MJCF: a path, or package://PACKAGE/PATH"
     )
+    parser.add_argument(
+        "--lock",
+        nargs="+",
+        default=[],
+        metavar="JOINT[=AT]",
+        help="joints that shall not move, by name or pattern, each at a position [rad, m] or 0; "
+        "of several that match, the last counts: --lock 'arm_*' arm_elbow=1.5",
+    )
+    parser.add_argument(
+        "--servos",
+        action="store_true",
+        help="servos of positions in place of the robot's own actuators, as strong as they are",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace DIR/task.yaml")
+
+
+def _locks(given: list[str]) -> dict[str, Any]:
+    """Returns the locks as `changes: {joints: ...}` has them."""
+    found = dict[str, Any]()
+    for entry in given:
+        name, _, at = entry.partition("=")
+        try:
+            found[name] = {"lock": float(at or 0.0)}
+        except ValueError:
+            raise InvalidInputError(
+                f"--lock: {quoted(at)} is no position of {quoted(name)}; give a number, as in "
+                f"{name}=0.5."
+            ) from None
+    return found
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -46,20 +79,27 @@ def run(arguments: argparse.Namespace) -> None:
     found = find_model(file, _Flag(Path.cwd() / "task.yaml", {}, {}))
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    changes = dict[str, list[str]]()
+    changes = dict[str, Any]()
+
+    def compiled(**more: Any) -> "mujoco.MjModel":
+        changes.update(more)
+        return compile_model(self_contained(changed_spec(found, changes, {})), is_own=True)
+
     try:
-        spec = changed_spec(found, changes, {})
+        model = compiled()
     except InvalidInputError as error:  # files of meshes that only show may be elsewhere
         try:
-            changes = {"drop": ["visual"]}
-            spec = changed_spec(found, changes, {})
+            model = compiled(drop=["visual"])
         except InvalidInputError:
             raise error from None
-    model = compile_model(self_contained(spec), is_own=True)
+    if locks := _locks(arguments.lock):
+        model = compiled(joints=locks)
     if beside := things_beside_legs(model):
-        changes["remove_bodies"] = beside
-        model = compile_model(self_contained(changed_spec(found, changes, {})), is_own=True)
-    text = first_task_file(reference, model, str(SCHEMA_PATH), changes)
+        model = compiled(remove_bodies=beside)
+    former = model
+    if arguments.servos and model.nu:
+        model = compiled(remove_actuators=["*"])
+    text = first_task_file(reference, model, str(SCHEMA_PATH), changes, former)
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     name = shlex.quote(str(path))

@@ -30,7 +30,8 @@ _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
 _NEAR = 2.0  # body lengths within which a swimmer is sent to a target
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # as in mjtJoint
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
-_CHANGES = ("drop", "remove_bodies", "options", "contact", "limits", "floor", "motors")
+_AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
+_CHANGES = ("drop", "remove_bodies", "locks", "options", "contact", "limits", "floor", "motors")
 
 
 @dataclass
@@ -50,6 +51,7 @@ class _Robot:
     height: float = 0.0  # of the root above the ground [m]; 0 if it cannot rise or fall
     forward: tuple[str, float] = ("x", 1.0)  # the axis along which it goes, and in which direction
     goal: Array = field(default_factory=lambda: np.empty(0))  # qpos
+    strengths: dict[str, float] | None = None  # of joints whose actuators servos replace [N·m]
 
     @property
     def leg(self) -> float:
@@ -153,18 +155,33 @@ def things_beside_legs(model: mujoco.MjModel) -> list[str]:
 
 
 def first_task_file(
-    reference: str, model: mujoco.MjModel, schema: str, changes: dict[str, list[str]]
+    reference: str,
+    model: mujoco.MjModel,
+    schema: str,
+    changes: dict[str, Any],
+    former: mujoco.MjModel,
 ) -> str:
     """Returns the text of a task file for a model, all of whose joints and actuators have names.
 
     The file names the model by the reference, and a JSON schema by its path, for editors; `changes`
-    is what has been dropped and removed of the model already, as `changes` of a task has it.
+    is what has been dropped, locked and removed of the model already, as a task's `changes` have
+    it, and `former` the model with its own actuators, as strong as which servos in their place are.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    facts = {"drop": [], "remove_bodies": []} | changes | {"schema": schema, "model": reference}
-    facts |= _facts(_robot(model))
+    robot = _robot(model)
+    if former.nu > model.nu:
+        largest = controls_of(former).largest
+        pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)
+        at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
+        robot.strengths = {name: float(force) for name, force in at_joint if np.isfinite(force)}
+    named = ("drop", "remove_bodies", "remove_actuators")
+    facts: dict[str, Any] = dict.fromkeys(named) | changes
+    facts |= _facts(robot) | {"schema": schema, "model": reference}
+    locks = changes.get("joints", {}).items()
+    facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
+    facts["jointed"] = facts["locks"] or facts["limits"]
     facts["changes"] = any(facts[name] for name in _CHANGES)
     said = {key: value if isinstance(value, str) else _flow(value) for key, value in facts.items()}
     lines = list[str]()
@@ -591,7 +608,7 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
     motors = []
     for limit, names in groups.items():
         motor: dict[str, Any] = {"joint": names if len(names) > 1 else names[0]}
-        if robot.feet:  # at 6 Hz, damped as a gear damps
+        if robot.feet or robot.strengths is not None:  # damped as a gear damps
             servo = {"stiffness": 1.5 * limit, "damping": limit / 20, "armature": limit / 1000}
             motor |= servo
         key = f"up_to_{limit:g}" if len(names) > 1 else names[0]
@@ -602,6 +619,7 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
+        "servos": bool(robot.feet) or robot.strengths is not None,
         "only": _contacts(robot) if touches else None,
     }
 
@@ -715,6 +733,8 @@ def _begin(robot: _Robot) -> dict[str, Any]:
 def _strength(robot: _Robot, joint: int) -> float:
     """Returns a limit for a joint's motor [N·m]: what the model allows, or what its load asks."""
     model, data = robot.model, robot.data
+    if known := (robot.strengths or {}).get(model.joint(joint).name):
+        return known
     if model.jnt_actfrclimited[joint]:
         return float(np.abs(model.jnt_actfrcrange[joint]).max())
     body, is_leg = int(model.jnt_bodyid[joint]), any(joint in leg for leg in _legs(robot))
