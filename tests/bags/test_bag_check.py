@@ -86,8 +86,8 @@ def test_the_sample_agrees_and_the_last_line_says_what_that_proves(capsys):
     *_, last = words.splitlines()
     assert code == 0
     assert last.startswith(
-        f"Proved: {ALL} of {ALL} controls, 500 of 500 steps from state to state, the digest of "
-        "each file. Not proved: the first state of a "
+        f"Proved: {ALL} of {ALL} controls, 500 of 500 steps from state to state, the cost without "
+        "noise of 4 of 4 policies, the digest of each file. Not proved: the first state of a "
         "motion, when, where and by whom"
     )
 

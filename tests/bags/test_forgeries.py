@@ -260,12 +260,15 @@ def excused_by_a_push():
 
 FOLLOW = "states do not follow from the state and the control before them"
 POLICY = "controls are not what the policy gives"
+COST = "costs without noise are not the policies'"
 WRONG = {
     "root times ten": (root_times_ten, FOLLOW),
     "states fabricated and controls recomputed": (fabricated, FOLLOW),
     "times that creep": (creeping_times, FOLLOW),
     "five seconds cut out and times closed": (lambda: cut_out(True), FOLLOW),
     "the policy that drove scaled": (lambda: policies({4}, 1.01), POLICY),
+    "an earlier policy scaled": (lambda: policies({2}, 1.01), COST),
+    "costs of policies changed": (lambda: costs("deterministic_cost"), COST),
     "a torque zeroed by a safe action": (no_torque, FOLLOW),
     "a longer link": (longer_link, FOLLOW),
     "efforts changed": (other_efforts, "tell efforts that are not those of their controls"),
@@ -277,11 +280,7 @@ NAMED = {
 SAID = {
     "a year later": (later, "when, where and by whom it was recorded"),
     "another commit": (sample, "the commit"),
-    "an earlier policy scaled": (lambda: policies({2}, 1.01), "its policies that did not drive"),
-    "costs of policies changed": (
-        lambda: costs("deterministic_cost"),
-        "with its costs",
-    ),
+    "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),
     "all moved by a metre": (moved, "the first state of a motion"),
     "simulated elsewhere": (lambda: told(simulated()), "a simulation that was computed elsewhere"),

@@ -50,6 +50,12 @@ def altered(change, time=None):
     return apply
 
 
+def tells_what_was_commanded(found):
+    """Whether all contexts agree."""
+    whole = any(re.fullmatch(r"the clock of (\d+) of \1 contexts", w) for w in found.proved)
+    return whole and not any("were not commanded" in words for words in found.missing)
+
+
 @pytest.fixture(params=[1000.0])
 def bag(graph, told, tmp_path, request):  # noqa: F811
     """A robot in lock-step that stands for 5 steps, and is then told an angle for 20.
@@ -88,7 +94,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     found = check_bag(bag)
     assert not found.wrong, found.wrong
     assert found.counts["mean"] >= 20
-    assert any(re.fullmatch(r"the clock of (\d+) of \1 contexts", w) for w in found.proved), found
+    assert tells_what_was_commanded(found), found
 
     def turn(values):
         values[2], values[3] = values[3], -values[2]  # a quarter of a turn
@@ -96,3 +102,50 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     wrong = check_bag(rewritten(bag, tmp_path / "turned", altered(turn, 0.4))).wrong
     assert any("contexts are none that the executor tells" in words for words in wrong), wrong
     assert any("controls are not what the policy gives" in words for words in wrong), wrong
+
+    def exceed(values):
+        values[0] = 3.0
+
+    missing = check_bag(rewritten(bag, tmp_path / "exceeding", altered(exceed, 0.4))).missing
+    assert any("angle is 3" in words for words in missing), missing
+
+    def instead(values):
+        if values[0]:
+            values[0] = 0.25
+
+    # Within its range, and with a clock and controls that somebody may have computed for it.
+    missing = check_bag(rewritten(bag, tmp_path / "other", altered(instead))).missing
+    assert any("angle is 0.25" in words for words in missing), missing
+
+    def without(message):
+        return None if message.topic == "/cmd_vel" else message.data
+
+    missing = check_bag(rewritten(bag, tmp_path / "without", without)).missing
+    assert any("angle is 0.5" in words for words in missing), missing
+
+    def to_map(message):
+        if message.topic != "/cmd_vel":
+            return message.data
+        twist = deserialize_message(message.data, TwistStamped)
+        twist.header.frame_id = "map"
+        return serialize_message(twist)
+
+    missing = check_bag(rewritten(bag, tmp_path / "to_map", to_map)).missing
+    assert any("angle is 0.5" in words for words in missing), missing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bag", [1.2], indirect=True)
+def test_a_command_that_was_too_old_is_at_rest_and_one_that_was_held_on_is_found(bag, tmp_path):
+    found = check_bag(bag)
+    assert not found.wrong, found.wrong
+    assert tells_what_was_commanded(found), found
+    with BagReader(bag) as reader:
+        *_, (_, last) = reader.decoded("/context")
+    assert not last.values[:2].any()
+
+    def hold(values):
+        values[0] = 0.5
+
+    missing = check_bag(rewritten(bag, tmp_path / "held", altered(hold))).missing
+    assert any("angle is 0.5" in words for words in missing), missing

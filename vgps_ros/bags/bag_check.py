@@ -11,11 +11,12 @@ independently, so the bag may hold a state or a policy somewhat later than the c
 computed from it.
 """
 
+import math
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from itertools import chain, pairwise, product
 from operator import attrgetter
 from pathlib import Path
@@ -30,34 +31,48 @@ from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import (
     SLACK,
     RecordedExecutor,
+    Timeline,
+    learned_policy,
+    onnx_content,
+    policy_messages,
 )
 from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import (
     command_from_msg,
+    commands_from_twist,
     efforts_from_msg,
     nanoseconds,
     signals_from_msg,
     wrench_from_msg,
 )
-from vgps_ros.messages.names import CONTEXT
+from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
 from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.situations import situations
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.forces import AppliedForce, BodyFrames, JointForces
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model, joint_names, state_names
+from vgps_ros.tasks.task import Task
 
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
 # What no recomputation proves, in the last sentence of a check.
 UNPROVED = (
     "the first state of a motion, when, where and by whom it was recorded, the commit, all other "
-    "topics, the commands that a policy was told, and the training, with its costs and its "
-    "policies that did not drive; a simulation that was computed elsewhere would pass too"
+    "topics, and all else of the training; a simulation that was computed elsewhere would pass too"
 )
+# Time by which a bag may hold a command and the answer that used it in another order [ns].
+_COMMAND_WINDOW = 250_000_000
 _CLOCK_TOLERANCE = 1e-9  # of a sine or cosine
 _ROUNDING = 2  # of a time between two stamps [ns]
+_MOST_STEPS = 100_000  # of all rollouts
+_NUDGE = 1e-9  # of a start, by far more than rounding
+_COST_TOLERANCE = 1e-2  # a cost that the nudge changes by a larger share of it proves nothing
 
 
 def check_bag(
@@ -88,11 +103,12 @@ def check_bag(
         contexts = _contexts(bag, executor, found)
         answered = sorted(states, key=attrgetter("received"))
         check_controls(bag, executor, trusted, (answered, commands, contexts), found)
-        _check_contexts(executor, contexts, found)
+        _check_contexts(bag, executor, contexts, found)
         if executor.is_in_lock_step:
             _check_steps(bag, executor, motions, commands, found)
         else:
             found.unproved.append("the states, which no simulation in lock-step computed")
+        _check_costs(bag, executor, found)
     digests = check_digests(path)
     found.wrong += digests or []
     if digests is None:
@@ -157,18 +173,52 @@ def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> li
     return _stamped(bag, CONTEXT, told, found) if is_told else []
 
 
-def _check_contexts(executor: RecordedExecutor, contexts: list[Stamped], found: BagCheck) -> None:
-    """Computes the clock of each state again."""
-    signals, different = executor.signals, list[str]()
-    clock = slice(len(signals.commands), None)
+def _check_contexts(
+    bag: BagReader, executor: RecordedExecutor, contexts: list[Stamped], found: BagCheck
+) -> None:
+    """Computes the clock of each state again, and looks for what was commanded."""
+    signals = executor.signals
+    if not contexts:
+        return
+    given, values_of = _commanded(bag, executor), partial(executor.parameters.values, executor.node)
+    # A command may have been held for so long [ns], which no message tells in simulated time.
+    is_simulated = True in values_of("use_sim_time")
+    timeout = max(values_of("command_timeout"), default=math.inf)
+    longest = math.inf if is_simulated else 1e9 * timeout + _COMMAND_WINDOW
+    different, strange = list[str](), list[str]()
     for each in contexts:
-        told = each.values[: len(signals.commands)]
+        told, at = each.values[: len(signals.commands)], f"at {each.stamp * 1e-9:.3f} s"
         expected = signals.context(told, np.array(signals.phase_at(each.stamp)))
         if not np.allclose(each.values, expected, rtol=0.0, atol=_CLOCK_TOLERANCE):
+            clock = slice(len(signals.commands), None)
             is_not = f"{each.values[clock].tolist()}, not {expected[clock].tolist()}"
-            different.append(f"at {each.stamp * 1e-9:.3f} s the clock is {is_not}")
+            different.append(f"{at} the clock is {is_not}")
+        for command, own, value in zip(signals.commands, given, told.tolist(), strict=True):
+            first = bisect_left(own.received, each.received - longest)
+            last = bisect_right(own.received, each.received + _COMMAND_WINDOW)
+            if value not in (command.rest, *own.values[first:last]):
+                strange.append(f"{at} {command.name} is {value:g}")
     found.prove("the clock of", len(contexts) - len(different), len(contexts), "contexts")
     found.blame(different, "contexts are none that the executor tells")
+    found.blame(strange, "values in contexts were not commanded in the bag", found.missing)
+
+
+def _commanded(bag: BagReader, executor: RecordedExecutor) -> list[Timeline]:
+    """Reads the values of each command that the executor took."""
+    signals = executor.signals
+    given = [Timeline() for _ in signals.commands]
+    topics = [bag.filled_topics[name] for name in (CMD_VEL, COMMAND) if name in bag.filled_topics]
+    base_frame = StateMessages(state_layout(executor.model), **executor.frames).base_frame
+    for received, message in bag.decoded(*topics, refused=[]) if topics else ():
+        with suppress(InvalidInputError):  # which the executor refused, too
+            told = (
+                signals_from_msg(message)
+                if hasattr(message, "names")
+                else commands_from_twist(message, signals.commands, base_frame)
+            )
+            for i, value in signals.clamped(told)[0].items():
+                given[i].add(received, value)
+    return given
 
 
 def _check_steps(
@@ -243,3 +293,63 @@ def _pushes(
                 yield bodies.applied(state.values, *push)
 
     return acting
+
+
+def _check_costs(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> None:
+    """Rolls the policies of a training out again, without noise, the newest ones first."""
+    topic = bag.filled_topics.get("learning_progress")
+    progress = [message for _, message in bag.decoded(topic)] if topic else []
+    policies = defaultdict[int, list[GaussianPolicy]](list)
+    for _, message in policy_messages(bag, []) if progress else ():
+        with suppress(InvalidInputError):  # which was named
+            if onnx_content(message) is None:
+                policies[message.iteration].append(learned_policy(message))
+    tasks_of = cache(partial(_situations, executor))
+    wrong, agreeing, steps = list[str](), 0, 0
+    for message in reversed(progress):
+        tasks, told = tasks_of(message.seed), message.deterministic_cost
+        steps += sum(task.horizon for task in tasks)
+        if not tasks or steps > _MOST_STEPS:
+            break
+        costs = [c for policy in policies[message.iteration] if (c := _cost(tasks, policy))]
+        if any(abs(told - cost) <= error or told == cost for cost, error in costs):
+            agreeing += 1
+        elif costs:
+            wrong.append(f"that of iteration {message.iteration} is {told!r}, not {costs[-1][0]!r}")
+    found.prove("the cost without noise of", agreeing, len(progress), "policies")
+    found.blame(wrong, "costs without noise are not the policies'")
+    if unknown := len(progress) - agreeing - len(wrong):
+        found.unproved.append(f"the costs of {unknown} policies")
+
+
+def _situations(executor: RecordedExecutor, seed: int) -> list[Task]:
+    """Returns the task in each situation of a training; none where the bag does not tell them."""
+    task, (_, own) = executor.task, executor.parameters.having("evaluation_rollouts")
+    if task is None or own.get("demonstration"):
+        return []
+    settings = search_settings(task)
+    names = [s.name for s in settings_of(settings) if s.name in own]
+    lists = {name: tuple(own[name]) for name in names if isinstance(own[name], list)}
+    settings = with_values(settings, {name: own[name] for name in names} | lists)
+    if settings.renew.share or settings.disturb.start_before:
+        return []
+    return [situation.of(task) for situation, _ in situations(task, settings, seed)]
+
+
+def _cost(tasks: list[Task], policy: GaussianPolicy) -> tuple[float, float] | None:
+    """Returns the mean cost without noise, and what rounding may change; None if that is much."""
+    costs = np.zeros(2)
+    for task in tasks:
+        dynamics, nudges = task.dynamics, np.zeros((2, task.dynamics.space.tangent_dim))
+        nudges[1] = _NUDGE
+        noise = np.zeros((2, task.horizon, len(policy.noise_std)))
+        starts = dynamics.space.add(task.initial_state, nudges)
+        starts[0] = task.initial_state
+        try:
+            motions = dynamics.execute(policy, task.observation, starts, noise)
+        except InvalidInputError:  # a policy of another robot
+            return None
+        costs += task.rollout_costs(*motions) / len(tasks)
+    cost, nudged = costs.tolist()
+    error = abs(nudged - cost) + STATE_TOLERANCE * abs(cost)
+    return (cost, error) if cost == nudged or error <= _COST_TOLERANCE * abs(cost) else None
