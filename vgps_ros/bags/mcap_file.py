@@ -2,8 +2,9 @@
 """One `.mcap` file of a bag: its topics, its messages, and what is damaged.
 
 The file is framed here, record by record, and `mcap` parses each record. So a damaged record costs
-only itself. A file whose recorder was killed has no index and may end within a record. Where the
-length of a record is damaged, the rest of the file is lost.
+only itself, and none takes more memory than its own bytes and `_LARGEST`. A file whose recorder was
+killed has no index and may end within a record. Where the length of a record is damaged, reading
+goes on at the next chunk that the index names; without an index the rest of the file is lost.
 """
 
 import fcntl
@@ -16,12 +17,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from vgps_ros.core.errors import InvalidInputError
@@ -29,6 +33,8 @@ from vgps_ros.storage.files import read_yaml
 
 _HEAD = struct.Struct("<BQ")  # kind and length of a record
 _KINDS = set(Opcode)  # from 0x80 on there are private ones
+_LARGEST = 2**28  # a chunk that claims more is damaged, or would fill the memory [bytes]
+_MAGIC_AND_FOOTER = len(MAGIC) + _HEAD.size + 20  # at the end of a file [bytes]
 
 # What mcap, zstandard and lz4 raise of bytes that are damaged.
 _DAMAGED = (
@@ -123,7 +129,14 @@ class McapFile:
         self._counts: Counter[int] = Counter()
         self._start, self._end = 2**64, 0
         with path.open("rb") as file:
-            self.is_complete = self._read(file)
+            index = _index_of(file)
+            self.is_complete = index is not None
+            for schema in index.schemas.values() if index else ():
+                self._add(schema)
+            for channel in index.channels.values() if index else ():
+                self._add(channel)
+            chunks = sorted(c.chunk_start_offset for c in index.chunk_indexes) if index else []
+            self._read(file, chunks)
         counts: Counter[str] = Counter()
         for number, count in self._counts.items():
             if number in self.topics:
@@ -145,7 +158,7 @@ class McapFile:
                 try:
                     kind, content = next(_records(file, piece.begin))[1:]
                     found = [_parsed(Message, content)] if kind == Opcode.MESSAGE else None
-                    records = found or breakup_chunk(_parsed(Chunk, content), validate_crc=True)
+                    records = found or breakup_chunk(_unpacked(content), validate_crc=True)
                 except (*_DAMAGED, StopIteration) as error:
                     raise InvalidInputError(
                         f"'{self.path}' was changed while it was read."
@@ -154,30 +167,35 @@ class McapFile:
                     if isinstance(record, Message) and record.channel_id in self.topics:
                         yield self.topics[record.channel_id], record
 
-    def _read(self, file: BinaryIO) -> bool:
-        """Reads all records; returns whether there is an index behind them."""
+    def _read(self, file: BinaryIO, chunks: list[int]) -> None:
+        """Reads all records; `chunks` begin there by the file's index."""
         size, at = self.path.stat().st_size, len(MAGIC)
+        file.seek(0)
         if file.read(len(MAGIC)) != MAGIC:
             self._note("its first bytes are damaged" if size >= len(MAGIC) else "it is cut short")
-        try:
-            for begin, kind, content in _records(file, at):
-                at = begin + _HEAD.size + len(content)
-                if kind == Opcode.DATA_END:
-                    break
-                self._take(begin, kind, content)
-            file.seek(-len(MAGIC), io.SEEK_END)
-            return file.read() == MAGIC
-        except EndOfFile:
-            if size > at:
-                self._note(f"bytes {at} to {size} are damaged")
-            return False
+        while True:
+            try:
+                for begin, kind, content in _records(file, at):
+                    at = begin + _HEAD.size + len(content)
+                    if kind == Opcode.DATA_END:
+                        break
+                    self._take(begin, kind, content)
+            except EndOfFile:
+                found = [chunk for chunk in chunks if chunk > at]
+                until = found[0] if found else size
+                if until > at:
+                    self._note(f"bytes {at} to {until} are damaged")
+                if found:
+                    at = until
+                    continue
+            break
 
     def _take(self, begin: int, kind: int, content: bytes) -> None:
         try:
             if kind == Opcode.CHUNK:
-                chunk = _parsed(Chunk, content)
+                chunk = _unpacked(content)
                 self._add(*breakup_chunk(chunk, validate_crc=True))
-                self.compression = chunk.compression
+                self.compression = _parsed(Chunk, content).compression
                 self.pieces.append(Piece(begin, chunk.message_start_time))
             elif kind == Opcode.MESSAGE:
                 message = _parsed(Message, content)
@@ -250,6 +268,45 @@ def _parsed(kind: Any, content: bytes) -> Any:
     """Returns a record of mcap."""
     stream = ReadDataStream(io.BytesIO(content))
     return kind.read(stream, len(content)) if kind is Message else kind.read(stream)
+
+
+def _unpacked(content: bytes) -> Chunk:
+    """Returns a chunk whose records are not compressed.
+
+    Raises:
+        ValueError: it is larger than it claims, or than we read.
+        Exception: one of _DAMAGED: it cannot be unpacked.
+    """
+    chunk, size = _parsed(Chunk, content), 0
+    if (size := chunk.uncompressed_size) > _LARGEST:
+        raise ValueError(size)
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size + 1)
+    elif chunk.compression:
+        raise ValueError(chunk.compression)
+    else:
+        data = chunk.data
+    if len(data) != size:
+        raise ValueError(size)
+    chunk.compression, chunk.data = "", data
+    return chunk
+
+
+def _index_of(file: BinaryIO) -> Summary | None:
+    """Returns the index at the end of a file; None if there is none, or it is damaged."""
+    try:
+        file.seek(-_MAGIC_AND_FOOTER, io.SEEK_END)
+        footer = file.read()
+        begin, checksum = struct.unpack_from("<Q8xI", footer, _HEAD.size)
+        file.seek(begin)
+        content = file.read()[: -len(MAGIC) - 4]
+        is_whole = footer.endswith(MAGIC) and checksum in (0, zlib.crc32(content))
+        file.seek(0)
+        return SeekingReader(file, record_size_limit=2**26).get_summary() if is_whole else None
+    except (OSError, StopIteration, *_DAMAGED):
+        return None
 
 
 def _topic(channel: Channel, schema: Schema | None) -> Topic:

@@ -10,6 +10,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vgps_ros.bags.mcap_file import McapFile, is_being_written
@@ -22,6 +24,8 @@ from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash, is_mjcf, 
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
 
 _OWN = "vgps_msgs/msg/"
+_LONGEST = 2**18  # definition that is read [characters]
+_MOST_PARTS = 1024  # of arrays of a fixed size, for each of which rosbags writes lines of code
 
 
 @dataclass(frozen=True)
@@ -320,11 +324,12 @@ def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
 
 
 class Decoder:
-    """Decodes messages with the definitions of types by name that a bag holds."""
+    """Decodes messages with the definitions of types by name, which an untrusted bag holds."""
 
     def __init__(self, definitions: Mapping[str, str]):
         self._definitions = definitions
         self._store = get_typestore(Stores.EMPTY)
+        self._parts = 0
 
     def decode(self, data: bytes, kind: str) -> Any:
         """Returns an object that has the fields of a message, which is CDR, as attributes.
@@ -347,7 +352,36 @@ class Decoder:
     def _by_store(self, kind: str, found: Callable[[], Any]) -> Any:
         try:
             if kind not in self._store.fielddefs:
-                self._store.register(get_types_from_msg(self._definitions[kind], kind))
+                self._store.register(self._types(kind))
             return found()
         except Exception as error:  # of many kinds, raised deep inside rosbags
             raise InvalidInputError(told(error)) from error
+
+    def _types(self, kind: str) -> Typesdict:
+        """Reads a definition.
+
+        Raises:
+            ValueError: its code, or reading it, would take too much memory.
+            Exception: it is no definition.
+        """
+        definition = self._definitions[kind]
+        if len(definition) > _LONGEST:
+            raise ValueError(
+                f"its definition has {len(definition)} characters, and at most {_LONGEST} are read"
+            )
+        types = get_types_from_msg(definition, kind)
+        self._parts += sum(_parts(field) for _, fields in types.values() for _, field in fields)
+        if self._parts > _MOST_PARTS:
+            raise ValueError(
+                f"with its definition there are {self._parts} texts and messages in arrays of a "
+                f"fixed size, and at most {_MOST_PARTS} are read"
+            )
+        return types
+
+
+def _parts(field: FieldDesc) -> int:
+    """Returns how many parts a field has that are decoded one by one, as numbers are not."""
+    if field[0] != Nodetype.ARRAY:
+        return 0
+    (kind, name), size = field[1]
+    return 0 if kind == Nodetype.BASE and name[0] not in ("string", "wstring") else int(size)
