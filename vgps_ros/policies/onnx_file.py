@@ -1,8 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """ONNX files: reads untrusted ones safely, and writes a policy of ours so that it is read back.
 
-A file is read without opening anything outside it. The package `onnx` (requirements/onnx.txt) is
-imported only when a file is read or written.
+A file is read without opening anything outside it. onnxruntime cannot end an operator, so it gets
+only those whose work depends on sizes alone, and `check_work` bounds both before it executes any.
+The package `onnx` (requirements/onnx.txt) is imported only when a file is read or written.
 
 The graph of a policy of ours maps `obs`, shape (batch, n_o), to
 
@@ -18,8 +19,9 @@ Softplus is written as max(z, 0) + log(1 + exp(−|z|)), since onnxruntime has i
 """
 
 import importlib
+import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import finite_array, quoted, told
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -35,7 +37,23 @@ from vgps_ros.core.records import Array
 
 NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
+_MOST_NODES = 10_000
+_MOST_NUMBERS = 2**19  # of a tensor between the weights, for one observation
+_MOST_WORK = 2**29  # multiplications of a network for one observation
+_WORK_OF_NUMBER = 100  # multiplications that take as long as one number of another operator
 DOMAINS = ("", "ai.onnx")
+_OPERATORS = """
+Abs Acos Acosh Add And ArgMax ArgMin Asin Asinh Atan Atanh BatchNormalization Cast CastLike Ceil
+Celu Clip Concat Constant ConstantOfShape Conv Cos Cosh CumSum DequantizeLinear Div Elu Equal Erf
+Exp Expand Flatten Floor GRU Gather GatherElements GatherND Gelu Gemm GlobalAveragePool
+GlobalMaxPool Greater GreaterOrEqual GroupNormalization HardSigmoid HardSwish Hardmax Identity
+InstanceNormalization IsInf IsNaN LSTM LayerNormalization LeakyRelu Less LessOrEqual Log LogSoftmax
+LpNormalization MatMul Max Mean Min Mish Mod Mul Neg Not OneHot Or PRelu Pad Pow QuantizeLinear
+RMSNormalization RNN Range Reciprocal ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax
+ReduceMean ReduceMin ReduceProd ReduceSum ReduceSumSquare Relu Reshape Round ScatterElements
+ScatterND Selu Shape Shrink Sigmoid Sign Sin Sinh Size Slice Softmax Softplus Softsign Split Sqrt
+Squeeze Sub Sum Swish Tan Tanh ThresholdedRelu Tile TopK Transpose Trilu Unsqueeze Where Xor
+""".split()  # noqa: SIM905
 OPSET, IR_VERSION = 17, 8  # of 2022, which the runtimes on robots read too
 PRECISIONS = {"float32": np.float32, "float64": np.float64}
 
@@ -86,7 +104,8 @@ def parsed(content: bytes, name: str) -> Any:
     An error calls the file by its name.
 
     Raises:
-        InvalidInputError: the bytes are no ONNX model, or it keeps tensors in other files.
+        InvalidInputError: the bytes are no ONNX model; or it keeps tensors in other files, or holds
+            functions, or operators that no policy uses.
     """
     onnx = package("onnx")
     if len(content) > LARGEST:
@@ -105,16 +124,24 @@ def parsed(content: bytes, name: str) -> Any:
         raise InvalidInputError(
             f"{name} has no graph with nodes, inputs and outputs; export it anew."
         )
+    if len(graph.node) > _MOST_NODES:
+        raise InvalidInputError(
+            f"{name} has {len(graph.node)} nodes, but a policy may have at most {_MOST_NODES}: "
+            "use a smaller network."
+        )
     if model.functions:
         raise InvalidInputError(f"{name} has local functions; export it with them inlined.")
-    graphs = list(_graphs(graph))
-    attributes = [a for one in graphs for node in one.node for a in node.attribute]
-    if any(one.sparse_initializer for one in graphs) or any(
-        a.HasField("sparse_tensor") or a.sparse_tensors for a in attributes
-    ):
+    for node in graph.node:
+        if node.domain not in DOMAINS or node.op_type not in _OPERATORS:
+            raise InvalidInputError(
+                f"{name} has the operator {quoted(f'{node.domain}.{node.op_type}'.lstrip('.'))}, "
+                "which is none of those that are executed (docs/how_to/import_a_policy.md); export "
+                "it without."
+            )
+    attributes = [each for node in graph.node for each in node.attribute]
+    if graph.sparse_initializer or any(a.HasField("sparse_tensor") for a in attributes):
         raise InvalidInputError(f"{name} has sparse tensors; export it with dense ones.")
-    tensors = [tensor for a in attributes for tensor in (a.t, *a.tensors)]
-    for tensor in (*(each for one in graphs for each in one.initializer), *tensors):
+    for tensor in (*graph.initializer, *(a.t for a in attributes)):
         if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
             raise InvalidInputError(
                 f"{name} keeps the tensor {quoted(tensor.name)} in another file, which is not "
@@ -123,13 +150,74 @@ def parsed(content: bytes, name: str) -> Any:
     return model
 
 
-def _graphs(graph: Any) -> Iterator[Any]:
-    """Yields a graph and those within its nodes, as of a loop."""
-    yield graph
-    for attribute in (each for node in graph.node for each in node.attribute):
-        for inner in (attribute.g, *attribute.graphs):
-            if inner.node or inner.initializer:
-                yield from _graphs(inner)
+def check_work(model: Any, rows: int, count: int, name: str) -> None:
+    """Refuses a network that does not answer soon, whatever it reads.
+
+    Args:
+        model: what `parsed` returned.
+        rows: how many observations it reads at once, where the file does not fix it.
+        count: how many numbers each has, likewise.
+        name: what the sentence of an error calls the file.
+
+    Raises:
+        InvalidInputError: a size depends on what is read, or is too large, or the work is.
+    """
+    bare = package("onnx").ModelProto()
+    bare.CopyFrom(model)
+    shapes = {tensor.name: [*tensor.dims] for tensor in bare.graph.initializer}
+    inputs = [each for each in model.graph.input if each.name not in shapes]
+    del bare.graph.input[:], bare.graph.value_info[:]  # whose sizes may be wrong
+    bare.graph.input.extend(inputs)
+    for each in bare.graph.output:
+        each.ClearField("type")
+    for each in bare.graph.input:
+        for i, dim in enumerate(reversed(each.type.tensor_type.shape.dim)):
+            dim.dim_value = dim.dim_value or (rows if i else count)
+    try:
+        infer = package("onnx.shape_inference").infer_shapes
+        graph = infer(bare, strict_mode=True, data_prop=True).graph
+    except Exception as error:  # of onnx, which has no common class for its errors
+        sentence = f"{name} cannot be executed: {told(error)}; export it anew."
+        raise InvalidInputError(sentence) from error
+    for each in (*graph.input, *graph.value_info, *graph.output):
+        kind = each.type.tensor_type
+        if kind.HasField("shape") and all(dim.HasField("dim_value") for dim in kind.shape.dim):
+            shapes[each.name] = [dim.dim_value for dim in kind.shape.dim]
+    work = 0
+    for node in graph.node:
+        for each in filter(None, node.output):
+            size = _size(shapes[each]) if each in shapes else math.inf
+            if size > _MOST_NUMBERS:
+                raise InvalidInputError(
+                    f"{name} has a node {quoted(node.op_type)} that gives {min(size, 10**12):g} "
+                    f"numbers, but at most {_MOST_NUMBERS} may come of an observation, and how "
+                    "many may not depend on it; use a smaller network of fixed sizes."
+                )
+        names = [each for each in (*node.input, *node.output) if each in shapes]
+        work += _work(node.op_type, [shapes[each] for each in names])
+    if work > _MOST_WORK:
+        raise InvalidInputError(
+            f"{name} takes {min(work, 10**15):.1e} multiplications for an observation, but "
+            f"{_MOST_WORK:.1e} are the most; use a smaller network."
+        )
+
+
+def _size(shape: Sequence[int]) -> int:
+    """Returns how many numbers a tensor has; an axis of none counts, since it is still walked."""
+    return math.prod(max(1, size) for size in shape)
+
+
+def _work(operator: str, shapes: Sequence[Sequence[int]]) -> int:
+    """Returns the multiplications of a node, from the shapes of its inputs and outputs."""
+    sizes = [_size(shape) for shape in shapes]
+    work = _WORK_OF_NUMBER * sum(sizes)
+    if operator in ("Gemm", "MatMul"):  # n m k is the root of (n m) (m k) (n k)
+        work = math.isqrt(math.prod(sorted(sizes)[-3:]))
+    elif operator in ("GRU", "LSTM", "RNN"):  # all weights at each step of a sequence
+        work = _size(shapes[0][:-1]) * sum(sizes[1:3])
+    elif operator == "Conv":  # a channel's weights for each number that it gives
+        work = sizes[-1] * _size(shapes[1][1:])
+    return work
 
 
 def metadata_of(model: Any) -> dict[str, str]:

@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A network of others as a policy: an ONNX graph, which onnxruntime executes.
+"""A network of others as a policy: an ONNX graph of bounded work, which onnxruntime executes.
 
 Its metadata say what its numbers mean (`policies.contract`). Where it has a stiffness, its actions
 are targets of positions. A robot of servos gets the targets. One of motors gets the torque
@@ -24,6 +24,7 @@ from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
     OPSET,
+    check_work,
     metadata_of,
     package,
     parsed,
@@ -106,11 +107,12 @@ class OnnxPolicy:
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
         self._rows, count = 1, len(contract.places)
-        self._outputs(np.zeros((1, count)))
+        check_work(model, self._rows, count, name)
         if not (self._is_vector or isinstance(given.shape[0], int)):
             with suppress(InvalidInputError):  # then it answers one after another
-                self._outputs(np.zeros((_MANY, count)))
+                check_work(model, _MANY, count, name)
                 self._rows = _MANY
+        self._outputs(np.zeros((1, count)))
 
     @property
     def steps(self) -> int:
@@ -153,7 +155,7 @@ class OnnxPolicy:
         if len(read) == 1:
             return np.asarray(np.clip(self._outputs(read), *self.contract.action_clip))
         rows = self._rows
-        parts = [  # of as many as were tried
+        parts = [  # of as many as were checked
             self._outputs(np.resize(read[start : start + rows], (rows, read.shape[1])))
             for start in range(0, len(read), rows)
         ]
@@ -294,6 +296,7 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
     """
     if not outputs:
         return {}
+    check_work(parsed(content, name), 1, 1, name)
     rng, found = np.random.default_rng(0), []
     try:
         session = _session(content)
