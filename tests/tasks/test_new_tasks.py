@@ -110,7 +110,11 @@ def written(tmp_path, monkeypatch):
         ),
         (ACROBOT, "underactuated", ["shoulder/cos, target: 1, weight: 1", "shoulder: 3.1416"]),
         (ACROBOT, "underactuated", ["begin: {law: best}"]),
-        (WEAK, "underactuated", ["swing: 3.1416", "swing/cos, target: 1, weight: 1"]),
+        (
+            WEAK,
+            "underactuated",
+            ["swing: 3.1416", "swing/cos, target: 1, weight: 1", "horizon: 8 "],
+        ),
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),

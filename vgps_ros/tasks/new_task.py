@@ -550,10 +550,11 @@ def _facts(robot: _Robot) -> dict[str, Any]:
     model, legs = robot.model, bool(robot.feet)
     step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
     period = _whole(0.02 if legs else 0.01, step)
+    swings = 8.0 if any(_is_weak(robot, j) for j in robot.hinges) else 4.0  # up, and stands [s]
     times = {
         "step": step,
         "period": period,
-        "horizon": _whole(1.0 if legs else 4.0 if robot.kind == "pendulum" else 2.0, period),
+        "horizon": _whole(1.0 if legs else swings if robot.kind == "pendulum" else 2.0, period),
         "lookahead": _whole(0.5, period),
     }
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
