@@ -1,0 +1,389 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Writes the tables of the pages that come from committed rows: `python -m benchmarks.evidence`.
+
+A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. A test compares each page
+with what this program would write, so a table that is older than its rows fails.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+
+from benchmarks.figure1.cells import PANELS, Panel
+from benchmarks.figure1.curves import CURVES, RISING
+from benchmarks.figure1.statistics import (
+    CEILING,
+    SUCCESS,
+    Results,
+    improvement,
+    last_costs,
+    summary,
+)
+from benchmarks.figure1.table import Columns, by_panel
+from benchmarks.robots import ALONE, OWN, lines, robots
+from vgps_ros.core.records import Array
+from vgps_ros.search.robustness import ENOUGH
+
+ROOT = Path(__file__).resolve().parents[1]
+EVIDENCE = ROOT / "docs" / "evidence"
+PAGES = (*sorted(EVIDENCE.glob("*.md")), ROOT / "docs" / "explanation" / "paper_and_ours.md")
+TABLE = re.compile(r"(<!-- table: ([^\n]+) -->\n)(?s:.*?)(<!-- end of table -->)")
+NOISE = {"median": "with noise, median rollout", "mean": "with noise, mean of the rollouts"}
+FALLS = CEILING - 1e-6  # an interval from here on is one of policies that all fall
+
+
+def written(page: Path) -> str:
+    """Returns a page's text, each of its tables made anew."""
+    return TABLE.sub(lambda m: f"{m[1]}\n{TABLES[m[2]]()}\n{m[3]}", page.read_text())
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Returns a table of Markdown."""
+    shown = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(row)} |\n" for row in shown)
+
+
+@cache
+def figure1() -> Results:
+    """Returns the rows of Figure 1, by panel and method."""
+    return by_panel(pyarrow.csv.read_csv(EVIDENCE / "figure1.csv"))
+
+
+@cache
+def summaries() -> dict[tuple[str, str], dict[str, Any]]:
+    """Returns what each method of each panel ends at, with noise by the median and by the mean."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for average in NOISE:
+        for row in summary(figure1(), average):
+            own = {name.replace("stochastic", average): value for name, value in row.items()}
+            found.setdefault((row["panel"], row["method"]), {}).update(own)
+    return found
+
+
+@cache
+def probabilities() -> dict[str, dict[str, float]]:
+    """Returns how probable it is that a seed of vgps ends lower, by the other method."""
+    columns = {"without": "deterministic_cost"} | {n: f"stochastic_cost_{n}" for n in NOISE}
+    ends = {kind: last_costs(figure1(), column) for kind, column in columns.items()}
+    return {row["against"]: row for row in improvement(ends) if row["ours"] == "vgps"}
+
+
+def panel(name: str) -> str:
+    """Returns the table of one panel of Figure 1."""
+    rows = []
+    for method in CURVES:
+        row = summaries()[name, method]
+        costs = [_with_interval(row, kind, FALLS) for kind in ("deterministic", *NOISE)]
+        share = f"{row['succeed']} of {row['seeds']}"
+        rows.append((_label(method), *costs, share, f"{row['survival']:.0%}".replace("%", " %")))
+    return table(("method", "without noise", *NOISE.values(), "succeed", "stay up"), rows)
+
+
+def improvements() -> str:
+    """Returns the table of the probabilities that a seed of vgps ends lower."""
+    rows = [
+        (_label(name), *(_with_interval(row, kind) for kind in ("without", *NOISE)))
+        for name, row in probabilities().items()
+    ]
+    return table(("against", "without noise", *NOISE.values()), rows)
+
+
+def _label(method: str) -> str:
+    return f"{method}, tuned for longer" if method == RISING else method
+
+
+def _with_interval(row: dict[str, Any], name: str, most: float = np.inf) -> str:
+    middle, low, high = (row[name + ending] for ending in ("", "_low", "_high"))
+    return "falls" if low >= most else f"{middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+def defaults() -> str:
+    """Returns the table of the paper's schedule beside ours."""
+    rows = []
+    for name in PANELS:
+        task, units = name.split("-")
+        shown = []
+        for method in ("vgps", RISING):
+            row, one = summaries()[name, method], figure1()[Panel.named(name)][method]
+            if row["median_low"] >= FALLS:
+                text = f"{_walk(one)} walk without noise; all fall with it"
+            else:
+                text = f"{row['deterministic']:.2f}, {row['median']:.2f}"
+                if task == "walker":
+                    text += f" ({row['survival']:.0%} stay up)".replace("%", " %")
+            shown.append(text)
+        rows.append((f"{task}, {units} units", *shown))
+    return table(("panel", "the paper's α: without noise, with noise", "our defaults"), rows)
+
+
+def _multiples(one: Columns, column: str) -> Array:
+    return np.fmin(np.nan_to_num(one[column] / one["initial_ddp_cost"], nan=CEILING), CEILING)
+
+
+def _walk(one: Columns) -> str:
+    up = one["deterministic_survival"][:, -1] == 1.0
+    return f"{up.sum()} of {len(up)}"
+
+
+class Claim:
+    """The figures of one method in one panel, as the table of claims says them."""
+
+    def __init__(self, panel_name: str, method: str):
+        """Takes the rows of a method in a panel."""
+        self._one = figure1()[Panel.named(panel_name)][method]
+        self._up = self._one["deterministic_survival"] == 1.0
+
+    def cost(self, *, noise: bool = False, k: int = 0) -> str:
+        """Returns the cost after iteration k, or at the end: median, lowest and highest."""
+        column = "stochastic_cost_median" if noise else "deterministic_cost"
+        return self._spread(_multiples(self._one, column)[:, k - 1], ".2f")
+
+    @property
+    def survival(self) -> str:
+        """Share of the rollouts with noise that stay up at the end [%]."""
+        return self._spread(100 * self._one["stochastic_survival"][:, -1], ".0f", " %")
+
+    @property
+    def succeed(self) -> str:
+        """How many seeds succeed at the end."""
+        cost = _multiples(self._one, "deterministic_cost")[:, -1]
+        return f"{(self._up[:, -1] & (cost <= SUCCESS)).sum()} of {len(cost)}"
+
+    @property
+    def walk(self) -> str:
+        """How many seeds walk without noise at the end."""
+        return _walk(self._one)
+
+    @property
+    def ever(self) -> str:
+        """How many seeds walk without noise in some iteration, and when for the first time."""
+        found = self._up.any(axis=1)
+        first = self._up[found].argmax(axis=1) + 1
+        when = " to ".join(str(k) for k in sorted({first.min(), first.max()})) if len(first) else ""
+        when = when and f" (first at k = {when})"
+        return f"{found.sum()} of {len(found)}{when}"
+
+    @staticmethod
+    def _spread(values: Array, form: str, unit: str = "") -> str:
+        def said(value: float) -> str:
+            return f"{CEILING:g} or a fall" if value >= CEILING and not unit else f"{value:{form}}"
+
+        low, middle, high = (said(f(values)) for f in (np.min, np.median, np.max))
+        return f"{middle}{unit} ({low} to {high})" if low != high else f"{middle}{unit}"
+
+
+def claims() -> str:
+    """Returns the table of the paper's claims: what it says, what is measured, whether it holds."""
+    small, wide, five, ten = (partial(Claim, name) for name in PANELS)
+
+    def odds(kind: str, *names: str) -> str:
+        return ", ".join(f"{probabilities()[name][kind]:.2f} over {name}" for name in names)
+
+    prior = [name for name in probabilities() if name != RISING]
+    rows = (
+        (
+            '"outperforms prior methods" (abstract, sections 1, 6 and 8)',
+            "over all panels a seed of vgps ends lower with a probability of, without noise: "
+            f"{odds('without', *prior)}; with noise, median rollout: {odds('median', *prior)}",
+            "holds without noise; with noise it does not: GPS and adaptive GPS end lower",
+        ),
+        (
+            'VGPS "learned successful policies for each task"',
+            f"swimmer, 5 and 10 units: {small('vgps').cost()}, {wide('vgps').cost()}; with noise "
+            f"{small('vgps').cost(noise=True)}, {wide('vgps').cost(noise=True)}. Walker, 10 units: "
+            f"{ten('vgps').walk} walk, {ten('vgps').survival} stay up with noise; 5 units: "
+            f"{five('vgps').walk} walk, {five('vgps').survival} stay up with noise",
+            "holds on three panels; on the 5-unit walker without noise alone, on most seeds",
+        ),
+        (
+            'it "often converged faster than previous methods"',
+            f"walker, 10 units, walk at some iteration: {ten('vgps').ever}; adaptive GPS "
+            f"{ten('adaptive_gps').ever}, weighted DAGGER {ten('weighted_dagger').ever}; succeed "
+            f"at the end: {ten('vgps').succeed}, {ten('adaptive_gps').succeed}, "
+            f"{ten('weighted_dagger').succeed}. Swimmer, 10 units, with noise at k = 5: "
+            f"{wide('vgps').cost(noise=True, k=5)}, GPS {wide('gps').cost(noise=True, k=5)}",
+            "holds for the cost on the walker, not for the first step, nor on the swimmer",
+        ),
+        (
+            'its "performance during early iterations was often poor"',
+            f"swimmer, 5 units, with noise at k = 1: {small('vgps').cost(noise=True, k=1)}",
+            "holds",
+        ),
+        (
+            'GPS on the swimmer "succeeds immediately"',
+            f"with noise at k = 1: {small('gps').cost(noise=True, k=1)}, "
+            f"{wide('gps').cost(noise=True, k=1)}",
+            "holds",
+        ),
+        (
+            'GPS "is unable to find a successful walking policy with only 5 hidden units"',
+            f"walk at some iteration: {five('gps').ever}",
+            "holds",
+        ),
+        (
+            '"the deterministic GPS policy performs well on the walker with 10 hidden units"',
+            f"walk at some iteration: {ten('gps').ever}; at the end {ten('gps').walk}",
+            "does not hold here; see below",
+        ),
+        (
+            'adaptive GPS "improves on the standard variant"',
+            f"swimmer, 5 units: {small('adaptive_gps').cost()} beside {small('gps').cost()}; "
+            f"walker, 10 units, walk at the end: {ten('adaptive_gps').walk} beside "
+            f"{ten('gps').walk}",
+            "holds on the walker with 10 units",
+        ),
+        (
+            'it is "still unable to learn a walking policy with 5 hidden units"',
+            f"walk at some iteration: {five('adaptive_gps').ever}",
+            "holds",
+        ),
+        (
+            'DAGGER "performed poorly on these tasks"',
+            f"swimmer: {small('dagger').cost()}, {wide('dagger').cost()}, where standing still "
+            f"costs about 3; walkers walk at the end: {five('dagger').walk}, {ten('dagger').walk}",
+            "holds",
+        ),
+        (
+            'weighted DAGGER "succeeded on the swimming tasks"',
+            f"succeed: {small('weighted_dagger').succeed} with 5 units, "
+            f"{wide('weighted_dagger').succeed} with 10",
+            "holds with 10 units; with 5 on most seeds",
+        ),
+        (
+            'it "eventually found a good deterministic policy for the walker with 10 hidden units"',
+            f"walk at the end: {ten('weighted_dagger').walk}, at {ten('weighted_dagger').cost()}",
+            "holds for walking, not for the cost",
+        ),
+        (
+            '"though the learned stochastic policy performed very poorly"',
+            f"{ten('weighted_dagger').survival} stay up, at "
+            f"{ten('weighted_dagger').cost(noise=True)}",
+            "its cost is poor; most rollouts stay up",
+        ),
+        (
+            'the adapted variant "performed worse"',
+            f"swimmer: {small('adapted_weighted_dagger').cost()}, "
+            f"{wide('adapted_weighted_dagger').cost()}; walker, 10 units, walk at the end: "
+            f"{ten('adapted_weighted_dagger').walk}",
+            "holds on the walker",
+        ),
+        (
+            'random exploration "is generally inadequate for such complex tasks"',
+            f"cost-weighted, swimmer: {small('cost_weighted').cost()}, "
+            f"{wide('cost_weighted').cost()}; walkers walk at the end: "
+            f"{five('cost_weighted').walk}, {ten('cost_weighted').walk}",
+            "holds",
+        ),
+        (
+            'with 10³ samples it "still fails to solve the harder walking task"',
+            f"walk at the end: {five('cost_weighted_1000').walk} with 5 units, "
+            f"{ten('cost_weighted_1000').walk} with 10",
+            "holds, but for one seed of five with 10 units",
+        ),
+    )
+    return table(("the paper", "measured", "does it hold?"), rows)
+
+
+def policies() -> str:
+    """Returns the table of policies on ten seeds: median and worst."""
+    rows = [json.loads(line) for line in (EVIDENCE / "policies.jsonl").read_text().splitlines()]
+    costs = ("deterministic_cost", "stochastic_cost_median")
+    shares = (("perturbed_20s", "perturbed_10s"), ("noise_4s",), ("noise_20s",))
+    shown = []
+    for task, units, first in (
+        ("swimmer", 5, 701), ("swimmer", 10, 701), ("walker", 10, 701), ("walker", 5, 701),
+        ("hopper", [64, 64], 701), ("hopper", [64, 64], 708),
+    ):  # fmt: skip
+        own = [r for r in rows if (r["task"], r["units"]) == (task, units) and r["seed"] >= first]
+        cells = []
+        for name in costs:
+            values = [r[name] if r[name] is not None else np.inf for r in own]
+            form = ".0f" if np.median(values) > 100 else ".3f"
+            cells.append(f"{np.median(values):{form}} ({max(values):{form}})")
+        for names in shares:
+            values = [r[name] for r in own for name in names if name in r]
+            text = f"{np.median(values):.0%} ({min(values):.0%})" if values else "–"
+            cells.append(text.replace("%", " %"))
+        size = " and ".join(map(str, units)) if isinstance(units, list) else str(units)
+        seeds = f"{first} to {max(r['seed'] for r in own)}"
+        cells.append(f"{np.median([r['seconds'] for r in own]):.0f} s")
+        shown.append((f"{task}, {size} units", seeds, *cells))
+    head = ("without noise", "with noise", "perturbed starts", "noise, 4 s", "noise, 20 s")
+    return table(("policy", "seeds", *head, "processor time"), shown)
+
+
+def motions(names: Iterable[str]) -> str:
+    """Returns the table of robots that learn a motion."""
+    shown = []
+    for name in names:
+        own = [row for row in lines() if row["robot"] == name]
+        optima = [row for row in own if "converged_cost" in row]
+        starts = [ratio for row in optima for ratio in row["perturbed_to_converged"]]
+        shown.append(
+            (
+                f"[{name.rpartition('/')[2]}](robots/{name}.png)",
+                ", ".join(map(str, own[0]["hidden_units"])),
+                f"{_each('seed', own)}; {', '.join(dict.fromkeys(r['commit'] for r in own))}",
+                _each("deterministic", own, "{:.2f}"),
+                _each("stochastic_median", own, "{:.2f}"),
+                _each("deterministic_to_converged", optima, "{:.2f}"),
+                f"{np.median(starts):.2f} ({max(starts):.2f})" if starts else "–",
+                _each("stochastic_survival", own, "{:.0%}").replace("%", " %"),
+                _each("speed", own, "{:.2f}"),
+            )
+        )
+    head = ("robot", "hidden units", "seeds; commit", "without noise", "with noise")
+    head += ("÷ converged DDP", "the same, perturbed starts", "stays up with noise", "m/s")
+    return table(head, shown)
+
+
+def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:
+    return " / ".join(form.format(row[name]) for row in rows) or "–"
+
+
+def robustness() -> str:
+    """Returns the table of pushes, slopes and loads that walkers bear."""
+    found = json.loads((EVIDENCE / "robustness.json").read_text())
+    pushes = next(iter(found.values()))["robustness"]["pushes"]["values"]
+    rows = []
+    for label, result in found.items():
+        own = result["robustness"]
+        shares = own["pushes"]["survival"]
+        (_, push), slopes, (_, load) = (own[k]["borne"] for k in ("pushes", "slopes", "payloads"))
+        borne = f"{push:g} N·s, slopes of {slopes[0]:g} to {slopes[1]:g} rad, {load:g} kg"
+        rows.append((label, *(f"{share:.0%}".replace("%", " %") for share in shares), borne))
+    head = [f"{push:g} N·s" for push in pushes]
+    return table(("learned from", *head, f"borne by {ENOUGH:.0%}".replace("%", " %")), rows)
+
+
+def _of_others() -> list[str]:
+    return [n for n in robots() if n not in OWN and not n.startswith(ALONE)]
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    **{f"Figure 1, {name}": partial(panel, name) for name in PANELS},
+    "probability of improvement": improvements,
+    "claims": claims,
+    "defaults": defaults,
+    "policies": policies,
+    "built-in robots": partial(motions, OWN),
+    "robots of others": lambda: motions(_of_others()),
+    "robots from a pose": lambda: motions(n for n in robots() if n.startswith(ALONE)),
+    "robustness": robustness,
+}
+
+
+def main() -> None:
+    """Writes the tables of all pages."""
+    for page in PAGES:
+        page.write_text(written(page))
+
+
+if __name__ == "__main__":
+    main()
