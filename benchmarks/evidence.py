@@ -338,8 +338,8 @@ def motions(names: Iterable[str]) -> str:
                 _each("speed", own, "{:.2f}"),
             )
         )
-    head = ("robot", "hidden units", "seeds; commit", "without noise", "with noise")
-    head += ("÷ converged DDP", "the same, perturbed starts", "stays up with noise", "m/s")
+    head = ["robot", "hidden units", "seeds; commit", "without noise", "with noise"]
+    head += ["÷ converged DDP", "the same, perturbed starts", "stays up with noise", "m/s"]
     return table(head, shown)
 
 

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from vgps_ros.core.ddp.solve import Solution, Status, solve
 from vgps_ros.core.policy import GaussianPolicy
@@ -107,7 +108,9 @@ def followed(task: Task, motion: Solution, start: Array) -> Trajectory:
     return found
 
 
-def costs_of(task: Task, policy: GaussianPolicy, starts: Array) -> tuple[Array, Array, Array]:
+def costs_of(
+    task: Task, policy: GaussianPolicy, starts: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Returns cost, states and survival of a policy's rollouts without noise."""
     noise = np.zeros((len(starts), task.horizon, task.dynamics.control_dim))
     states, controls = task.dynamics.execute(policy, task.observation, starts, noise)
