@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.robots import EVERYTHING
 from tests.tasks.hopper_file import HOPPER
 from vgps_ros.programs.__main__ import main
-from vgps_ros.programs.check import inexact
+from vgps_ros.programs.check import examine_task, inexact
 from vgps_ros.tasks import make_task
 
 PENDULUM = """
@@ -357,3 +357,10 @@ def test_a_path_is_called_a_guess_whose_cost_may_rise(folder, capsys):
     assert last > first == 0.0
     assert "It begins with a guess that no robot can follow" in shown
     assert "hardly lowers the cost" not in shown
+
+
+def test_a_task_whose_derivatives_take_longer_than_ddp_has_is_told_so_at_once():
+    found = examine_task(make_task("swimmer"), 3, 0, lambda *_: None, seconds=1e-6)
+    assert "Derivatives along one motion take about" in found.troubles[-1]
+    assert "lock joints" in found.troubles[-1]
+    assert len(found.costs) == 1

@@ -72,6 +72,39 @@ def test_columns_of_velocities_and_controls_are_closer_than_differences_of_steps
     assert np.quantile(errors, 0.8) < 3e-9
 
 
+BOX = '<geom type="box" size=".1 .2 .3" mass="1"/>'
+FREE = f'<body><freejoint name="j"/>{BOX}'
+BALL = f'<body><joint name="j" type="ball" damping=".1"/>{BOX}'
+HINGE = f'<body pos="0 0 .4"><joint axis="0 1 0" damping=".1"/>{BOX}</body></body>'
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        f"{FREE}</body>",
+        f'{FREE}<body pos="0 0 .4" euler="10 0 0">{BOX}</body></body>',
+        FREE + HINGE,
+        f"{BALL}</body>",
+        BALL + HINGE,
+        f'{BALL}</body><body pos="9 0 0"><freejoint/>{BOX}</body>',
+    ],
+    ids=["free", "welded", "free base", "ball", "ball and hinge", "beside a free one"],
+)
+def test_fast_turns_in_long_steps_differentiate_as_full_steps_do(bodies, integrator, rng):
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="0.05" integrator="{integrator}"/>'
+        f"<worldbody>{bodies}</worldbody>"
+        '<actuator><motor joint="j" gear="1 .2 .3 .1 .2 .3"/></actuator></mujoco>'
+    )
+    state, control = np.r_[model.qpos0, 3.0 * rng.standard_normal(model.nv)], np.full(1, 0.3)
+    dynamics = Dynamics(model, threads=1)
+    after = dynamics.step(state, control)
+    linear, _ = dynamics.linearize(Trajectory(np.stack([state, after]), control[None]))
+    expected = centred_differences(model, state, control)
+    np.testing.assert_allclose(np.hstack([linear.f_x[0], linear.f_u[0]]), expected, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "changes",
     [

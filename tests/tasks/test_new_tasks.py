@@ -160,6 +160,12 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert model.opt.timestep == 0.005
 
 
+def test_a_wall_is_no_ground(written):
+    wall = GROUND + '<geom name="wall" type="plane" size="0 0 1" pos="3 0 0" zaxis="-1 0 0"/>'
+    text, _ = written(walker(*TWO).replace(GROUND, wall))
+    assert "only_contacts: [[ground, left_foot], [ground, right_foot]]" in text
+
+
 def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
     text, task = written(walker(*FOUR))
     assert "swap: [[FL, FR], [HL, HR]]" in text

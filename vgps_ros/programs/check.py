@@ -241,6 +241,13 @@ def examine_task(
     rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
     still = task.dynamics.rollout(task.initial_state, lambda *_: rest, first.horizon)
     found.notes += _nothing_to_do(task, still)
+    if (took := _linearizing(task, first, seconds)) > seconds > 0.0:
+        found.troubles.append(
+            f"Derivatives along one motion take about {took:.3g} s, more than the {seconds:g} s of "
+            "--seconds, so that DDP makes no iteration, and a training would take long: remove "
+            "bodies or lock joints that the task can do without (changes), or shorten its horizon."
+        )
+        return found
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
     is_unmoved = _unmoved(task, first, linear)
@@ -356,6 +363,18 @@ def _wild(task: "Task", stds: Array) -> list[str]:
         f"{stds[i]:.2g}, beyond its limits of ±{half[i]:.2g}, so that mostly the limits act: give "
         f"controls about {more:.2g} times the weight, or scale the other terms (cost)."
     ]
+
+
+def _linearizing(task: "Task", motion: Trajectory, limit: float) -> float:
+    """Returns the time that derivatives along a motion take, as those of its first step do [s]."""
+    step, took = Trajectory(motion.states[:2], motion.controls[:1]), np.inf
+    for _ in range(2):  # the first time, loops may have to be compiled
+        began = time.perf_counter()
+        task.dynamics.linearize(step)
+        took = min(took, (time.perf_counter() - began) * motion.horizon)
+        if took <= limit:
+            break
+    return took
 
 
 def derivative_errors(task: "Task", trajectory: Trajectory) -> list[float]:

@@ -298,7 +298,8 @@ class StepStructure(NamedTuple):
         is_one_sided: whether constraints act only while they push, as contacts and limits do; then
             a constraint without force has none nearby either.
         knows_velocities: whether MuJoCo's derivatives of forces by velocities are all of them: not
-            those of tendons and sites, which couple joints of several branches.
+            those of tendons and sites, which couple joints of several branches, nor those of a body
+            that flies alone.
         time_step: of a step [s].
         quaternions: the first degree of freedom of each ball and free joint's rotation.
     """
@@ -350,7 +351,11 @@ def _are_known(model: mujoco.MjModel) -> bool:
     at_velocity = is_affine & (model.actuator_biasprm[:, 2] != 0.0)
     is_plain = is_affine & (at_joint | ~at_velocity)
     follows = model.actuator_dyntype <= int(mujoco.mjtDyn.mjDYN_MUSCLE)  # its control alone
-    return bool((is_plain & follows).all() and not model.tendon_damping.any())
+    # A tree of a free joint alone is integrated with its gyroscopic forces, which vary.
+    is_free = model.jnt_type == _JOINT.mjJNT_FREE
+    alone = model.tree_dofnum[model.dof_treeid[model.jnt_dofadr[is_free]]] == 6
+    turns = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST and alone.any()
+    return bool((is_plain & follows).all() and not model.tendon_damping.any() and not turns)
 
 
 def damping_varies(model: mujoco.MjModel) -> bool:

@@ -349,9 +349,13 @@ def _touching(model: mujoco.MjModel) -> Mask:
 
 def _ground(robot: _Robot) -> float:
     """Returns the height of the model's level planes, or 0 [m]."""
-    planes = _touching(robot.model) & (robot.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
-    planes &= robot.data.geom_xmat[:, 8] > 0.9
-    return float(robot.data.geom_xpos[planes, 2].max(initial=0.0))
+    return float(robot.data.geom_xpos[_planes(robot), 2].max(initial=0.0))
+
+
+def _planes(robot: _Robot) -> Mask:
+    """Returns which geoms are level planes on which something can stand."""
+    is_plane = robot.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    return _touching(robot.model) & is_plane & (robot.data.geom_xmat[:, 8] > 0.9)
 
 
 def _bottoms(robot: _Robot) -> Array:
@@ -632,7 +636,9 @@ def _contacts(robot: _Robot) -> list[list[str]]:
         return []
     feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
     feet &= _bottoms(robot) < _ground(robot) + 0.1 * robot.leg
-    grounds = (model.body_weldid[model.geom_bodyid] == 0) & _touching(model)
+    grounds = _planes(robot)
+    if not grounds.any():
+        grounds = (model.body_weldid[model.geom_bodyid] == 0) & _touching(model)
     sides = [[model.geom(i).name for i in np.flatnonzero(these)] for these in (grounds, feet)]
     pairs = [[ground, foot] for ground in sides[0] or ["floor"] for foot in sides[1]]
     return pairs if all(map(all, sides)) and len(pairs) <= MOST_CONTACTS else []
