@@ -8,10 +8,12 @@ import re
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.simulation.urdf_kinematics import largest_difference
 from tests.tasks.solving import remaining_share, solved
+from vgps_ros.programs.__main__ import main
 from vgps_ros.search.settings import search_settings
 from vgps_ros.tasks import make_task
 
@@ -66,6 +68,23 @@ def test_a_robot_loads_and_ddp_lowers_its_cost(name, task):
 
 def test_the_urdf_of_a_robot_has_mujocos_kinematics(task, rng):
     assert largest_difference(task.dynamics.model, rng) < 1e-12
+
+
+def test_the_first_file_of_a_humanoid_makes_it_step(tmp_path, monkeypatch):
+    if find_spec("mjlab") is None:
+        pytest.skip("mjlab is not installed: pip install --no-deps -r requirements/robots.txt")
+    monkeypatch.chdir(tmp_path)
+    model = "package://mjlab/asset_zoo/robots/unitree_g1/xmls/g1.xml"
+    main(["new", "g1", "--model", model, "--lock", "*_wrist_*"])
+    task = make_task("g1")
+    assert (task.dims["n_dx"], task.dims["n_u"]) == (58, 23)
+    found = solved(task, 12)
+    assert remaining_share(found) < 0.45
+    mean = found.distribution.mean
+    feet = [i for i, name in enumerate(task.cost_names) if name.startswith("foot_")]
+    heights = task.cost.features(mean.states[:-1], mean.controls)[:, feet]
+    assert (np.ptp(heights, axis=0) > 0.03).all()
+    assert not task.fallen(mean.states).any()
 
 
 def test_meshes_stand_in_the_model_itself():

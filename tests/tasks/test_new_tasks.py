@@ -214,7 +214,7 @@ def test_joints_are_locked_by_one_line_though_other_lines_name_them(written, tmp
     assert not any("roll" in name for name in task.observation.names)
 
 
-def test_new_locks_joints_and_puts_servos_as_strong_in_place_of_motors(tmp_path, monkeypatch):
+def test_new_locks_joints_and_puts_servos_in_place_of_motors(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     strong = walker(*FOUR, extra='gear="20" ctrlrange="-1 1"').replace(
         'joint="FL_knee" gear="20"', 'joint="FL_knee" gear="35"'
@@ -231,8 +231,9 @@ def test_new_locks_joints_and_puts_servos_as_strong_in_place_of_motors(tmp_path,
     mujoco.mj_kinematics(model, data)
     assert data.body("HL_thigh").xmat[5] == pytest.approx(-np.sin(0.2), abs=1e-6)
     assert data.body("HR_thigh").xmat[5] == pytest.approx(0.0, abs=1e-6)
-    with pytest.raises(SystemExit):
-        main(["new", "other", "--model", "robot.xml", "--lock", "FL_roll=far"])
+    for wrong in ("FL_roll=far", "FL_roll=nan"):
+        with pytest.raises(SystemExit, match="is no position of 'FL_roll'"):
+            main(["new", "other", "--model", "robot.xml", "--lock", wrong])
 
 
 def test_a_nose_along_y_is_noticed(written):

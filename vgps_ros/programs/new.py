@@ -5,6 +5,7 @@ Example: vgps new hopper --model package://gymnasium/envs/mujoco/assets/hopper.x
 """
 
 import argparse
+import math
 import os
 import shlex
 from pathlib import Path
@@ -55,12 +56,15 @@ def _locks(given: list[str]) -> dict[str, Any]:
     for entry in given:
         name, _, at = entry.partition("=")
         try:
-            found[name] = {"lock": float(at or 0.0)}
+            place = float(at or 0.0)
         except ValueError:
+            place = math.nan
+        if not math.isfinite(place):
             raise InvalidInputError(
                 f"--lock: {quoted(at)} is no position of {quoted(name)}; give a number, as in "
                 f"{name}=0.5."
-            ) from None
+            )
+        found[name] = {"lock": place}
     return found
 
 
