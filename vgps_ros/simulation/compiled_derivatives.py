@@ -74,8 +74,8 @@ class Balance(NamedTuple):
         residual: r_0, shape (n_v,).
         mass: M, shape (n_v, n_v).
         inverse_hessian: H⁻¹, shape (n_v, n_v).
-        moved: another acceleration.
-        moved_residual: another residual.
+        moved: memory for accelerations or forces.
+        moved_residual: memory for the residual of a neighbour.
         is_pushed: whether constraints act, shape (1,).
         is_smooth: whether r has no kink at a_0, so that neighbours may be predicted, shape (1,).
     """
@@ -96,9 +96,9 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
 
     Takes differences of width eps along the `columns` of (δx, u), of which positions alone are left
     where velocities and controls are known. Controls come first, positions last, so that the stages
-    which a step skips stay valid. They are centred where a velocity is within
-    `kink` of zero, and point inwards where a control is at its limit: beyond it nothing changes.
-    Returns the number of simulator steps.
+    which a step skips stay valid. They are centred where a velocity is within `kink` of zero, and
+    point inwards where a control is at its limit: beyond it nothing changes. Returns the number
+    of simulator steps.
     """
     n_q, n_v, n_u = len(sim.qpos), len(sim.qvel), len(sim.ctrl)
     n_x, n_dx = states.shape[1], f_x.shape[1]
@@ -122,9 +122,9 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
                 _find_balance(sim, balance)
             else:  # the balance of forces above has no push
                 balance.is_smooth[0] = False
-            known = 0
+            known = 0  # columns at the front that need no differences of steps
             if sim.structure.knows_velocities and balance.is_smooth[0]:
-                known = n_dx + n_u - n_v  # columns
+                known = n_dx + n_u - n_v
                 _differentiate_forces(sim, balance, z, after, a, b)
             centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
             for j in columns[known:]:
