@@ -50,13 +50,13 @@ class LinearPolicy:
     @classmethod
     def of(cls, energy: CostExpansion) -> "LinearPolicy":
         """Returns the policy p(u|x) ∝ exp(−e), for an expansion such as that of −log π_θ."""
-        c = np.linalg.inv(energy.c_uu)
+        c = _inverse(energy.c_uu)
         k = -np.einsum("tuv,tv->tu", c, energy.c_u)
         return cls(k, -c @ energy.c_ux, c)
 
     def energy(self) -> CostExpansion:
         """Returns −log p(u|x) without its constant, ½ (δu − k − K δx)ᵀ C⁻¹ (δu − k − K δx)."""
-        p = np.linalg.inv(self.covariances)
+        p = _inverse(self.covariances)
         pk = np.einsum("tuv,tv->tu", p, self.feedforward)
         by_state = np.swapaxes(self.gains, 1, 2)
         return CostExpansion(
@@ -176,7 +176,7 @@ def divergence(new: LinearPolicy, old: LinearPolicy, means: Array, sigma: Array)
     apart = new.feedforward - old.feedforward + np.einsum("tux,tx->tu", turned, means[:-1])
     each = kl_divergence(apart, new.covariances, np.zeros_like(apart), old.covariances)
     spread = turned @ sigma[:-1] @ np.swapaxes(turned, 1, 2)
-    feedback = 0.5 * np.sum(np.linalg.inv(old.covariances) * spread)
+    feedback = 0.5 * np.sum(_inverse(old.covariances) * spread)
     return float(each.sum() + feedback)
 
 
@@ -192,3 +192,7 @@ def _minimum(
     if not local.complete:
         raise DivergenceError("Quu is indefinite.", "indefinite_quu")
     return LinearPolicy(local.feedforward, local.gains, local.control_covariances())
+
+
+def _inverse(covariances: Array) -> Array:
+    return np.asarray(np.linalg.inv(covariances), dtype=float)

@@ -32,7 +32,8 @@ class Spread:
 
     Attributes:
         initial_std: standard deviation of x_1, shape (n_dx,).
-        dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_dx,).
+        dynamics_std: standard deviation of ε, the square roots of Σ_f's diagonal, shape (n_dx,), or
+            (T, n_dx) where it changes with time.
         std_limit: largest standard deviation of each coordinate, shape (n_dx,); inf for none. It
             keeps linearised covariances inside the region where they mean something, and the
             policy's fit to states near the trajectory.
@@ -94,7 +95,7 @@ def state_covariances(
         DivergenceError: a standard deviation passes STD_BOUND, or rounding has the upper hand.
     """
     horizon, n_dx, _ = linear.f_x.shape
-    sigma_f = np.diag(spread.dynamics_std**2)
+    sigma_f = np.broadcast_to(spread.dynamics_std**2, (horizon, n_dx))
     sigma = np.empty((horizon + 1, n_dx, n_dx))
     sigma[0] = _capped(np.diag(spread.initial_std**2), spread.std_limit)
     for t in range(horizon):
@@ -102,7 +103,9 @@ def state_covariances(
         closed_loop = linear.f_x[t] + f_u @ gains[t]
         # [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
         following = (
-            closed_loop @ sigma[t] @ closed_loop.T + f_u @ control_covariances[t] @ f_u.T + sigma_f
+            closed_loop @ sigma[t] @ closed_loop.T
+            + f_u @ control_covariances[t] @ f_u.T
+            + np.diag(sigma_f[t])
         )
         sigma[t + 1] = _capped(following, spread.std_limit)
         # Written so that a NaN raises the error too.
