@@ -32,6 +32,10 @@ def walker(*legs, motor="motor", extra="", joint='<freejoint name="base"/>'):
     </mujoco>"""
 
 
+PLANE = (
+    '<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>'
+    '<joint name="pitch" axis="0 1 0"/>'
+)
 TWO = (("left", 0, 0.1), ("right", 0, -0.1))
 FOUR = (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("HL", -0.2, 0.1), ("HR", -0.2, -0.1))
 SERVO = 'kp="60" kv="1" forcerange="-30 30" ctrlrange="-2.6 2.6"'
@@ -158,6 +162,17 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert (np.ptp([data.geom(name).xpos[1] for name in names]) > 0.25) == (legs is FOUR)
         assert not task.fallen(task.initial_state[None])[0]
         assert model.opt.timestep == 0.005
+
+
+def test_two_legs_in_a_plane_are_a_biped_unless_one_stands_far_before_the_other(written):
+    beside, task = written(walker(*TWO, joint=PLANE))
+    apart, _ = written(walker(("fore", 0.4, 0), ("hind", -0.4, 0), joint=PLANE))
+    assert "begin: {law: path}" in beside
+    assert "sensor_noise" not in beside
+    assert "ddp_iterations: 24}" in beside
+    assert "begin: {law: pd}" in apart
+    assert "ddp_iterations: 16}" in apart
+    assert not task.fallen(task.initial_state[None])[0]
 
 
 def test_a_wall_is_no_ground(written):

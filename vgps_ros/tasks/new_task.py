@@ -83,8 +83,12 @@ class _Robot:
 
     @property
     def is_biped(self) -> bool:
-        """Whether it may fall to all sides from two feet."""
-        return self.is_free and len(self.feet) == 2
+        """Whether it has two feet, nearer to each other than its hips are to the ground.
+
+        It may fall over them; one leg before the other, as a cheetah's, is no such stance.
+        """
+        places = self.data.geom_xpos[self.feet]
+        return len(places) == 2 and bool(np.linalg.norm(places[0] - places[1]) < self.leg)
 
     @property
     def hops(self) -> bool:
