@@ -155,6 +155,27 @@ def test_new_situations_begin_where_commands_are_obeyed_least(cart, tmp_path):
     assert size(reaching(task, 0.5).policy) > 1.1 * size(reaching(task).policy)
 
 
+@pytest.mark.parametrize("lead", [0.15, 0.3])
+def test_new_situations_begin_one_to_three_times_the_lead_before_a_fall(tmp_path, lead):
+    """A policy that accelerates by 1 m/s² falls at 1.5 m/s, so a speed tells the time until then."""
+    text = TASK.replace("observe:", "  - {control: all, weight: 1.0e-3}\nobserve:")
+    (tmp_path / "cart.xml").write_text(CART)
+    (tmp_path / "task.yaml").write_text(text.replace("2.0]", "1.0]") + FALLEN)
+    task = make_task(str(tmp_path))
+    values = {"situations": 40, "initial_ddp_iterations": 2, "renew.share": 1.0}
+    values |= {"renew.worst": 1e6, "renew.before_fall": 1.0, "renew.noise": 0.0}
+    settings = with_values(search_settings(task), {**values, "renew.fall_lead": lead})
+    work = Workspace(task, settings, 0, partial(optimize_all, task))
+    policy = reaching(task, 0.0).policy
+    policy = replace(policy, parameters=np.array([0.0, 0.0, 1.0]))
+    solutions, _ = renew(work, work.initial_solutions, policy, 4)
+    pairs = zip(work.initial_solutions, solutions, strict=True)
+    begun = np.array([new.situation.initial_state[1] for old, new in pairs if new is not old])
+    assert len(begun) > 10
+    assert begun.min() == pytest.approx(1.5 - 3 * lead, abs=0.3 * lead)
+    assert begun.max() == pytest.approx(1.5 - lead, abs=0.3 * lead)
+
+
 def test_a_fall_ends_what_counts(cart):
     """At 3 s the command is 2 m/s, where the cart falls at once."""
     commands = np.full((1, 600, 1), 1.0)

@@ -39,7 +39,6 @@ from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 
-_BEFORE_FALL = (0.3, 0.9)  # [s]
 _AFTER_PUSH = 0.5  # [s]
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
@@ -133,7 +132,7 @@ def _new_situation(
         other = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
         motion = max(motion, other, key=lambda each: each.error)
     steps, fall, end = len(motion.commands), motion.fall, motion.push_end
-    early, late = (round(seconds / period) for seconds in reversed(_BEFORE_FALL))
+    early, late = (round(n * settings.renew.fall_lead / period) for n in (3, 1))
     least_obeyed = fall == steps and rng.uniform() < _LEAST_OBEYED
     if least_obeyed:
         at = steps - 1 - int(rng.integers(min(steps, round(LATE / period))))

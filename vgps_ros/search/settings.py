@@ -142,10 +142,17 @@ class RenewalSettings:
     )
     before_fall: float = setting(
         0.6,
-        "share of the motions with a fall whose situation begins 0.3 to 0.9 s before it; the "
-        "others begin anywhere before it",
+        "share of the motions with a fall whose situation begins shortly before it; the others "
+        "begin anywhere before it",
         minimum=0.0,
         maximum=1.0,
+    )
+    fall_lead: float = setting(
+        0.3,
+        "time before a fall after which no situation begins; shortly before it is up to three "
+        "times as long. A taller robot falls more slowly [s]",
+        minimum=0.0,
+        maximum=1e3,
     )
     push: float = setting(
         0.0,
