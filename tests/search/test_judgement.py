@@ -157,7 +157,7 @@ def test_new_situations_begin_where_commands_are_obeyed_least(cart, tmp_path):
 
 @pytest.mark.parametrize("lead", [0.15, 0.3])
 def test_new_situations_begin_one_to_three_times_the_lead_before_a_fall(tmp_path, lead):
-    """A policy that accelerates by 1 m/s² falls at 1.5 m/s, so a speed tells the time until then."""
+    """A policy that accelerates by 1 m/s² falls at 1.5 m/s, so its speed tells when."""
     text = TASK.replace("observe:", "  - {control: all, weight: 1.0e-3}\nobserve:")
     (tmp_path / "cart.xml").write_text(CART)
     (tmp_path / "task.yaml").write_text(text.replace("2.0]", "1.0]") + FALLEN)

@@ -662,7 +662,7 @@ def _signals(robot: _Robot) -> dict[str, Any]:
         "turns": robot.is_free,
         "rate": f"{rate:.2g}",
         "push": f"{push * robot.mass:.2g}",
-        "fall_lead": f"{1.7 * (robot.height / robot.gravity) ** 0.5:.2g}",  # as an inverted pendulum
+        "fall_lead": f"{1.7 * (robot.height / robot.gravity) ** 0.5:.2g}",  # of a pendulum [s]
         "biped": two,
         "iterations": 30 if robot.hops else 26 if two else 22,
         "solves": 3 if two else 2,  # DDP iterations
