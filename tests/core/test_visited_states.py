@@ -6,9 +6,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
-from vgps_ros.core import policy_fit
+from vgps_ros.core import visited_states
 from vgps_ros.core.observation import widened
-from vgps_ros.core.policy_fit import likeliest_steps, visited_targets
+from vgps_ros.core.visited_states import likeliest_steps, visited_targets
 
 HORIZON = 12
 
@@ -78,7 +78,7 @@ def test_of_a_long_motion_the_steps_around_the_best_of_some_are_tried(
     o = q.mean.states[:-1].repeat(5, axis=0) + rng.standard_normal((5 * HORIZON, 4))
     o[7] = np.nan  # a rollout that has diverged
     expected = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
-    monkeypatch.setattr(policy_fit, "MOST_CANDIDATES", 4)
+    monkeypatch.setattr(visited_states, "MOST_CANDIDATES", 4)
     step, distance = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
     sound = np.arange(len(o)) != 7
     assert_array_equal(step[sound], expected[0][sound])
@@ -100,7 +100,7 @@ def test_all_steps_up_to_the_next_of_some_are_tried_by_their_densities(
     best = 3 * densities[::3].argmax(axis=0)  # of steps 0, 3, 6, 9
     is_near = np.abs(np.arange(HORIZON)[:, None] - best) < 3
     expected = np.where(is_near, densities, -np.inf).argmax(axis=0)
-    monkeypatch.setattr(policy_fit, "MOST_CANDIDATES", 4)
+    monkeypatch.setattr(visited_states, "MOST_CANDIDATES", 4)
     step, _ = likeliest_steps(q, coordinates(0, 1, 2, 3), o)
     assert set(expected - best) == {-2, -1, 0, 1, 2}
     assert_array_equal(step, expected)

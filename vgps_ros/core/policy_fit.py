@@ -12,16 +12,8 @@ covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ
 
     minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
 
-Beyond the paper, the samples may include states that the policy itself has visited. The marginals
-of q are tied to time, and the policy is not: a robot that was held up goes on along the same motion
-some steps later, so that it leaves the marginal of every step by more and more, but not the motion.
-What a policy that sees no time should do in such a state is what q does at the step τ in which q
-passes there,
-
-    τ = argmax_t q(o_t),    u ~ N(ū_τ + K_τ (x ⊖ x̄_τ), Quu_τ⁻¹),
-
-where o = h(x) is what the policy reads. Far from all marginals, the linear feedback of q means
-nothing: a rollout counts until it has left them for the first time.
+Beyond the paper, the samples may include states that the policy itself has visited: see
+`visited_states`.
 """
 
 import math
@@ -34,14 +26,7 @@ import torch
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
 from vgps_ros.core.marginals import control_means, sample_rollout_noise
-from vgps_ros.core.observation import (
-    LOWEST_STD,
-    NO_CONTEXT,
-    Observation,
-    observed_marginals,
-    sample_inputs,
-    widened,
-)
+from vgps_ros.core.observation import Observation, sample_inputs
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
@@ -269,87 +254,3 @@ def fit_loss(scaling: Standardization, targets: Targets) -> FitLoss:
         torch.from_numpy(variances),
         torch.from_numpy((LEAST_NOISE / scaling.output_scale) ** 2),
     )
-
-
-MOST_CANDIDATES = 500  # steps of a motion with all of which a state is compared
-
-
-def visited_targets(
-    q: TrajectoryDistribution,
-    observation: Observation,
-    visited: Array,
-    limit: float,
-    controls: Array = NO_CONTEXT,
-) -> Targets:
-    """Returns what q would do in states of rollouts, up to where each of them leaves q.
-
-    Args:
-        q: the distribution that the policy learns from.
-        observation: h, what the policy reads.
-        visited: states of the rollouts, shape (N, T, n_x), NaN where one has diverged.
-        limit: largest distance from q at the step τ, as the root mean square of a state's
-            deviations in standard deviations of the marginal.
-        controls: controls of the rollouts, shape (N, T, n_u), which a policy may remember.
-    """
-    count, length, n_x = visited.shape
-    states, here = visited.reshape(-1, n_x), observation.within(q.context)
-    inputs = here.along(visited, controls).reshape(len(states), -1)
-    now = here.now(visited).reshape(len(states), -1) if here.past else inputs
-    step, distance = likeliest_steps(q, observation, now)
-    is_near = distance <= limit  # false where it is NaN
-    kept = np.logical_and.accumulate(is_near.reshape(count, length), axis=1).ravel()
-    states, inputs, step = states[kept], inputs[kept], step[kept]
-    deviations = observation.space.subtract(states, q.mean.states[step])
-    # What the policy cannot read, such as how far it has come, must not be in its targets.
-    deviations *= _is_read(q, observation)
-    means = q.mean.controls[step] + np.einsum("nux,nx->nu", q.gains[step], deviations)
-    variances = np.diagonal(q.control_covariances, axis1=1, axis2=2)[step]
-    return Targets(inputs, means, variances)
-
-
-def likeliest_steps(
-    q: TrajectoryDistribution, observation: Observation, inputs: Array
-) -> tuple[Array, Array]:
-    """Returns the step τ at which each input is likeliest, shape (N,), and the distance from q.
-
-    Of a longer motion it compares each input with MOST_CANDIDATES steps at most, evenly spaced, and
-    then with those around the likeliest one, so that its time hardly grows with the motion.
-
-    Args:
-        q: the distribution.
-        observation: h.
-        inputs: o without what is remembered, shape (N, n_o).
-    """
-    means, covariances = observed_marginals(q, observation)
-    variances, axes = np.linalg.eigh(widened(covariances))
-    variances = np.maximum(variances, LOWEST_STD**2)  # rounding can make them negative
-    whitening = axes / np.sqrt(variances)[:, None, :]
-    volumes = np.log(variances).sum(axis=1)
-    stride = -(-len(means) // MOST_CANDIDATES)
-    coarse = np.arange(0, len(means), stride)
-    deviations = ((inputs - means[t]) @ whitening[t] for t in coarse)
-    squares = np.stack([np.einsum("ni,ni->n", d, d) for d in deviations])
-    chosen = (squares + volumes[coarse, None]).argmin(axis=0)
-    begin, square = coarse[chosen], squares[chosen, np.arange(len(inputs))]
-    step = begin
-    for shift in (*range(1 - stride, 0), *range(1, stride)):
-        near = np.clip(begin + shift, 0, len(means) - 1)
-        d = np.einsum("ni,nij->nj", inputs - means[near], whitening[near])
-        other = np.einsum("ni,ni->n", d, d)
-        is_likelier = other + volumes[near] < square + volumes[step]
-        step = np.where(is_likelier, near, step)
-        square = np.where(is_likelier, other, square)
-    return step, np.sqrt(square / inputs.shape[1])
-
-
-def _is_read(q: TrajectoryDistribution, observation: Observation) -> Array:
-    """Returns whether each coordinate of a deviation changes what the policy reads, (n_dx,).
-
-    Readings of two steps tell of what changes the second ones.
-    """
-    n_o, states = len(observation.names), q.mean.states[:-1]
-    h_x = observation.pull_back(np.broadcast_to(np.eye(n_o), (len(states), n_o, n_o)), states)
-    is_read = (h_x != 0.0).any(axis=(0, 1))
-    if observation.past and observation.past.history:
-        is_read |= (h_x[1:] @ q.linear_dynamics.f_x[:-1] != 0.0).any(axis=(0, 1))
-    return np.asarray(is_read)

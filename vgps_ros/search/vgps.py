@@ -9,7 +9,7 @@ It alternates between two problems until the policy reproduces what the trajecto
 "Our method samples from a Gaussian distribution around the current DDP solution, ensuring that all
 samples are drawn from good parts of the state space" (section 6). Beyond the paper, the fit also
 takes in states that the policy itself has visited, as long as they are near q: see
-`core.policy_fit`. With `visited_limit` 0 the policy is never rolled out.
+`core.visited_states`. With `visited_limit` 0 the policy is never rolled out.
 
 Several situations may be given; each has its own q, and all train one policy (section 5).
 

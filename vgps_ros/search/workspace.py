@@ -16,12 +16,12 @@ from vgps_ros.core.policy_fit import (
     fit_to_targets,
     initial_policy,
     resampled,
-    visited_targets,
 )
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import differences, values_of
+from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import Situation, situations
