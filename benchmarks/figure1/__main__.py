@@ -57,7 +57,7 @@ def _add_run_arguments(parser: Parser) -> None:
         Setting("first_seed", 0, "the lowest of them", minimum=0, maximum=100_000),
         *(
             replace(setting, description=f"{setting.description}, of a cell")
-            for setting in settings_of(SearchSettings())
+            for setting in settings_of(SearchSettings(evaluation_rollouts=20))
             if setting.name in ("iterations", "evaluation_rollouts")
         ),
     )

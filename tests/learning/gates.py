@@ -23,6 +23,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
+from vgps_ros.search.rollouts import Executions
 from vgps_ros.search.settings import SearchSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import Task, make_task
@@ -183,7 +184,7 @@ def score(
             dataclasses.replace(task, initial_state=start, horizon=horizons * task.horizon)
             for start in starts
         ]
-        result = evaluate(tasks, calm, ROLLOUTS, seed=1, iteration=0)
+        result = evaluate(tasks, calm, ROLLOUTS, Executions(1), 0)
         costs = result.stochastic_costs.reshape(len(starts), ROLLOUTS)
         mean_over_situations = np.median(costs, axis=1).mean()
         return mean_over_situations / (horizons * converged), result.stochastic_survived.mean()

@@ -54,7 +54,7 @@ def task(path):
 
 def run(task, solve=None, checkpoints=None, **values):
     chosen = with_values(search_settings(task), {**VALUES, **values})
-    return search("vgps", task, chosen, 2, solve or partial(optimize_all, task), checkpoints)
+    return search("vgps", task, chosen, 6, solve or partial(optimize_all, task), checkpoints)
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import check_search, search
 from vgps_ros.search.metrics import evaluation_metrics
 from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.rollouts import Executions
 from vgps_ros.search.settings import (
     SearchSettings,
     architecture,
@@ -214,7 +215,7 @@ def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, 
     )
     start = 0.2 * rng.standard_normal(10)
     here = replace(short_swimmer, initial_state=start)
-    evaluation = evaluate([here], policy, rollouts=3, seed=9, iteration=4)
+    evaluation = evaluate([here], policy, 3, Executions(9), 4)
 
     def cost_of_rollout(x, noise):
         """Plain MuJoCo, and the paper's cost written out anew."""
@@ -236,10 +237,9 @@ def test_reported_costs_are_those_of_an_independent_rollout_loop(short_swimmer, 
 
     silence = np.zeros((short_swimmer.horizon, 2))
     assert_allclose(evaluation.deterministic_costs, [cost_of_rollout(start, silence)], rtol=1e-9)
-    draws = generator(9, Stream.EVALUATION, 4)
-    starts = start + 0.01 * draws.standard_normal((3, 10))
-    noise = draws.standard_normal((short_swimmer.horizon, 3, 2)) * policy.noise_std
-    expected = [cost_of_rollout(starts[i], noise[:, i]) for i in range(3)]
+    draws = generator(9, Stream.POLICY_ROLLOUTS, 5, 0).standard_normal((3, 10 + 2 * 40))
+    noise = draws[:, 10:].reshape(3, 40, 2) * policy.noise_std
+    expected = [cost_of_rollout(start + 0.01 * draws[i, :10], noise[i]) for i in range(3)]
     assert_allclose(evaluation.stochastic_costs, expected, rtol=1e-9)
     found = evaluation_metrics(evaluation, 30.0)
     assert_allclose(found["stochastic_cost_mean"], np.mean(expected), rtol=1e-9)
@@ -254,7 +254,7 @@ def test_a_policy_that_diverges_is_reported_as_such(short_swimmer):
     parameters[shape.observed.index("front_joint/velocity")] = 1e5
     policy = GaussianPolicy(shape, parameters, np.array([1.0, 1.0]))
     here = replace(short_swimmer, initial_state=np.full(10, 0.1))
-    evaluation = evaluate([here], policy, 4, seed=0, iteration=1)
+    evaluation = evaluate([here], policy, 4, Executions(0), 1)
     found = evaluation_metrics(evaluation, 30.0)
     assert found["deterministic_cost"] == np.inf
     assert found["stochastic_cost_mean"] == 300_000.0

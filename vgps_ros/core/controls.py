@@ -247,18 +247,19 @@ class Controls:
         values = np.where(self._are_motors, forces, np.where(self._hold, goal, 0.0))
         return np.clip(self.from_joints(values), *self.limits)
 
-    def bounds(self, state: Array, forces: Array) -> tuple[Array, Array]:
-        """Returns the lowest and the highest u in a state (n_x,), shapes (n_u,).
+    def bounds(self, states: Array, forces: Array) -> tuple[Array, Array]:
+        """Returns the lowest and the highest u in states (..., n_x), shapes (..., n_u).
 
         They are within the limits of the model, and the forces τ on the joints within ±`forces`,
         shape (n_u,). Where both cannot be, the limits of the model hold.
         """
         low, high = np.clip(self.limits, -CONTROL_BOUND, CONTROL_BOUND)
-        passive = self.bias.copy()  # τ at u = 0
+        shape = (*states.shape[:-1], len(low))
+        passive = np.broadcast_to(self.bias, shape)  # τ at u = 0
         if self.are_servos.any():
-            passive -= self.stiffness * (self.positions * state).sum(axis=1)
-            passive -= self.damping * (self.velocities * state).sum(axis=1)
+            passive = passive - self.stiffness * (states @ self.positions.T)
+            passive = passive - self.damping * (states @ self.velocities.T)
         ends = np.sort([(side - passive) / self.strength for side in (-forces, forces)], axis=0)
         is_free = forces >= self.largest  # rounding must not make limits narrower
-        lowest, highest = np.where(is_free, (low, high), ends)
+        lowest, highest = (np.where(is_free, *pair) for pair in zip((low, high), ends, strict=True))
         return np.clip(lowest, low, high), np.clip(highest, low, high)

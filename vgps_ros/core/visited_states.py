@@ -13,6 +13,7 @@ nothing: a rollout counts until it has left them for the first time.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.observation import (
@@ -63,7 +64,7 @@ def visited_targets(
 
 def likeliest_steps(
     q: TrajectoryDistribution, observation: Observation, inputs: Array
-) -> tuple[Array, Array]:
+) -> tuple[NDArray[np.int64], Array]:
     """Returns the step τ at which each input is likeliest, shape (N,), and the distance from q.
 
     Of a longer motion it compares each input with MOST_CANDIDATES steps at most, evenly spaced, and
@@ -90,8 +91,8 @@ def likeliest_steps(
 def _search(means, covariances, stride, inputs, steps, squares):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the likeliest steps, and the squared Mahalanobis distances from them.
 
-    A step is given up as soon as it is less likely than the best one so far. The first ones to be
-    tried are those around the step of the input before, since inputs follow each other.
+    A step is given up as soon as it is less likely than the best one so far. The first one to be
+    tried is that of the input before, since inputs follow each other.
     """
     count, n = means.shape
     volumes = _lower_roots(covariances)

@@ -17,7 +17,8 @@ from scipy.special import softmax
 
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy_fit import Targets
-from vgps_ros.search.workspace import Rollouts, Update, Workspace
+from vgps_ros.search.rollouts import Rollouts
+from vgps_ros.search.workspace import Update, Workspace
 
 
 def cost_weighted(

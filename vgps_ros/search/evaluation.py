@@ -13,6 +13,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.policies.driver import Driver
+from vgps_ros.search.rollouts import Executions
 from vgps_ros.tasks import Task
 
 STEPS = 10_000_000  # of all rollouts together, whose states are in memory at once
@@ -45,34 +46,26 @@ class Evaluation:
 
 
 def evaluate(
-    tasks: Sequence[Task], policy: GaussianPolicy, rollouts: int, seed: int, iteration: int
+    tasks: Sequence[Task], policy: GaussianPolicy, rollouts: int, executions: Executions, k: int
 ) -> Evaluation:
-    """Rolls a policy out in each situation, once without noise from its x_1.
+    """Rolls the policy of iteration k out in each situation, once without noise from its x_1.
 
-    Further rollouts, stochastic ones, start from draws around x_1. What is drawn depends on the
-    seed of the run and on the iteration.
+    Further rollouts, stochastic ones, start from draws around x_1; from them iteration k + 1 may
+    learn.
     """
-    task = tasks[0]
-    rng, space = generator(seed, Stream.EVALUATION, iteration), task.dynamics.space
-    spread = task.initial_std * rng.standard_normal((len(tasks) * rollouts, space.tangent_dim))
-    noise = rng.standard_normal((task.horizon, len(spread), len(policy.noise_std)))
-    noise = np.ascontiguousarray(np.swapaxes(policy.noise_std * noise, 0, 1))
-    without = np.zeros_like(noise[:1])  # the first rollout in each situation has no noise
     costs, survived = [], []
     for i, here in enumerate(tasks):
-        own = slice(i * rollouts, (i + 1) * rollouts)
-        draws = np.concatenate([np.zeros_like(spread[:1]), spread[own]])
-        starts = space.add(here.initial_state, draws)
-        starts[0] = here.initial_state
-        drawn = np.concatenate([without, noise[own]])
-        states, controls = here.dynamics.execute(policy, here.observation, starts, drawn)
-        costs.append(here.rollout_costs(states, controls))
-        survived.append(here.survived(states))
+        without = np.zeros((1, here.horizon, here.dynamics.control_dim))
+        alone = here.dynamics.execute(policy, here.observation, here.initial_state[None], without)
+        noisy = executions.of(here, policy, rollouts, k + 1, i)
+        for states, controls in (alone, (noisy.states, noisy.controls)):
+            costs.append(here.rollout_costs(states, controls))
+            survived.append(here.survived(states))
     return Evaluation(
-        deterministic_costs=np.array([each[0] for each in costs]),
-        stochastic_costs=np.concatenate([each[1:] for each in costs]),
-        deterministic_survived=np.array([each[0] for each in survived]),
-        stochastic_survived=np.concatenate([each[1:] for each in survived]),
+        deterministic_costs=np.concatenate(costs[::2]),
+        stochastic_costs=np.concatenate(costs[1::2]),
+        deterministic_survived=np.concatenate(survived[::2]),
+        stochastic_survived=np.concatenate(survived[1::2]),
     )
 
 

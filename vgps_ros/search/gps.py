@@ -38,8 +38,9 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Passes, Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.rollouts import Rollouts
 from vgps_ros.search.trajectory_optimization import OptimizationResult
-from vgps_ros.search.workspace import Rollouts, Update, Workspace
+from vgps_ros.search.workspace import Update, Workspace
 
 _STEP = 10.0  # factor by which w_r changes
 

@@ -118,8 +118,9 @@ def search(
     work = Workspace(task, settings, seed, optimize_all, known)
 
     def evaluated(update: Update, k: int) -> Evaluation:
+        work.enter(update.solutions)
         rollouts = settings.evaluation_rollouts
-        return evaluate(work.tasks, update.policy, rollouts, seed, k)
+        return evaluate(work.tasks, update.policy, rollouts, work.executions, k)
 
     if found:
         state, work.simulator_steps = found, found.simulator_steps

@@ -249,7 +249,11 @@ class SearchSettings:
         maximum=1000,
     )
     evaluation_rollouts: int = setting(
-        20, "stochastic rollouts per situation and iteration", minimum=1, maximum=100_000
+        10,
+        "stochastic rollouts per situation that judge the policy of an iteration; the next one may "
+        "learn from the same, so up to policy_rollouts of them cost nothing more",
+        minimum=1,
+        maximum=100_000,
     )
     policy_rollouts: int = setting(
         10,

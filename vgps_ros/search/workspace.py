@@ -23,80 +23,11 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import differences, values_of
 from vgps_ros.core.visited_states import visited_targets
 from vgps_ros.search.optimization_request import OptimizationRequest
+from vgps_ros.search.rollouts import Executions, Rollouts, roll_out
 from vgps_ros.search.settings import SearchSettings, architecture
 from vgps_ros.search.situations import Situation, situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult, Outcome
 from vgps_ros.tasks import Task
-
-
-@dataclass(frozen=True)
-class Rollouts:
-    """Rollouts over the scored horizon, in one situation.
-
-    Attributes:
-        states: x_1 … x_T, shape (N, T, n_x), NaN where a rollout has diverged.
-        controls: what was drawn, shape (N, T, n_u), [N·m]. The robot applies it within its limits.
-        costs: c(x_t, u_t) of what was applied, shape (N, T).
-    """
-
-    states: Array
-    controls: Array
-    costs: Array
-
-    def sound(self) -> "Rollouts":
-        """Returns the rollouts that did not diverge."""
-        kept = np.isfinite(self.costs).all(axis=1)
-        return Rollouts(self.states[kept], self.controls[kept], self.costs[kept])
-
-
-def roll_out(
-    task: Task, count: int, rng: np.random.Generator, law: ControlLaw
-) -> tuple[Rollouts, int]:
-    """Executes a control law from draws around the task's start, until it is scored.
-
-    A robot's motion after its fall is not scored: each step then costs as much as lying still.
-    Also returns the number of simulator steps.
-    """
-    dynamics = task.dynamics
-    starts = _starts(task, count, rng)
-    drawn = np.full((task.horizon, count, dynamics.control_dim), np.nan)
-
-    def noted(t: int, x: Array) -> Array:
-        drawn[t] = law(t, x)
-        return drawn[t]
-
-    states, controls, steps = dynamics.rollouts(starts, noted, task.horizon)
-    return _scored(task, states, controls, np.ascontiguousarray(drawn.swapaxes(0, 1))), steps
-
-
-def roll_out_policy(
-    task: Task, policy: GaussianPolicy, count: int, rng: np.random.Generator
-) -> tuple[Rollouts, int]:
-    """Executes a policy with its noise, as `roll_out` does, but compiled."""
-    starts, dynamics = _starts(task, count, rng), task.dynamics
-    noise = policy.noise_std * rng.standard_normal((count, task.horizon, len(policy.noise_std)))
-    states, controls = dynamics.execute(policy, task.observation, starts, noise)
-    executed = np.nan_to_num(states[:, :-1]), np.nan_to_num(controls)
-    drawn = policy.mean(task.observation.along(*executed)) + noise
-    steps = int(np.isfinite(states[:, :-1]).all(axis=2).sum()) * dynamics.substeps
-    return _scored(task, states, controls, drawn), steps
-
-
-def _scored(task: Task, states: Array, controls: Array, drawn: Array) -> Rollouts:
-    """Adds the costs to states (N, T+1, n_x), controls as applied and as drawn, (N, T, n_u)."""
-    lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
-    costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))
-    # A rollout that diverges in its last step has no cost either.
-    costs[~np.isfinite(states[:, -1]).all(axis=1), -1] = np.nan
-    return Rollouts(states[:, :-1], drawn, costs)
-
-
-def _starts(task: Task, count: int, rng: np.random.Generator) -> Array:
-    """Draws states around the task's start, shape (N, n_x)."""
-    space = task.dynamics.space
-    spread = task.initial_std * rng.standard_normal((count, space.tangent_dim))
-    return space.add(task.initial_state, spread)
-
 
 OptimizeAll = Callable[[Sequence[OptimizationRequest]], Sequence[Outcome]]
 """Solves independent requests, in order; in this process or through optimizer nodes."""
@@ -136,6 +67,7 @@ class Workspace:
     Attributes:
         tasks: the task in each situation from which the policy learns.
         initial_solutions: solutions for the cost alone, one for each of the first situations.
+        executions: rollouts of policies, of which the last ones are kept.
         optimization_seconds: wall time of trajectory optimisation so far [s].
         simulator_steps: simulator steps of learning so far; evaluations do not count.
 
@@ -157,15 +89,22 @@ class Workspace:
         self.seed = seed
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
+        self.executions = Executions(seed)
         self._optimize_all = optimize_all
+        self._entered: list[tuple[Situation, Task]] = []
         self._warnings: list[str] = []
         self.initial_solutions: tuple[OptimizationResult, ...] = ()
         self.initial_solutions = initial_solutions or self._solve_cost_alone()
         self.enter(self.initial_solutions)
 
     def enter(self, solutions: Sequence[OptimizationResult]) -> None:
-        """Goes on in the situations of these solutions."""
-        self.tasks = [solution.situation.of(self.task) for solution in solutions]
+        """Goes on in the situations of these solutions; the task of one that stays is kept."""
+        wanted, known = [each.situation for each in solutions], self._entered
+        self._entered = [
+            (one, known[i][1] if i < len(known) and known[i][0].is_same(one) else one.of(self.task))
+            for i, one in enumerate(wanted)
+        ]
+        self.tasks = [task for _, task in self._entered]
 
     def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
         """Solves line 1; of several situations, those that diverge are left out, but the first."""
@@ -302,10 +241,9 @@ class Workspace:
         """Draws rollouts of the policy, with its noise, in each situation."""
         draws = []
         for i, here in enumerate(self.tasks):
-            rng = generator(self.seed, Stream.POLICY_ROLLOUTS, k, i)
-            rollouts, steps = roll_out_policy(here, policy, count, rng)
-            self.simulator_steps += steps
-            draws.append(rollouts)
+            executed = self.executions.of(here, policy, count, k, i)
+            self.simulator_steps += executed.steps
+            draws.append(executed.scored())
         return draws
 
     def roll_out(

@@ -100,13 +100,18 @@ class Simulations:
         """Returns how often MuJoCo has warned in these simulations so far, by kind."""
         return warnings_of(self._data)
 
-    def in_threads(self, count: int, work: Callable[[CompiledSimulation, slice], T]) -> list[T]:
-        """Divides `count` pieces of work into parts; each thread takes the next part."""
-        if min(self.threads, count) == 1:
+    def in_threads(
+        self, count: int, work: Callable[[CompiledSimulation, slice], T], least: int = 1
+    ) -> list[T]:
+        """Divides `count` pieces of work into parts; each thread takes the next part.
+
+        A part has `least` pieces, where they are so small that handing one over takes longer.
+        """
+        parts = min(max(count // least, 1), _PARTS * self.threads)
+        if min(self.threads, parts) == 1:
             return [self.in_one(work, slice(0, count))]
-        ends = np.linspace(0, count, min(count, _PARTS * self.threads) + 1).astype(int)
-        parts = map(slice, ends[:-1], ends[1:])
-        return list(self._pool.map(partial(self.in_one, work), parts))
+        ends = np.linspace(0, count, parts + 1).astype(int)
+        return list(self._pool.map(partial(self.in_one, work), map(slice, ends[:-1], ends[1:])))
 
     def in_one(self, work: Callable[..., T], *arguments: Any) -> T:
         """Does a piece of work in this thread."""
@@ -219,7 +224,7 @@ class Dynamics:
             shape = (len(states) - 1, self.control_dim)
             return ControlBounds(np.broadcast_to(low, shape), np.broadcast_to(high, shape))
         forces = np.where(self._give_way, _ANSWERING * controls.servo_forces, controls.largest)
-        ends = np.stack([controls.bounds(x, forces) for x in states[:-1]], axis=1)
+        ends = np.stack(controls.bounds(states[:-1], forces))
         way = np.abs(np.diff(states @ controls.positions.T, axis=0))
         is_slow = controls.stiffness * way < _WAY * controls.servo_forces
         ends = np.where(self._give_way & is_slow, ends, np.array([low, high])[:, None])

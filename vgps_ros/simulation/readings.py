@@ -26,6 +26,7 @@ from vgps_ros.simulation.model import (
 )
 
 _EPS = 1e-7  # perturbation of the finite differences
+_LEAST_READ = 200  # states that a thread reads at least, since it takes longer to hand fewer over
 _FUNCTIONS = {"sin": compiled.SINE, "cos": compiled.COSINE}
 
 
@@ -65,6 +66,7 @@ class Readings:
         self._simulations.in_threads(
             len(x),
             lambda sim, part: compiled.read_each(sim, self.plan, x[part], u[part], out[part]),
+            _LEAST_READ,
         )
         return out.reshape(*states.shape[:-1], -1)
 
@@ -89,6 +91,7 @@ class Readings:
                 *(sim, self.plan, _EPS, x[part], u[part]),
                 *(out[part], by_state[part], by_control[part]),
             ),
+            max(1, _LEAST_READ // (1 + len(self.plan.columns))),
         )
         return tuple(a.reshape(*leading, *a.shape[1:]) for a in (out, by_state, by_control))  # type: ignore[return-value]
 
