@@ -122,10 +122,10 @@ class FitLoss:
         return point.value, point.gradient
 
     def curvature(self, theta: Array, weights: torch.Tensor) -> "Curvature":
-        """Returns G at θ, over a part of the samples."""
+        """Returns G at θ, over a part of the samples, in single precision."""
         parts = max(1, min(_PARTS, self.inputs.shape[1] // _LEAST_PART))
-        passes = self._passes(theta, self._blocks(self.inputs[:, ::parts]))
-        return Curvature(self.architecture, passes, weights)
+        passes = self._passes(theta, self._blocks(self.inputs[:, ::parts].float()))
+        return Curvature(self.architecture, passes, weights.float())
 
     def _misfit(self, theta: Array) -> tuple[list[Passes], list[torch.Tensor], torch.Tensor]:
         """Returns the passes and r (n_u, N_b) of each block, and v, shape (n_u,)."""
@@ -202,8 +202,8 @@ class Curvature:
         shares = [p.outputs.shape[1] / self._count for p in self.passes]
         return [
             (
-                _total([outer * n for (outer, _), n in zip(layer, shares, strict=True)]),
-                _total([inner * n for (_, inner), n in zip(layer, shares, strict=True)]),
+                _total([outer.double() * n for (outer, _), n in zip(layer, shares, strict=True)]),
+                _total([inner.double() * n for (_, inner), n in zip(layer, shares, strict=True)]),
             )
             for layer in zip(*found, strict=True)
         ]

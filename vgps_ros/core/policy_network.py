@@ -148,7 +148,7 @@ class Passes:
     def __init__(self, architecture: Architecture, theta: Array, inputs: torch.Tensor):
         self._architecture = architecture
         activation = ACTIVATIONS[architecture.activation][0]
-        self._layers = architecture.unpack(torch.from_numpy(theta))
+        self._layers = architecture.unpack(torch.from_numpy(theta).to(inputs.dtype))
         self._inputs, self._sums = [inputs], []  # of each layer; of each hidden one
         for weight, bias in self._layers[:-1]:
             z = affine(weight, self._inputs[-1], bias)
@@ -165,7 +165,7 @@ class Passes:
 
     def forwards(self, step: Array) -> torch.Tensor:
         """Returns J s, shape (n_u, N), for a step s of the parameters."""
-        changes = self._architecture.unpack(torch.from_numpy(step))
+        changes = self._architecture.unpack(torch.from_numpy(step).to(self.outputs.dtype))
         moved: Any = None
         for layer, (by_weight, by_bias) in enumerate(changes):
             z = affine(by_weight, self._inputs[layer], by_bias)
@@ -176,8 +176,8 @@ class Passes:
 
     def backwards(self, by_outputs: torch.Tensor) -> Array:
         """Returns Σ Jᵀ d over the samples, shape (num_parameters,), for d of shape (n_u, N)."""
-        result = np.empty(self._architecture.num_parameters)
-        parts = self._architecture.unpack(torch.from_numpy(result))
+        result = by_outputs.new_empty(self._architecture.num_parameters)
+        parts = self._architecture.unpack(result)
         for layer in reversed(range(len(parts))):
             weight, bias = parts[layer]
             torch.mm(by_outputs, self._inputs[layer].T, out=weight)
@@ -185,7 +185,7 @@ class Passes:
                 torch.sum(by_outputs, dim=1, out=bias)
             if layer:
                 by_outputs = (self._layers[layer][0].T @ by_outputs).mul_(self._slopes[layer - 1])
-        return result
+        return result.double().numpy()
 
     def factors(self, weights: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Returns E[δᵀ W δ], shape (n_out, n_out), and E[a aᵀ] of each layer.
