@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.checks import LARGEST_ROUNDING
+from vgps_ros.core.compilation import compiled
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
@@ -95,27 +96,20 @@ def state_covariances(
         DivergenceError: a standard deviation passes STD_BOUND, or rounding has the upper hand.
     """
     horizon, n_dx, _ = linear.f_x.shape
-    sigma_f = np.broadcast_to(spread.dynamics_std**2, (horizon, n_dx))
+    closed_loop = linear.f_x + linear.f_u @ gains
+    noise = linear.f_u @ control_covariances @ np.swapaxes(linear.f_u, 1, 2)
+    noise[:, np.arange(n_dx), np.arange(n_dx)] += spread.dynamics_std**2
     sigma = np.empty((horizon + 1, n_dx, n_dx))
-    sigma[0] = _capped(np.diag(spread.initial_std**2), spread.std_limit)
-    for t in range(horizon):
-        f_u = linear.f_u[t]
-        closed_loop = linear.f_x[t] + f_u @ gains[t]
-        # [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
-        following = (
-            closed_loop @ sigma[t] @ closed_loop.T
-            + f_u @ control_covariances[t] @ f_u.T
-            + np.diag(sigma_f[t])
+    _propagate(np.diag(spread.initial_std**2), closed_loop, noise, spread.std_limit, sigma)
+    # Written so that a NaN raises the error too.
+    exploded = ~(np.diagonal(sigma, axis1=1, axis2=2).max(axis=1) <= STD_BOUND**2)
+    if exploded.any():
+        raise DivergenceError(
+            f"The marginals explode: at step {exploded.argmax()} of {horizon} a coordinate's "
+            f"standard deviation passes {STD_BOUND:g}. Raise alpha (cost_scale), give the task a "
+            "std_limit, or shorten its horizon.",
+            "exploding_marginals",
         )
-        sigma[t + 1] = _capped(following, spread.std_limit)
-        # Written so that a NaN raises the error too.
-        if not np.diagonal(sigma[t + 1]).max() <= STD_BOUND**2:
-            raise DivergenceError(
-                f"The marginals explode: at step {t + 1} of {horizon} a coordinate's standard "
-                f"deviation passes {STD_BOUND:g}. Raise alpha (cost_scale), give the task a "
-                "std_limit, or shorten its horizon.",
-                "exploding_marginals",
-            )
     _check_rounding(sigma, gains)
     return sigma
 
@@ -289,8 +283,19 @@ def _check_rounding(sigma: Array, gains: Array) -> None:
         )
 
 
-def _capped(sigma: Array, limit: Array) -> Array:
-    """Scales coordinates down to their limit and keeps their correlations."""
-    std = np.sqrt(np.diagonal(sigma))
-    scale = np.minimum(1.0, limit / np.maximum(std, 1e-300))
-    return sigma * np.outer(scale, scale)
+@compiled
+def _propagate(initial, closed_loop, noise, limit, sigma):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes Σ_1 … Σ_{T+1}: [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
+
+    Coordinates are scaled down to their limit, and keep their correlations.
+    """
+    here, scale = initial, np.empty(len(limit))
+    for t in range(len(sigma)):
+        for i in range(len(limit)):
+            std = np.sqrt(here[i, i])
+            scale[i] = 1.0 if std <= limit[i] else limit[i] / std
+        for i in range(len(limit)):
+            for j in range(len(limit)):
+                sigma[t, i, j] = scale[i] * scale[j] * here[i, j]
+        if t < len(noise):
+            here = closed_loop[t] @ sigma[t] @ closed_loop[t].T + noise[t]

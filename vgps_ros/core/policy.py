@@ -176,11 +176,9 @@ class GaussianPolicy:
         """Returns μ_θ(o), shape (..., n_u), and ∂μ/∂o, shape (..., n_u, n_o)."""
         derivative = ACTIVATIONS[self.architecture.activation][1]
         mean, sums = self._forward(inputs)
-        jacobian = np.eye(len(self.architecture.observed))
-        *hidden, (weight, _) = self.layers
-        for (w, _), z in zip(hidden, sums, strict=True):
-            jacobian = derivative(z)[..., None] * (w @ jacobian)
-        jacobian = weight @ jacobian
+        *hidden, (jacobian, _) = self.layers
+        for (w, _), z in zip(reversed(hidden), reversed(sums), strict=True):
+            jacobian = (jacobian * derivative(z)[..., None, :]) @ w
         return mean, np.broadcast_to(jacobian, (*inputs.shape[:-1], *jacobian.shape[-2:]))
 
     def _forward(self, inputs: Array) -> tuple[Array, list[Array]]:
