@@ -26,7 +26,7 @@ ONE_DECISION = dataclasses.replace(
     initial_state=np.array([0.0, 5.0]),
 )
 SAMPLES = ("gps", "adaptive_gps")  # to which only samples show the way
-RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger"}
+RESOLVES = {"vgps", "adaptive_gps", "adapted_weighted_dagger", "mdgps"}
 
 
 def solver(task):

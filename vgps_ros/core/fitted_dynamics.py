@@ -25,7 +25,7 @@ from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
 _LEAST_SHARE = 1e-6  # of a coordinate's variance that each component has in each direction
-_EM_ITERATIONS = 30
+_EM_ITERATIONS = 10
 _POINTS_PER_COMPONENT = 40
 
 
@@ -155,7 +155,8 @@ def fitted_dynamics(
     still = np.eye(n_dx, n_dx + n_u)
     within = sigma[:, known, known]
     crossed = sigma[:, following, known]
-    floor = _LEAST_SHARE * np.einsum("tii->ti", within)[:, :, None] * np.eye(n_dx + n_u)
+    least = _LEAST_SHARE * np.einsum("tii->ti", within) + 1e-12
+    floor = least[:, :, None] * np.eye(n_dx + n_u)
     rest = np.swapaxes(crossed - still @ within, 1, 2)
     f = still + np.swapaxes(np.linalg.solve(within + floor, rest), 1, 2)
     # The diagonal of F = Σ_x'x' − f Σ_zx' − Σ_x'z fᵀ + f Σ_zz fᵀ.

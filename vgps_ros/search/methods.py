@@ -20,11 +20,13 @@ from vgps_ros.search.dagger import Imitation, imitate
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.gps import GuidedUpdate, guided_search
 from vgps_ros.search.iteration import SearchIteration, SearchState
+from vgps_ros.search.mdgps import Mirrored, begin, mdgps
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
 from vgps_ros.search.selection import is_tried, tried
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.vgps import Candidates, vgps
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
@@ -41,12 +43,14 @@ class Method:
         raises_bound: whether both of its steps maximise L(q, θ) over the marginals of q, so that a
             lower bound is trouble, and so are marginals that do not hold.
         check: refuses settings of the method that do not suit the task.
+        begin: makes the first solutions.
     """
 
     iterate: Callable[[Workspace, Any, int], Update]
     update: type[Update]
     raises_bound: bool = False
     check: Callable[[Task, SearchSettings], None] = lambda *_: None
+    begin: Callable[[Workspace], tuple[OptimizationResult, ...]] = Workspace.solve_cost_alone
 
 
 METHODS = {
@@ -59,6 +63,7 @@ METHODS = {
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
     "plato": Method(plato, Lessons, check=check_teacher),
+    "mdgps": Method(mdgps, Mirrored, begin=begin),
 }
 
 
@@ -115,7 +120,7 @@ def search(
     run = Run(method, task, settings, seed)
     found = checkpoints.latest(run, chosen.update) if checkpoints else None
     known = found.initial_solutions if found else ()
-    work = Workspace(task, settings, seed, optimize_all, known)
+    work = Workspace(task, settings, seed, optimize_all, known, chosen.begin)
 
     def evaluated(update: Update, k: int) -> Evaluation:
         work.enter(update.solutions)

@@ -24,7 +24,7 @@ OF_PAPER = (
     *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
     *("cost_weighted", "cost_weighted_1000"),
 )
-METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "plato"))
+METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "plato", "mdgps"))
 
 # What each preset sets, by dotted name. That of the paper is Algorithm 1 as written: the policy is
 # fitted to q's marginals alone, by LBFGS, and α falls from 1 to 0.1 by the 50th iteration.
@@ -108,6 +108,49 @@ class TeacherSettings:
         "factor on the standard deviation of pi_G's noise that the teacher drives with",
         minimum=0.0,
         maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class MirrorSettings:
+    """Settings of mirror descent guided policy search."""
+
+    dynamics: str = setting(
+        "model",
+        "model: the simulator's derivatives; fitted: linear dynamics fitted to the rollouts, and "
+        "no DDP",
+        choices=("model", "fitted"),
+    )
+    objective: str = setting(
+        "average",
+        "average: E_q[c], near pi_theta, from rollouts of it; likelihood: alpha E_q[c] + "
+        "KL(q, pi_theta) as in vgps, near the q before, from rollouts of that",
+        choices=("average", "likelihood"),
+    )
+    kl_bound: float = setting(
+        0.1,
+        "largest KL divergence of q from what it must stay near, per control step [nat]",
+        minimum=1e-6,
+        maximum=1e3,
+    )
+    exploration: tuple[float, ...] = setting(
+        (1.0,),
+        "standard deviation of the noise on the first motion where dynamics are fitted, one for "
+        "all controls or one for each [unit of the control]",
+        minimum=1e-9,
+        maximum=1e6,
+    )
+    first_steps: int = setting(
+        20,
+        "steps for the cost alone before the first policy, where dynamics are fitted",
+        minimum=0,
+        maximum=100_000,
+    )
+    components: int = setting(
+        10, "Gaussians of the fitted dynamics' prior, at most", minimum=1, maximum=1000
+    )
+    remembered: int = setting(
+        3, "iterations whose rollouts the prior is fitted to", minimum=1, maximum=1000
     )
 
 
@@ -281,6 +324,7 @@ class SearchSettings:
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
+    mirror: MirrorSettings = field(default_factory=MirrorSettings)
 
     def __post_init__(self) -> None:
         """Checks alpha's schedule, for which ranges of single values are not enough."""

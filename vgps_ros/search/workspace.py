@@ -63,6 +63,7 @@ class Workspace:
         seed: seed of all random draws, at least 0.
         optimize_all: solves the trajectory optimisations.
         initial_solutions: initial solutions of this run, if they are known already.
+        begin: makes them otherwise.
 
     Attributes:
         tasks: the task in each situation from which the policy learns.
@@ -83,6 +84,7 @@ class Workspace:
         seed: int,
         optimize_all: OptimizeAll,
         initial_solutions: tuple[OptimizationResult, ...] = (),
+        begin: "Callable[[Workspace], tuple[OptimizationResult, ...]] | None" = None,
     ):
         self.task = task
         self.settings = settings
@@ -94,7 +96,7 @@ class Workspace:
         self._entered: list[tuple[Situation, Task]] = []
         self._warnings: list[str] = []
         self.initial_solutions: tuple[OptimizationResult, ...] = ()
-        self.initial_solutions = initial_solutions or self._solve_cost_alone()
+        self.initial_solutions = initial_solutions or (begin or Workspace.solve_cost_alone)(self)
         self.enter(self.initial_solutions)
 
     def enter(self, solutions: Sequence[OptimizationResult]) -> None:
@@ -106,7 +108,7 @@ class Workspace:
         ]
         self.tasks = [task for _, task in self._entered]
 
-    def _solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
+    def solve_cost_alone(self) -> tuple[OptimizationResult, ...]:
         """Solves line 1; of several situations, those that diverge are left out, but the first."""
         requests = [
             replace(
@@ -123,7 +125,7 @@ class Workspace:
         found = [first]
         for i, outcome in enumerate(others, 1):
             if isinstance(outcome, DivergenceError):
-                self._warnings.append(f"Situation {i} is left out: {outcome}")
+                self.warn(f"Situation {i} is left out: {outcome}")
             else:
                 found.append(outcome)
         means = (each.distribution.mean.first(self.task.horizon) for each in found)
@@ -169,14 +171,16 @@ class Workspace:
         solutions: Sequence[OptimizationResult],
         k: int,
         replay: Sequence[Targets] = (),
+        drawn: Sequence[Rollouts] | None = None,
     ) -> GaussianPolicy:
         """Returns the policy that maximises L(q, θ), started from `policy` (line 4).
 
-        It learns from q(ζ) of each situation, and from samples of those that were renewed.
+        It learns from q(ζ) of each situation, from samples of those that were renewed, and in the
+        states of rollouts: those that were drawn already, or new ones of the policy.
         """
         rng = generator(self.seed, Stream.POLICY_FIT, k)
         observation, scored = self.task.observation, self.scored(solutions)
-        visited, settings = self._visited(policy, scored, k), self.settings.fit
+        visited, settings = self._visited(policy, scored, k, drawn), self.settings.fit
         augmentation = self.task.augmentation
         fitted = fit_policy(
             policy, observation, scored, settings, rng, visited, augmentation, replay
@@ -191,13 +195,17 @@ class Workspace:
         return fitted
 
     def _visited(
-        self, policy: GaussianPolicy, scored: Sequence[TrajectoryDistribution], k: int
+        self,
+        policy: GaussianPolicy,
+        scored: Sequence[TrajectoryDistribution],
+        k: int,
+        drawn: Sequence[Rollouts] | None,
     ) -> list[Targets]:
         """Returns what q(ζ) would do in states that a policy visits, for each situation."""
         limit = self.settings.visited_limit
         if k == 1 or not limit:  # a random network visits nothing that would teach it
             return []
-        draws = self.sample_policy(policy, self.settings.policy_rollouts, k)
+        draws = drawn or self.sample_policy(policy, self.settings.policy_rollouts, k)
         return [
             visited_targets(q, here.observation, rollouts.states, limit, rollouts.controls)
             for q, here, rollouts in zip(scored, self.tasks, draws, strict=True)
@@ -228,13 +236,17 @@ class Workspace:
         adapted = []
         for i, outcome in enumerate(self.optimize(requests)):
             if isinstance(outcome, DivergenceError):
-                self._warnings.append(f"Solution {i} of iteration {k} stays as it was: {outcome}")
+                self.warn(f"Solution {i} of iteration {k} stays as it was: {outcome}")
             adapted.append(solutions[i] if isinstance(outcome, DivergenceError) else outcome)
         return tuple(adapted)
 
+    def warn(self, sentence: str) -> None:
+        """Notes a failure that the search survives."""
+        self._warnings.append(sentence)
+
     def take_warnings(self) -> tuple[str, ...]:
         """Returns a sentence for each failure since the last call that the search has survived."""
-        taken, self._warnings = tuple(self._warnings), []
+        taken, self._warnings = tuple(dict.fromkeys(self._warnings)), []
         return taken
 
     def sample_policy(self, policy: GaussianPolicy, count: int, k: int) -> list[Rollouts]:

@@ -1,0 +1,109 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Mirror descent guided policy search, beside closed forms of the rotor and a Riccati recursion."""
+
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vgps_ros.core.bounded_step import LinearPolicy, divergence
+from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
+from vgps_ros.core.settings import with_values
+from vgps_ros.search import mdgps
+from vgps_ros.search.methods import search
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.tasks import make_task
+
+# Its dynamics are linear and its cost is quadratic, so that the optimum is that of a regulator.
+ROTOR = dataclasses.replace(make_task("rotor"), std_limit=np.full(2, np.inf))
+PLAIN = {"iterations": 12, "hidden_units": (3,), "evaluation_rollouts": 4, "policy_rollouts": 8}
+
+
+def run(seed=5, task=ROTOR, wrap=lambda solve: solve, **settings):
+    values = {name.replace("__", "."): value for name, value in settings.items()}
+    chosen = with_values(search_settings(task), {**PLAIN, **values})
+    return list(search("mdgps", task, chosen, seed, wrap(partial(optimize_all, task))))
+
+
+def regulator():
+    """Returns the gains of the rotor's optimal law u = K x, and its cost from the start."""
+    motion = ROTOR.dynamics.rollout(ROTOR.initial_state, lambda *_: np.zeros(1), ROTOR.horizon)
+    linear, _ = ROTOR.dynamics.linearize(motion)
+    e = ROTOR.cost.expand(motion)
+    v, gains = np.zeros((2, 2)), []
+    for t in reversed(range(ROTOR.horizon)):
+        a, b = linear.f_x[t], linear.f_u[t]
+        k = -np.linalg.solve(e.c_uu[t] + b.T @ v @ b, e.c_ux[t] + b.T @ v @ a)
+        v = e.c_xx[t] + a.T @ v @ a + (e.c_ux[t] + b.T @ v @ a).T @ k
+        gains.insert(0, k)
+    return np.array(gains), 0.5 * ROTOR.initial_state @ v @ ROTOR.initial_state
+
+
+@pytest.mark.parametrize("objective", ["average", "likelihood"])
+@pytest.mark.parametrize("dynamics", ["model", "fitted"])
+def test_local_and_global_policies_end_at_the_regulator_of_the_rotor(dynamics, objective):
+    gains, optimum = regulator()
+    last = run(mirror__dynamics=dynamics, mirror__objective=objective)[-1]
+    q = last.solutions[0].distribution
+    assert_allclose(ROTOR.trajectory_cost(q.mean), optimum, rtol=0.01)
+    assert_allclose(last.deterministic_cost, optimum, rtol=0.01)
+    # While the rotor is still moving, both do in each state what the regulator does.
+    early = slice(0, ROTOR.horizon // 2)
+    states = q.mean.states[:-1][early]
+    wanted = np.einsum("tux,tx->tu", gains[early], states)
+    scale = np.abs(wanted).max()
+    assert_allclose(q.mean.controls[early], wanted, atol=0.05 * scale)
+    assert_allclose(last.policy.mean(ROTOR.observation(states)), wanted, atol=0.1 * scale)
+
+
+def test_without_a_model_only_rollouts_touch_the_simulator_and_all_are_counted():
+    def refuse(requests):
+        raise AssertionError("a solve uses the model's derivatives")
+
+    iterations = run(
+        mirror__dynamics="fitted", mirror__first_steps=4, wrap=lambda _: refuse, iterations=3
+    )
+    one = ROTOR.horizon * ROTOR.dynamics.substeps
+    # The first motion, its rollouts, four steps, and each iteration after the first fit.
+    assert [i.simulator_steps for i in iterations] == [one * (1 + 8 * n) for n in (5, 6, 7)]
+
+
+@pytest.mark.parametrize("objective", ["average", "likelihood"])
+def test_each_step_keeps_its_bound(monkeypatch, objective):
+    """The divergence is that of q and of what it must stay near, by the marginals of q."""
+    found = []
+
+    def kept(linear, cost, near, start, spread, bound, entropy=0.0):
+        step = original(linear, cost, near, start, spread, bound, entropy)
+        kl = divergence(step.policy, near, step.means, step.state_covariances)
+        found.append((kl, bound, entropy))
+        return step
+
+    original = mdgps.bounded_step
+    monkeypatch.setattr(mdgps, "bounded_step", kept)
+    run(mirror__dynamics="fitted", mirror__objective=objective)
+    assert len(found) >= 11
+    assert all(kl <= bound + 1e-6 for kl, bound, _ in found)
+    # Line 1 has no entropy in either case.
+    assert {entropy for *_, entropy in found} == {0.0, float(objective == "likelihood")}
+
+
+def test_a_linear_network_is_its_own_linearisation(rng):
+    shape = Architecture(ROTOR.observation.names, (), 1)
+    policy = GaussianPolicy(shape, rng.standard_normal(shape.num_parameters), np.array([0.7]))
+    weights, bias = policy.layers[0]
+    motion = ROTOR.dynamics.rollout(ROTOR.initial_state, lambda *_: np.ones(1), ROTOR.horizon)
+    deviations = rng.standard_normal((5, ROTOR.horizon, 2))
+    deviations -= deviations.mean(axis=0)
+    scaled, gains = ScaledCost(ROTOR.cost, 0.0), rng.standard_normal((ROTOR.horizon, 1, 2))
+    cost = PolicyCost(scaled, policy, ROTOR.observation, deviations, gains)
+    near = LinearPolicy.of(cost.expand(motion))
+    # The rotor's readings are its state.
+    assert_allclose(near.gains, np.tile(weights, (ROTOR.horizon, 1, 1)), rtol=1e-9)
+    assert_allclose(near.covariances[:, 0, 0], policy.noise_std[0] ** 2)
+    ahead = motion.states[:-1] @ weights.T + bias - motion.controls
+    assert_allclose(near.feedforward, ahead, rtol=1e-9, atol=1e-12)
