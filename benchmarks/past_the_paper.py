@@ -1,0 +1,119 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Cost against simulator steps: vgps beside steps of bounded divergence, with and without a model.
+
+Each training is a line of docs/evidence/past_the_paper.jsonl, which is written as it ends; a line
+that is there is not measured again. After `source env.bash`:
+
+    python -m benchmarks.past_the_paper swimmer cart_pole --seeds 8201 8202
+    python -m benchmarks.past_the_paper --plot
+
+`python -m benchmarks.evidence` then writes the table.
+"""
+
+import argparse
+import json
+import os
+import platform
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.robots import last_change
+from vgps_ros.core.settings import with_values
+from vgps_ros.search.methods import search
+from vgps_ros.search.settings import search_settings
+from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.simulation.warnings import silence_mujoco
+from vgps_ros.tasks import make_task
+
+EVIDENCE = Path(__file__).resolve().parents[1] / "docs" / "evidence"
+ROWS = EVIDENCE / "past_the_paper.jsonl"
+SEEDS = (8201, 8202)  # no setting was chosen on them
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "vgps": ("vgps", {}),
+    "average cost, model": ("mdgps", {}),
+    "likelihood, model": ("mdgps", {"mirror.objective": "likelihood"}),
+    "average cost, fitted": ("mdgps", {"mirror.dynamics": "fitted"}),
+    "likelihood, fitted": (
+        "mdgps",
+        {"mirror.dynamics": "fitted", "mirror.objective": "likelihood"},
+    ),
+}
+EXPLORATION = {"swimmer": 10.0, "cart_pole": 1.0}  # [N·m], [N]
+ITERATIONS, FIRST_STEPS = 20, 40
+
+
+def rows() -> list[dict[str, Any]]:
+    """Returns the lines."""
+    return [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
+
+
+def measured(name: str, label: str, seed: int) -> dict[str, Any]:
+    """Trains a policy; returns its line, whose lists have an entry for each iteration."""
+    task, (method, own) = make_task(name), METHODS[label]
+    shared = {
+        "iterations": ITERATIONS,
+        "mirror.exploration": (EXPLORATION[name],),
+        "mirror.first_steps": FIRST_STEPS,
+    }
+    settings, began = with_values(search_settings(task), {**shared, **own}), time.process_time()
+    found = list(search(method, task, settings, seed, partial(optimize_all, task)))
+    return {
+        "task": name,
+        "method": label,
+        "seed": seed,
+        "commit": last_change(),
+        "machine": f"{os.cpu_count()} cores of {platform.machine()}",
+        "seconds": round(time.process_time() - began, 1),
+        "first_cost": found[0].initial_ddp_cost,
+        "steps": [i.simulator_steps for i in found],
+        "q_cost": [i.ddp_cost for i in found],
+        "deterministic": [i.deterministic_cost for i in found],
+        "stochastic_median": [i.stochastic_cost_median for i in found],
+        "stochastic_survival": [i.stochastic_survival for i in found],
+    }
+
+
+def plot() -> None:
+    """Draws the cost without noise over simulator steps, a panel for each task."""
+    import matplotlib.pyplot as plt
+
+    names = list(dict.fromkeys(row["task"] for row in rows()))
+    figure, axes = plt.subplots(1, len(names), figsize=(5 * len(names), 3.6), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=True):
+        for i, label in enumerate(METHODS):
+            own = [r for r in rows() if (r["task"], r["method"]) == (name, label)]
+            for n, row in enumerate(own):
+                shown = {"color": f"C{i}", "label": label if n == 0 else None}
+                axis.plot(row["steps"], row["deterministic"], marker=".", **shown)
+        axis.set(xscale="log", yscale="log", title=name, xlabel="simulator steps")
+    axes[0, 0].set_ylabel("cost without noise")
+    axes[0, -1].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(EVIDENCE / "past_the_paper.png", dpi=110)
+
+
+def main() -> None:
+    """Measures what is missing, or draws the lines."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tasks", nargs="*", default=list(EXPLORATION))
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    parser.add_argument("--plot", action="store_true")
+    given = parser.parse_args()
+    if given.plot:
+        plot()
+        return
+    silence_mujoco()
+    known = {(row["task"], row["method"], row["seed"]) for row in rows()}
+    for run in ((t, m, s) for s in given.seeds for t in given.tasks for m in given.methods):
+        if run not in known:
+            line = json.dumps(measured(*run))
+            with ROWS.open("a") as file:
+                file.write(line + "\n")
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
