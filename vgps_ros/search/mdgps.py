@@ -51,9 +51,10 @@ from vgps_ros.core.records import (
     TrajectoryDistribution,
 )
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.rollouts import Executions, Rollouts, roll_out
 from vgps_ros.search.situations import Situation, situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
-from vgps_ros.search.workspace import Rollouts, Update, Workspace, roll_out, roll_out_policy
+from vgps_ros.search.workspace import Update, Workspace
 from vgps_ros.tasks import Task
 
 _LEAST_GROWTH, _MOST_GROWTH = 0.2, 2.0  # of ε from one step to the next
@@ -224,9 +225,9 @@ def _roll_out(
         task = replace(task, initial_std=np.zeros_like(task.initial_std))
     if policy and settings.mirror.objective == "average":
         driven = replace(policy, noise_std=np.maximum(factor * policy.noise_std, LEAST_NOISE))
-        rollouts, steps = roll_out_policy(task, driven, count, rng)
-        work.simulator_steps += steps
-        return rollouts.sound()
+        executed = Executions(work.seed).of(task, driven, count, *place)
+        work.simulator_steps += executed.steps
+        return executed.scored().sound()
     noise = factor * sample_rollout_noise(q, count, rng)
 
     def law(t: int, x: Array) -> Array:
