@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from tests.limited_pendulum import write_task as write_pendulum
 from tests.told_rotor import write_task
 from vgps_ros.core.settings import with_values
 from vgps_ros.search import methods
@@ -77,9 +78,9 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     run = partial(search, "vgps", task, settings, 0, partial(optimize_all, task))
     *_, third, last = run()
     assert_array_equal(last.policy.parameters, third.policy.parameters)
-    assert third.warnings[-1].endswith("iteration 3 obeyed in 100 % of 5 rollouts with pushes.")
+    assert third.warnings[-1].endswith("iteration 3 obeyed in 100 % of 5 rollouts.")
     assert last.warnings[-1].endswith(
-        "20 % of 5 rollouts with pushes. That of iteration 3 is kept: 100 %."
+        "20 % of 5 rollouts. That of iteration 3 is kept, which obeyed in 100 % of 5 rollouts."
     )
     begun = run(checkpoints=Checkpoints(tmp_path))
     for _ in range(3):
@@ -88,3 +89,19 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     (*_, again) = run(checkpoints=Checkpoints(tmp_path))
     assert_array_equal(again.policy.parameters, last.policy.parameters)
     assert again.policy_digest == last.policy_digest
+
+
+def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):
+    task = make_task(write_pendulum(tmp_path))
+    settings = with_values(search_settings(task), {**VALUES, "situations": 2})
+    (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
+    one, other = (tried(task, settings, 0, policy, 4) for policy in (last.policy, idle))
+    assert one.success == other.success == 1.0  # nothing is a fall
+    best, worse = sorted((one, other), key=lambda each: each.squared_error)
+    assert 0.0 < best.squared_error < worse.squared_error
+    assert best.beats(worse)
+    assert not worse.beats(best)
+    hangs = task.cost(task.initial_state[None], np.zeros((1, 1))).mean()
+    assert other.squared_error == pytest.approx(hangs, rel=0.1)  # a step that never moves
+    assert "in each step of 5 rollouts" in one.told(task, settings)

@@ -11,6 +11,7 @@ from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.first_motion import AlongPath, Best, Drawn, Made
+from vgps_ros.tasks.sampled_motion import Arrival
 
 UP = "  - {sensor: tip, index: z, target: 1.0}"
 
@@ -57,11 +58,23 @@ def test_one_that_falls_is_worse_than_any_that_does_not(tmp_path):
     assert careful.fallen(task.begin.chosen[1].states).any()
 
 
-@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn])
-def test_it_tries_laws_paths_and_noise(tmp_path, kind):
+@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn, Arrival])
+def test_it_tries_laws_paths_noise_and_arrivals(tmp_path, kind):
     begin = hanging(tmp_path, "{law: best}").begin
     assert isinstance(begin, Best)
     assert any(isinstance(each, kind) for each in begin.candidates)
+
+
+def test_an_arrival_comes_up_early_and_rests_there(tmp_path, rng):
+    task = hanging(tmp_path, "{law: zero}")
+    steps = task.planned_horizon
+    found = Arrival(1.0, 0)(task, task.initial_state, steps, rng)
+    angles, speeds = found.trajectory.states.T
+    assert np.cos(angles[-50:]).max() < 0.0  # it hangs no longer, for the last second at the least
+    assert np.abs(speeds[-50:]).max() == 0.0
+    (open_gaps,) = np.nonzero(np.abs(found.gaps).max(axis=1) > 1e-9)
+    arrived = int(np.argmin(np.abs(np.diff(angles))[::-1] == 0.0))
+    assert open_gaps.min() >= steps - arrived - 1  # until then it was executed
 
 
 def test_a_check_does_not_ask_for_another_motion_than_the_best(tmp_path, capsys):

@@ -112,12 +112,16 @@ def written(tmp_path, monkeypatch):
             "Legs, 1",
             ["begin: {law: sampling", "mid_knee/position, target: 0", "when: moving"],
         ),
-        (ACROBOT, "underactuated", ["shoulder/cos, target: 1, weight: 1", "shoulder: 3.1416"]),
+        (
+            ACROBOT,
+            "underactuated",
+            ["elbow_axis, target: [0, 0, 1], weight: 0.25", "shoulder: 3.1416"],
+        ),
         (ACROBOT, "underactuated", ["begin: {law: best}"]),
         (
             WEAK,
             "underactuated",
-            ["swing: 3.1416", "swing/cos, target: 1, weight: 1", "horizon: 8 "],
+            ["swing: 3.1416", "swing_axis, target: [0, 0, 1], weight: 1", "horizon: 8 "],
         ),
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
@@ -133,6 +137,7 @@ def written(tmp_path, monkeypatch):
         ),
         (SPINNER, "An arm", ["sensor: spin/velocity"]),
         (CUP, "An arm", ["xbody: ball, relative_to: {site: target}", "index: [z]"]),
+        (CUP, "An arm", ["solref: [0.017, 1]", "begin: {law: best}", "situations: 8"]),
     ],
 )
 def test_each_kind_of_robot_gets_the_task_that_it_is_meant_for(written, model, kind, words):

@@ -144,13 +144,10 @@ def search(
         if is_tried(settings, k):
             this = tried(task, settings, seed, update.policy, k)
             best = this if best is None or this.beats(best) else best
-            notice = (
-                f"The policy of iteration {k} obeyed in {100 * this.success:.0f} % of "
-                f"{settings.keep.rollouts} rollouts with pushes."
-            )
+            notice = f"The policy of iteration {k} {this.told(task, settings)}."
             if k == settings.iterations and best is not this:
                 update = replace(update, policy=best.policy)
-                notice += f" That of iteration {best.k} is kept: {100 * best.success:.0f} %."
+                notice += f" That of iteration {best.k} is kept, which {best.told(task, settings)}."
         evaluation = evaluated(update, k)
         history = (*state.history, measure(work, state, update, evaluation, q_step, m_step))
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update, best)

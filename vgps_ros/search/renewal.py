@@ -48,6 +48,7 @@ _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
 _MOST = 6.0  # cost of a solution, as a multiple of the first ones' median, that is no recovery
 _TRIES = 4  # motions of the policy, until one falls; of those that stay up the worst one counts
 _END = 0.25  # share of the horizon by which a solution is judged
+_ARRIVED = 0.05  # of the mean cost of a step: what costs less has arrived where nothing costs
 
 
 def is_due(work: Workspace, k: int) -> bool:
@@ -82,8 +83,10 @@ def renew(
     with ThreadPoolExecutor(work.task.dynamics.simulations.threads) as pool:
         requests = list(pool.map(request, replaced))
     first = work.initial_solutions
-    worst = settings.worst * float(np.median([_end_cost(work, each) for each in first]))
-    most = _MOST * float(np.median([each.cost for each in first]))
+    usual = float(np.median([each.cost for each in first]))
+    ends = float(np.median([_end_cost(work, each) for each in first]))
+    worst = settings.worst * max(ends, _ARRIVED * usual / work.task.horizon)
+    most = _MOST * usual
     found, dropped = list(solutions), []
     for i, outcome in zip(replaced, work.optimize(requests), strict=True):
         if isinstance(outcome, DivergenceError) or outcome.cost > most:

@@ -32,8 +32,8 @@ class Tried:
         policy: the policy.
         k: the iteration that it is of.
         success: share of the rollouts that are up and obey at their end.
-        squared_error: mean of (e / range)² over the commands and the steps that count; 0 where no
-            reading achieves a command, inf where no step counts.
+        squared_error: mean of (e / range)² over the commands and the steps that count, inf where
+            no step counts; of a task without commands the mean cost of a step.
     """
 
     policy: GaussianPolicy
@@ -45,6 +45,16 @@ class Tried:
         """Returns whether it is to be kept rather than an earlier one."""
         mine, theirs = (self.success, -self.squared_error), (other.success, -other.squared_error)
         return mine >= theirs
+
+    def told(self, task: Task, settings: SearchSettings) -> str:
+        """Returns what it did, as the predicate of a sentence."""
+        if task.signals.commands:
+            done = f"obeyed in {100 * self.success:.0f} %"
+            pushed = " with pushes" if settings.renew.push else ""
+            return f"{done} of {settings.keep.rollouts} rollouts{pushed}"
+        of = f"of {settings.keep.rollouts} rollouts of {settings.keep.seconds:g} s"
+        up = f"stayed up in {100 * self.success:.0f} % and " if task.fallen.lowest.size else ""
+        return f"{up}cost {self.squared_error:.3g} in each step {of}"
 
 
 def is_tried(settings: SearchSettings, k: int) -> bool:
@@ -69,6 +79,8 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
         before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
     found = behaviours(task, Driver.of(task.observation, policy), pushes, trials)
+    if not task.signals.commands:
+        return Tried(policy, k, float(found.up[:, -1].mean()), _mean_cost(task, policy, trials))
     commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
     if commands and not found.counts.any():
@@ -77,3 +89,15 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
         ranges = np.array([c.highest - c.lowest for c in commands])
         error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
     return Tried(policy, k, float(found.obeys[:, -1].mean()), float(error))
+
+
+def _mean_cost(task: Task, policy: GaussianPolicy, trials: Trials) -> float:
+    """Returns what a step of the undisturbed rollouts costs; inf where one diverges."""
+    steps = trials.noise.shape[1]
+    context = task.signals.context(np.empty((steps, 0)), task.signals.phases(steps, 0.0))
+    observation = task.observation.within(context)
+    states, controls = task.dynamics.execute(policy, observation, trials.starts, trials.noise)
+    if not np.isfinite(states).all():
+        return float("inf")
+    cost = task.in_context(context).cost.starting_at(0, steps)
+    return float(cost(states[:, :-1], controls, 0).mean())

@@ -21,7 +21,7 @@ from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
-from vgps_ros.tasks.sampled_motion import FALLEN, SampledMotion, Sampler
+from vgps_ros.tasks.sampled_motion import FALLEN, Arrival, SampledMotion, Sampler, half_ranges
 from vgps_ros.tasks.schema import (
     Begin,
     BestMotion,
@@ -198,8 +198,7 @@ class Best:
     Attributes:
         task: the task, in whose own context and from whose start they are compared.
         candidates: what makes them.
-        iterations: iterations of DDP on each; the better half is solved with twice as many, and so
-            on.
+        iterations: iterations of DDP on each; the better half gets twice as many more, and so on.
     """
 
     task: Task
@@ -210,33 +209,35 @@ class Best:
     @cached_property
     def chosen(self) -> tuple[FirstMotion, Trajectory]:
         """The one that is best, and its motion from the task's start."""
-        left, iterations = [*enumerate(self.candidates)], self.iterations
-        rounds = len(left).bit_length()
-        report = progress_lines(f"Tries first motions of {self.task.name}")
+        task, iterations = self.task, self.iterations
+        rounds = len(self.candidates).bit_length()
+        report = progress_lines(f"Tries first motions of {task.name}")
+        left = list[tuple[float, int, Nominal]]()
+        for i, candidate in enumerate(self.candidates):
+            rng = np.random.default_rng(0)
+            first = candidate(task, task.initial_state, task.planned_horizon, rng)
+            left.append((np.inf, i, first))
+            report(0.5 * (i + 1) / len(self.candidates))
         for count in range(rounds):
-            found = list[tuple[float, int, Trajectory]]()
-            for done, (i, candidate) in enumerate(left):
-                found.append(self._solved(candidate, iterations, i))
-                report((count + (done + 1) / len(left)) / rounds)
-            found.sort(key=itemgetter(0, 1))
-            left = [(i, self.candidates[i]) for _, i, _ in found[: max(1, len(left) // 2)]]
+            for done, (_, i, motion) in enumerate(left):
+                left[done] = self._solved(motion, iterations, i)
+                report(0.5 + 0.5 * (count + (done + 1) / len(left)) / rounds)
+            left.sort(key=itemgetter(0, 1))
+            left = left[: max(1, len(left) // 2)]
             iterations *= 2
-        return left[0][1], found[0][2]
+        return self.candidates[left[0][1]], left[0][2].trajectory
 
-    def _solved(
-        self, candidate: FirstMotion, iterations: int, i: int
-    ) -> tuple[float, int, Trajectory]:
-        task, rng = self.task, np.random.default_rng(0)
-        first = candidate(task, task.initial_state, task.planned_horizon, rng)
+    def _solved(self, motion: Nominal, iterations: int, i: int) -> tuple[float, int, Nominal]:
+        task = self.task
         try:
             solution = solve(
-                *(task.dynamics, task.cost, first.trajectory, task.optimizer.ddp, iterations),
-                gaps=first.gaps,
+                *(task.dynamics, task.cost, motion.trajectory, task.optimizer.ddp, iterations),
+                gaps=motion.gaps,
             )
         except DivergenceError:
-            return np.inf, i, first.trajectory
+            return np.inf, i, motion
         fallen = task.fallen(solution.trajectory.states).sum()
-        return solution.cost + FALLEN * fallen, i, solution.trajectory
+        return solution.cost + FALLEN * fallen, i, Nominal(solution.trajectory)
 
     def __call__(self, task: Task, start: Array, steps: int, *rest: Any) -> Nominal:
         """Returns the motion, whose simulator steps do not count as learning."""
@@ -254,9 +255,10 @@ def _several(task: Task, entry: BestMotion, document: Document) -> Best:
     low, high = task.dynamics.control_limits
     still = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
     held = Made(partial(_executed, _pd_law(task, Pd(), document)))
-    half = 0.5 * np.where(np.isfinite(high - low), high - low, 2.0)
+    half = half_ranges(low, high)
     noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
-    return Best(task, (held, AlongPath(still), *noisy), entry.iterations)
+    arriving = [Arrival(window, seed) for window in (0.3, 0.6, 1.0) for seed in (0, 1)]
+    return Best(task, (held, AlongPath(still), *noisy, *arriving), entry.iterations)
 
 
 def _executed(

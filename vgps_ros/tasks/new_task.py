@@ -295,6 +295,32 @@ def _is_weak(robot: _Robot, joint: int) -> bool:
     return bool(pull > controls_of(model).largest[motors].sum())
 
 
+def _swing_time(robot: _Robot) -> float:
+    """Returns the time in which a pendulum swings up and then stands for a while [s].
+
+    Weak motors need several swings: they pull with all their force in the direction in which their
+    joints turn, until the energy is that of the goal. Nobody swings up faster.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    weak = [i for i, j in robot.motors.items() if _is_weak(robot, j)]
+    if not weak:
+        return 4.0
+    full, dofs = controls_of(model).limits[1], model.jnt_dofadr[[robot.motors[i] for i in weak]]
+
+    def energy() -> float:
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+        return float(data.energy.sum())
+
+    data.qpos[:] = robot.goal
+    goal, data.qpos[:] = energy(), robot.data.qpos
+    while energy() < goal and data.time < 10.0:
+        data.ctrl[weak] = np.where(data.qvel[dofs] >= 0.0, full[weak], -full[weak])
+        mujoco.mj_step(model, data)
+    return float(np.clip(np.ceil(2.0 * data.time), 8.0, 16.0))
+
+
 def _fingers(robot: _Robot) -> int:
     """Returns the number of branches of at least two hinges from which nothing branches off."""
     bodies = np.unique(robot.model.jnt_bodyid[robot.joints])
@@ -557,12 +583,14 @@ def _facts(robot: _Robot) -> dict[str, Any]:
     """Returns the facts of which the template speaks; what it asks for and is not here, is not."""
     model, legs = robot.model, bool(robot.feet)
     step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
-    period = _whole(0.02 if legs else 0.01, step)
-    swings = 8.0 if any(_is_weak(robot, j) for j in robot.hinges) else 4.0  # up, and stands [s]
+    period = _whole(0.02 if legs or robot.kind == "pendulum" else 0.01, step)
+    swings = _swing_time(robot) if robot.kind == "pendulum" else 0.0
+    horizon = _whole(1.0 if legs else swings or 2.0, period)
     times = {
         "step": step,
         "period": period,
-        "horizon": _whole(1.0 if legs else swings if robot.kind == "pendulum" else 2.0, period),
+        "horizon": horizon,
+        "twice": 2 * horizon,
         "lookahead": _whole(0.5, period),
     }
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
@@ -625,6 +653,7 @@ def _changes(robot: _Robot, step: float) -> dict[str, Any]:
     return {
         "options": {name: value for name, (value, has) in wanted.items() if not has},
         "contact": touches and _touching(model).any(),
+        "soft": _flow(_soft(robot), 2),
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
@@ -718,7 +747,11 @@ def _scored(robot: _Robot) -> dict[str, Any]:
         "reached": reached,
         "ways": _ways(robot) if reached else [],
         "balls": balls,
-        "added": goes or reached or balls or leans,
+        "axes": [
+            f"{_flow(_new(robot, f'{name}_axis'))}: {_flow(axis.sensor)}"
+            for name, axis in _upright(robot).items()
+        ],
+        "added": goes or reached or balls or leans or bool(_upright(robot)),
         "pose": [] if robot.base else [_flow(term) for term in _pose_cost(robot)],
         "controls": [_flow(term) for term in _control_cost(robot)],
     }
@@ -733,12 +766,14 @@ def _begin(robot: _Robot) -> dict[str, Any]:
     high = controls.limits[1] if controls else np.full(1, np.inf)
     std = np.where(np.isfinite(high) & (high > 0), 0.2 * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
+    swings = robot.kind == "pendulum" or _carries(robot)
     return {
         "hops": robot.hops,
         "path": path,
         "sampled": sampled,
-        "pd": held and not path and not sampled,
-        "noise": None if held or robot.kind == "pendulum" else std if len({*std}) > 1 else std[0],
+        "pd": held and not path and not sampled and not swings,
+        "noise": None if held or swings else std if len({*std}) > 1 else std[0],
+        "swings": swings,
     }
 
 
@@ -858,6 +893,25 @@ def _reached(robot: _Robot) -> dict[str, Any] | None:
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
 
 
+def _carries(robot: _Robot) -> bool:
+    """Returns whether it brings a thing that falls to the target."""
+    return bool(robot.gravity) and _reached(robot) is not None and _object(robot) is not None
+
+
+def _soft(robot: _Robot) -> float:
+    """Returns a time constant of contact that can be differentiated [s].
+
+    What lies on it sinks in by g τ², which may be a tenth of a thing that is to be caught.
+    """
+    model, thing = robot.model, _object(robot)
+    if thing is None or not _carries(robot):
+        return 0.04
+    own = (model.geom_bodyid == model.jnt_bodyid[thing]) & _touching(model)
+    size = float(model.geom_size[own, 0].min(initial=np.inf))
+    least = 2.0 * model.opt.timestep  # below which MuJoCo's contact is unstable
+    return float(np.clip(np.sqrt(0.1 * size / robot.gravity), least, 0.04))
+
+
 def _ways(robot: _Robot) -> list[str]:
     """Returns the axes along which anything that joints carry can move, as all but y in a plane."""
     model, data = robot.model, mujoco.MjData(robot.model)
@@ -875,6 +929,58 @@ def _turning(robot: _Robot) -> list[int]:
     return [j for j in robot.hinges if is_one and not robot.model.jnt_limited[j]]
 
 
+@dataclass(frozen=True)
+class _Axis:
+    """An axis of a link that shall point somewhere in the world.
+
+    Attributes:
+        sensor: the sensor's type and body.
+        target: where it points at the goal.
+        weight: the link's share of what is lifted.
+    """
+
+    sensor: dict[str, Any]
+    target: list[float]
+    weight: float
+
+
+def _upright(robot: _Robot) -> dict[str, _Axis]:
+    """Returns what of a pendulum's links shall stand, by the hinge of each.
+
+    A link's direction in the world counts, not the angle of its hinge: so a link at the end of
+    others may swing as they need it, and each counts as much as gravity does about its hinge.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.goal
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    found = dict[int, tuple[str, Array, float]]()
+    turning = _turning(robot)
+    for j in turning:
+        body = int(model.jnt_bodyid[j])
+        axes = data.xmat[body].reshape(3, 3).T
+        axes[np.abs(axes @ data.xaxis[j]) > 0.7] = 0.0  # those that a turn does not move
+        i = int(np.abs(axes[:, 2]).argmax())
+        own, place = float(model.body_mass[body]), data.xanchor[j]
+        moment = own * (data.xipos[body] - place)
+        for child in np.flatnonzero(model.body_parentid == body):
+            hinges = [k for k in turning if model.jnt_bodyid[k] == child]
+            at = data.xanchor[hinges[0]] if hinges else data.subtree_com[child]
+            moment = moment + model.body_subtreemass[child] * (at - place)
+        is_level = abs(data.xaxis[j][2]) > 0.7  # gravity does not turn it
+        if not is_level and (size := float(np.linalg.norm(moment))) > 1e-9:
+            found[j] = ("xyz"[i], axes[i].round(3), size)
+    total = sum((size for *_, size in found.values()), 0.0)
+    return {
+        model.joint(j).name: _Axis(
+            {"type": f"frame{axis}axis", "xbody": model.body(model.jnt_bodyid[j]).name},
+            target.tolist(),
+            float(f"{size / total:.3f}"),
+        )
+        for j, (axis, target, size) in found.items()
+    }
+
+
 def _pose_cost(robot: _Robot) -> list[dict[str, Any]]:
     """Returns the cost of a robot that stays in its place: its goal, and rest there.
 
@@ -883,14 +989,16 @@ def _pose_cost(robot: _Robot) -> list[dict[str, Any]]:
     model, terms, thing = robot.model, list[dict[str, Any]](), _object(robot)
     has_target, is_pendulum = _reached(robot) is not None, robot.kind == "pendulum"
     is_turned = thing is not None and model.jnt_type[thing] != _SLIDE and not has_target
-    turning = _turning(robot)
+    turning, upright = _turning(robot), _upright(robot)
+    for name, axis in upright.items():
+        stands = {"sensor": _new(robot, f"{name}_axis"), "target": axis.target}
+        terms.append(stands | {"weight": axis.weight})
     for j in robot.joints:
         name, goal = model.joint(j).name, robot.goal[model.jnt_qposadr[j]]
-        if j in turning:  # what a strong motor drives may turn on the way
-            weight = 1.0 if _hangs(robot, j) else 0.1
+        if j in turning:
             for wave, to in (("cos", np.cos(goal)), ("sin", np.sin(goal))):
                 term = {"sensor": f"{name}/{wave}", "target": round(float(to), 3)}
-                terms.append(term | {"weight": weight})
+                terms += [] if name in upright else [term | {"weight": 0.1}]
         elif not (has_target or is_turned):
             weight = 0.1 if is_pendulum else 1.0
             terms.append({"sensor": f"{name}/position", "target": goal, "weight": weight})

@@ -15,6 +15,9 @@ the next set.
 A long horizon is filled with the first pieces of short plans: at each replanning the last plan,
 shifted by what was executed of it, is improved by samples from the state that was reached, and
 refined by DDP; its first controls are executed, and the next plan starts where they lead.
+
+What swings up or catches gets nowhere for seconds, so short plans see nothing. An `Arrival` samples
+the whole motion at once, as if the robot could stay where it arrives.
 """
 
 from collections.abc import Callable
@@ -22,6 +25,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.errors import DivergenceError
@@ -108,11 +112,16 @@ class Plans:
         """Returns states (N, H+1, n_x) of plans (N, H, n_u); NaN after one has diverged."""
         return self.task.dynamics.replay(start, plans)
 
+    def steps(self, states: Array, plans: Array, first: int) -> Array:
+        """Returns the cost of each step (N, H), inf in one that diverges; `first` is its place."""
+        costs = self.task.cost(states[:, :-1], plans, first)
+        costs = costs + FALLEN * self.task.fallen(states[:, 1:])
+        sound = np.reshape(np.isfinite(states).all(axis=(1, 2)), (-1, 1))
+        return np.where(sound, costs, np.inf)
+
     def score(self, states: Array, plans: Array, first: int) -> Array:
-        """Returns the cost of each plan, shape (N,); `first` is the place of its first step."""
-        costs = self.task.cost(states[:, :-1], plans, first).sum(axis=1)
-        costs += FALLEN * self.task.fallen(states[:, 1:]).sum(axis=1)
-        return np.where(np.isfinite(states).all(axis=(1, 2)), costs, np.inf)
+        """Returns the cost of each plan, shape (N,)."""
+        return np.asarray(self.steps(states, plans, first).sum(axis=1))
 
     def refine(self, motion: Trajectory, first: int) -> Array:
         """Returns controls (H, n_u) that DDP finds; a motion's own where it makes that diverge."""
@@ -229,3 +238,81 @@ class SampledMotion:
             is_cancelled=is_cancelled,
         )
         return Nominal(motion)
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A motion that arrives somewhere, and that is then at rest there.
+
+    A sampled plan costs what its steps cost until it arrives, and from then on what the w steps
+    after that cost on average:
+
+        J = min_k Σ_{t<k} c_t + (T − k)/w Σ_{k≤t<k+w} c_t.
+
+    So early arrivals are found before staying is. From the best of those w steps on the motion is
+    the state there, at rest, which need not be feasible: the solve closes the gaps. Where w is
+    short, a robot may pass through a goal at which it cannot stop; where w is long, a plan must
+    hold what falls.
+
+    Attributes:
+        window: w, as a time [s].
+        seed: of the samples, so that several may differ.
+        spacing: time between the knots of a random spline [s].
+        samples: number of samples of a set.
+        iterations: number of sets.
+    """
+
+    window: float
+    seed: int
+    spacing: float = 0.3
+    samples: int = 64
+    iterations: int = 20
+    goes_on: ClassVar[bool] = False
+
+    def __call__(
+        self, task: Task, start: Array, steps: int, rng: np.random.Generator, *_: Any
+    ) -> Nominal:
+        """Returns the motion, whose simulator steps do not count as learning."""
+        low, high = task.dynamics.control_limits
+        period, plans = task.dynamics.time_step, Plans(task, 0)
+        sampler = Sampler(
+            method="predictive",
+            steps=steps,
+            knots=max(2, round(steps * period / self.spacing)),
+            samples=self.samples,
+            iterations=self.iterations,
+            elites=2,
+            std=half_ranges(low, high),
+            low=low,
+            high=high,
+        )
+        width = min(steps, max(1, round(self.window / period)))
+
+        def costs(controls: Array) -> Array:
+            """Returns Σ_{t<k} c_t + (T − k)/w Σ c_t for each k, shape (N, T − w + 1)."""
+            each = plans.steps(plans.simulate(start, controls), controls, 0)
+            means = sliding_window_view(each, width, axis=1).mean(axis=2)
+            before = (np.cumsum(each, axis=1) - each)[:, : means.shape[1]]
+            return before + means * (steps - np.arange(means.shape[1]))
+
+        none = np.clip(np.zeros((steps, len(low))), low, high)
+        rng = np.random.default_rng(self.seed)
+        found = sampler.improved(none, lambda tried: costs(tried).min(axis=1), rng)[0]
+        states = plans.simulate(start, found[None])[0]
+        first = int(costs(found[None])[0].argmin())
+        each = plans.steps(states[None], found[None], 0)[0]
+        arrived = first + int(each[first : first + width].argmin())
+        stays = states[arrived].copy()
+        stays[task.dynamics.model.nq :] = 0.0
+        rests = steps - arrived
+        rest = np.tile(task.dynamics.controls.resting(stays), (rests, 1))
+        motion = Trajectory(
+            np.concatenate([states[: arrived + 1], np.tile(stays, (rests, 1))]),
+            np.concatenate([found[:arrived], rest]),
+        )
+        return Nominal.guessed(motion, task.dynamics)
+
+
+def half_ranges(low: Array, high: Array) -> Array:
+    """Returns half of each control's range; 1 where it has none."""
+    return 0.5 * np.where(np.isfinite(high - low), high - low, 2.0)
