@@ -9,13 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.bounded_step import LinearPolicy, divergence
+from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.settings import with_values
 from vgps_ros.search import mdgps
+from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 
 # Its dynamics are linear and its cost is quadratic, so that the optimum is that of a regulator.
@@ -107,3 +110,39 @@ def test_a_linear_network_is_its_own_linearisation(rng):
     assert_allclose(near.covariances[:, 0, 0], policy.noise_std[0] ** 2)
     ahead = motion.states[:-1] @ weights.T + bias - motion.controls
     assert_allclose(near.feedforward, ahead, rtol=1e-9, atol=1e-12)
+
+
+def test_a_situation_whose_rollouts_diverge_keeps_its_q_and_says_so():
+    settings = with_values(search_settings(ROTOR), {**PLAIN, "mirror.dynamics": "fitted"})
+    work = Workspace(ROTOR, settings, 5, partial(optimize_all, ROTOR), (), mdgps.begin)
+    first = mdgps.mdgps(work, None, 1)
+    # Controls beyond all measure drive the rotor past what counts as a state.
+    wild = dataclasses.replace(first.policy, noise_std=np.array([1e7]))
+    work.take_warnings()  # of the first steps
+    found = mdgps.mdgps(work, dataclasses.replace(first, policy=wild), 2)
+    assert found.solutions == first.solutions
+    (warning,) = work.take_warnings()
+    assert "Solution 0 of iteration 2 stays as it was: Too few rollouts" in warning
+    assert found.policy.noise_std < 10.0  # it learns from q all the same
+
+
+def test_first_rollouts_that_diverge_end_the_run():
+    with pytest.raises(DivergenceError, match=r"lower mirror\.exploration"):
+        run(mirror__dynamics="fitted", mirror__exploration=(1e6,))
+
+
+@pytest.mark.parametrize("dynamics", ["model", "fitted"])
+def test_a_run_that_was_stopped_ends_with_the_same_bits(tmp_path, dynamics):
+    settings = with_values(
+        search_settings(ROTOR), {**PLAIN, "iterations": 4, "mirror.dynamics": dynamics}
+    )
+    solve = partial(optimize_all, ROTOR)
+    whole = list(search("mdgps", ROTOR, settings, 5, solve))
+    started = search("mdgps", ROTOR, settings, 5, solve, Checkpoints(tmp_path))
+    next(started), next(started)
+    started.close()
+    again = list(search("mdgps", ROTOR, settings, 5, solve, Checkpoints(tmp_path)))
+    assert [i.k for i in again] == [2, 3, 4]
+    for one, other in zip(whole[1:], again, strict=True):
+        assert one.policy.parameters.tobytes() == other.policy.parameters.tobytes()
+        assert one.simulator_steps == other.simulator_steps

@@ -269,7 +269,10 @@ def _linear_model(
     space, now = here.dynamics.space, recent[-1]
     rng = generator(work.seed, Stream.DYNAMICS_DERIVATIVES, *place)
     if len(now.states) < (1 if q and work.settings.mirror.dynamics == "model" else 2):
-        raise DivergenceError("Too few rollouts are left, since most diverged; lower kl_bound.")
+        raise DivergenceError(
+            "Too few rollouts are left, since most diverged: lower mirror.exploration or "
+            "mirror.kl_bound."
+        )
     known = mean_trajectory(space, now.states, now.controls[:, :-1])
     following = known.states[-1:]  # the state after the last control has no cost, and no part here
     mean = Trajectory(np.concatenate([known.states, following]), now.controls.mean(axis=0))

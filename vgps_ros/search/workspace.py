@@ -209,6 +209,7 @@ class Workspace:
         return [
             visited_targets(q, here.observation, rollouts.states, limit, rollouts.controls)
             for q, here, rollouts in zip(scored, self.tasks, draws, strict=True)
+            if len(rollouts.states)
         ]
 
     def fit_samples(
