@@ -113,7 +113,7 @@ def test_candidates_are_learned_side_by_side_until_the_likeliest_goes_on(
         QUICK, iterations=iterations, candidates=3, candidate_iterations=candidate_iterations,
         alphas=(1e4,), alpha_iterations=(0,),  # sharp distributions, so that fits differ
     )  # fmt: skip
-    work = Workspace(short_swimmer, settings, 0, partial(optimize_all, short_swimmer))
+    work = Workspace(short_swimmer, settings, 1, partial(optimize_all, short_swimmer))
     before = vgps(work, vgps(work, None, 1), 2)
     assert len({pair.policy.parameters.tobytes() for pair in before.pairs}) == 3
     assert len({pair.solutions[0].cost for pair in before.pairs}) == 3
