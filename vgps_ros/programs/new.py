@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
-    from vgps_ros.tasks.new_task import first_task_file, things_beside_legs
+    from vgps_ros.tasks.new_task import first_task_file
+    from vgps_ros.tasks.robot_kind import things_beside_legs
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
 
