@@ -4,10 +4,6 @@
 import numpy as np
 
 from vgps_ros.core.checks import Array
-from vgps_ros.core.compilation import compiled
-
-# Variance that is left to a coordinate, as a share of its own, below which it is rounding.
-_ROUNDING = 1e-11
 
 
 def log_density(deviations: Array, covariances: Array) -> Array:
@@ -33,34 +29,12 @@ def covariance_roots(covariances: Array) -> Array:
     noise, or where rounding has made its smallest eigenvalue negative: each next column takes the
     coordinate that has most of its variance left, until what is left is rounding.
     """
+    from vgps_ros.core.compiled_gaussians import pivoted_roots
+
     roots = np.empty_like(covariances)
     n = covariances.shape[-1]
-    _pivoted_roots(covariances.reshape(-1, n, n), roots.reshape(-1, n, n))
+    pivoted_roots(covariances.reshape(-1, n, n), roots.reshape(-1, n, n))
     return roots
-
-
-@compiled
-def _pivoted_roots(covariances, roots):  # type: ignore[no-untyped-def]  # pragma: no cover
-    n = roots.shape[1]
-    column = np.empty(n)
-    for covariance, root in zip(covariances, roots):  # noqa: B905 - numba has no strict
-        left, is_open = covariance.copy(), np.ones(n, dtype=np.bool_)
-        root[:] = 0.0 * covariance  # what is not finite stays so
-        for k in range(n):
-            pivot, most = -1, _ROUNDING
-            for i in range(n):
-                if is_open[i] and left[i, i] > most * covariance[i, i]:
-                    pivot, most = i, left[i, i] / covariance[i, i]
-            if pivot < 0:
-                break
-            scale = 1.0 / np.sqrt(left[pivot, pivot])
-            for i in range(n):
-                root[i, k] = column[i] = scale * left[pivot, i] if is_open[i] else 0.0
-            is_open[pivot] = False
-            for i in range(n):
-                if is_open[i]:
-                    for j in range(n):
-                        left[i, j] -= column[i] * column[j]
 
 
 def entropy(covariances: Array) -> Array:

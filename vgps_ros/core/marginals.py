@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.checks import LARGEST_ROUNDING
-from vgps_ros.core.compilation import compiled
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
@@ -95,12 +94,14 @@ def state_covariances(
     Raises:
         DivergenceError: a standard deviation passes STD_BOUND, or rounding has the upper hand.
     """
+    from vgps_ros.core.compiled_gaussians import propagate
+
     horizon, n_dx, _ = linear.f_x.shape
     closed_loop = linear.f_x + linear.f_u @ gains
     noise = linear.f_u @ control_covariances @ np.swapaxes(linear.f_u, 1, 2)
     noise[:, np.arange(n_dx), np.arange(n_dx)] += spread.dynamics_std**2
     sigma = np.empty((horizon + 1, n_dx, n_dx))
-    _propagate(np.diag(spread.initial_std**2), closed_loop, noise, spread.std_limit, sigma)
+    propagate(np.diag(spread.initial_std**2), closed_loop, noise, spread.std_limit, sigma)
     # Written so that a NaN raises the error too.
     exploded = ~(np.diagonal(sigma, axis1=1, axis2=2).max(axis=1) <= STD_BOUND**2)
     if exploded.any():
@@ -281,21 +282,3 @@ def _check_rounding(sigma: Array, gains: Array) -> None:
             "ddp.regularization_floor.",
             "exploding_marginals",
         )
-
-
-@compiled
-def _propagate(initial, closed_loop, noise, limit, sigma):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes Σ_1 … Σ_{T+1}: [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
-
-    Coordinates are scaled down to their limit, and keep their correlations.
-    """
-    here, scale = initial, np.empty(len(limit))
-    for t in range(len(sigma)):
-        for i in range(len(limit)):
-            std = np.sqrt(here[i, i])
-            scale[i] = 1.0 if std <= limit[i] else limit[i] / std
-        for i in range(len(limit)):
-            for j in range(len(limit)):
-                sigma[t, i, j] = scale[i] * scale[j] * here[i, j]
-        if t < len(noise):
-            here = closed_loop[t] @ sigma[t] @ closed_loop[t].T + noise[t]
