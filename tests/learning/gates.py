@@ -126,9 +126,10 @@ GATES = {
         ddp_iterations=200,
         converged={0: 471.414, 1: 450.574},
         beyond=2,
-        cost=1.2,  # 1.089; the first policy of seed 0 has 1.28
-        cost_beyond=1.3,  # 0.903
-        survival=0.6,  # 0.85
+        # Of seeds 0 to 3, measured anew; in brackets seed 3, which falls beyond the motion.
+        cost=1.2,  # 1.089 (0.973); the first policy of seed 0 has 1.28
+        cost_beyond=1.3,  # 0.847 (3.438)
+        survival=0.6,  # 0.95 (0.4)
     ),
 }
 
