@@ -46,7 +46,7 @@ def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
     good, better = Tried(None, 3, 0.9, 0.5), Tried(None, 4, 0.95, 0.7)
     assert better.beats(good)
     assert not good.beats(better)
-    closer = replace(good, squared_error=0.4)
+    closer = replace(good, loss=0.4)
     assert closer.beats(good)
     assert not good.beats(closer)
     assert replace(good, k=5).beats(good)
@@ -61,11 +61,11 @@ def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings)
 def test_the_same_policy_is_tried_in_the_same_rollouts_in_each_iteration(task, settings):
     (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
     first, second = (tried(task, settings, 0, last.policy, k) for k in (3, 4))
-    assert (first.success, first.squared_error) == (second.success, second.squared_error)
+    assert (first.success, first.loss) == (second.success, second.loss)
     other = tried(task, settings, 1, last.policy, 3)
-    assert other.squared_error != first.squared_error
+    assert other.loss != first.loss
     idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
-    assert tried(task, settings, 0, idle, 3).squared_error > first.squared_error
+    assert tried(task, settings, 0, idle, 3).loss > first.loss
 
 
 def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp_path, monkeypatch):
@@ -98,10 +98,10 @@ def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):
     idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
     one, other = (tried(task, settings, 0, policy, 4) for policy in (last.policy, idle))
     assert one.success == other.success == 1.0  # nothing is a fall
-    best, worse = sorted((one, other), key=lambda each: each.squared_error)
-    assert 0.0 < best.squared_error < worse.squared_error
+    best, worse = sorted((one, other), key=lambda each: each.loss)
+    assert 0.0 < best.loss < worse.loss
     assert best.beats(worse)
     assert not worse.beats(best)
     hangs = task.cost(task.initial_state[None], np.zeros((1, 1))).mean()
-    assert other.squared_error == pytest.approx(hangs, rel=0.1)  # a step that never moves
+    assert other.loss == pytest.approx(hangs, rel=0.1)  # a step that never moves
     assert "in each step of 5 rollouts" in one.told(task, settings)

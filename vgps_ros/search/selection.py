@@ -32,18 +32,19 @@ class Tried:
         policy: the policy.
         k: the iteration that it is of.
         success: share of the rollouts that are up and obey at their end.
-        squared_error: mean of (e / range)² over the commands and the steps that count, inf where
-            no step counts; of a task without commands the mean cost of a step.
+        loss: what tells policies of equal success apart: the mean of (e / range)² over the commands
+            and the steps that count, inf where no step counts; of a task without commands the mean
+            cost of a step.
     """
 
     policy: GaussianPolicy
     k: int
     success: float
-    squared_error: float
+    loss: float
 
     def beats(self, other: "Tried") -> bool:
         """Returns whether it is to be kept rather than an earlier one."""
-        mine, theirs = (self.success, -self.squared_error), (other.success, -other.squared_error)
+        mine, theirs = (self.success, -self.loss), (other.success, -other.loss)
         return mine >= theirs
 
     def told(self, task: Task, settings: SearchSettings) -> str:
@@ -54,7 +55,7 @@ class Tried:
             return f"{done} of {settings.keep.rollouts} rollouts{pushed}"
         of = f"of {settings.keep.rollouts} rollouts of {settings.keep.seconds:g} s"
         up = f"stayed up in {100 * self.success:.0f} % and " if task.fallen.lowest.size else ""
-        return f"{up}cost {self.squared_error:.3g} in each step {of}"
+        return f"{up}cost {self.loss:.3g} in each step {of}"
 
 
 def is_tried(settings: SearchSettings, k: int) -> bool:
