@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from tests.nodes.conftest import told  # noqa: F401
+from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner, adjustable
+from vgps_ros.core.records import Trajectory
+from vgps_ros.search.mpc import MpcSettings, Plan, PlanFollower, Planner, adjustable
 from vgps_ros.tasks import make_task
 
 
@@ -62,6 +64,23 @@ def test_a_plan_that_the_robot_has_left_gives_way_to_a_cheaper_motion(planner, f
     plan = planner.next_plan(lost, state, 5)
     resting = swimmer.dynamics.rollout(state, lambda *_: np.zeros(2), planner.steps)
     assert plan.cost < swimmer.trajectory_cost(resting)
+
+
+def test_where_a_plan_has_ended_servos_hold_their_place():
+    task = make_task("quadruped")
+    planner = Planner(task, MpcSettings(horizon=0.2, ddp=task.optimizer.ddp))
+    start = task.initial_state
+    wild = np.full((1, task.dynamics.control_dim), 2.0)  # a plan of one step that nobody needs
+    states = np.stack([start, task.dynamics.step(start, wild[0])])
+    gains = np.zeros((1, task.dynamics.control_dim, task.dims["n_dx"]))
+    ended = Plan(0, Trajectory(states, wild), gains, 0.0, Status.CONVERGED)
+    plan = planner.next_plan(ended, start, 1)
+    held = np.tile(task.controls.resting(start), (planner.steps, 1))
+    still = Trajectory(task.dynamics.replay(start, held[None])[0], held)
+    context = task.signals.held(task.signals.rest, planner.steps)
+    assert (
+        plan.cost <= task.in_context(context).cost.starting_at(1, planner.steps).values(still).sum()
+    )
 
 
 def test_the_policys_weight_draws_a_plan_to_its_controls(swimmer, first):

@@ -9,8 +9,8 @@ plans the robot follows
 so that a plan which comes late is made up for by its gains. The next plan improves the cheapest of
 some motions on the true dynamics from the new state: the old plan, followed with its gains and
 continued by the tail; another motion with gains, where one is known; and the tail alone, which
-brings back a robot that the plan has lost. The tail is the learned policy's motion, or no control
-where there is no policy.
+brings back a robot that the plan has lost. The tail is the learned policy's motion, or where
+there is no policy that of controls at rest: motors without torque, servos that hold their place.
 
 `PlanFollower` answers states with feedback along the newest plan, and `AdjustableCost` has the
 targets and weights that may be changed while plans are made.
@@ -203,14 +203,15 @@ class Planner:
         )
 
     def _tail(self, state: Array, policy: GaussianPolicy | None, context: Array) -> Trajectory:
-        """Returns the policy's motion from a state, or that of no control, over a context."""
-        task, count = self._task, len(context)
-        zero = np.zeros((count, task.dynamics.control_dim))
+        """Returns the motion from a state, over a context, of the policy or of controls at rest."""
+        task, dynamics = self._task, self._task.dynamics
         if policy is None:
-            return task.dynamics.rollout(state, lambda t, _: zero[t], count)
-        start, noise = state[None], zero[None]
-        observation = task.observation.within(context)
-        states, controls = task.dynamics.execute(policy, observation, start, noise)
+            controls = np.tile(task.controls.resting(state), (1, len(context), 1))
+            states = dynamics.replay(state, controls)
+        else:
+            noise = np.zeros((1, len(context), dynamics.control_dim))
+            observation = task.observation.within(context)
+            states, controls = dynamics.execute(policy, observation, state[None], noise)
         return Trajectory(states[0], controls[0])
 
     def _cost(self, step: int, policy: GaussianPolicy | None, context: Array) -> TrajectoryCost:
