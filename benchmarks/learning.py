@@ -10,13 +10,17 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from scipy.stats import linregress
+from scipy.stats import t as student_t
 
-from benchmarks.problems import SEED
-from benchmarks.timing import Comparison
+from benchmarks.problems import SEED, chain
+from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy_cost import PolicyCost
 from vgps_ros.search.methods import search
+from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import search_settings
-from vgps_ros.search.trajectory_optimization import optimize_all
+from vgps_ros.search.solver_processes import SolverProcesses
+from vgps_ros.search.trajectory_optimization import Outcome, optimize_all
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
 
@@ -32,9 +36,11 @@ PARTS = {
 }
 SEARCHES = {"swimmer": 5, "walker": 10}  # task: hidden units
 HORIZONS = (100, 200, 500, 1000, 2000, 4000)
-HIDDEN_UNITS = (5, 10, 50, 100, 500)
-INITIAL_STATES = (1, 2, 4, 8, 16)
-EXPONENT_LIMIT = 1.15  # of a growth that is called linear
+HIDDEN_UNITS = (5, 16, 64, 128, 256)
+SITUATIONS = (1, 4, 16, 32, 64)
+LINKS = (2, 5, 10, 20, 35)  # of a chain, which has twice as many states
+LINEAR, CUBIC = 1.0, 3.0
+_TOLERANCE = 0.15  # of an exponent
 _ITERATIONS = 4  # of each search; the first is not counted
 
 
@@ -81,30 +87,52 @@ def _timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, function)
 
 
+def workers() -> Iterator[Comparison]:
+    """The solves of an iteration of the quadruped's 24 situations: two processes against one."""
+    task, asked = make_task("quadruped"), list[Sequence[OptimizationRequest]]()
+    make = partial(make_task, task.name)
+    with SolverProcesses(make, 1) as one, SolverProcesses(make, 2) as two:
+
+        def solve(requests: Sequence[OptimizationRequest]) -> list[Outcome]:
+            asked.append(requests)
+            return two.optimize_all(requests)
+
+        for _ in search("vgps", task, replace(search_settings(task), iterations=1), SEED, solve):
+            pass
+        yield compare(
+            f"quadruped: solves of {len(asked[-1])} situations, two processes / one",
+            partial(two.optimize_all, asked[-1]),
+            partial(one.optimize_all, asked[-1]),
+            0.55,
+            repetitions=5,
+        )
+
+
 def growth() -> Iterator[Comparison]:
-    """Time of an iteration against horizon, hidden units and initial states; exponents."""
+    """Time of an iteration against horizon, situations, hidden units and states; exponents."""
     swimmer = make_task("swimmer")
-    quick = {"initial_ddp_iterations": 2, "evaluation_rollouts": 1}
-    cases: dict[str, tuple[Sequence[int], Callable[[int], float]]] = {
-        "horizon": (HORIZONS, lambda n: _iteration_seconds(replace(swimmer, horizon=n), **quick)),
-        "initial states": (
-            INITIAL_STATES,
-            lambda n: _iteration_seconds(swimmer, situations=n, **quick),
-        ),
-        "hidden units": (
-            HIDDEN_UNITS,
-            lambda n: _iteration_seconds(swimmer, hidden_units=(n,), **quick),
-        ),
+
+    def seconds(task: Task = swimmer, **settings: Any) -> float:
+        settings = {"initial_ddp_iterations": 2, "evaluation_rollouts": 1, **settings}
+        return _iteration_seconds(task, **settings)
+
+    cases: dict[str, tuple[Sequence[int], float, Callable[[int], float]]] = {
+        "swimmer: horizon": (HORIZONS, LINEAR, lambda n: seconds(replace(swimmer, horizon=n))),
+        "swimmer: situations": (SITUATIONS, LINEAR, lambda n: seconds(situations=n)),
+        "swimmer: hidden units": (HIDDEN_UNITS, LINEAR, lambda n: seconds(hidden_units=(n,))),
+        "chain: states": ([2 * n for n in LINKS], CUBIC, lambda n: seconds(chain(n // 2))),
     }
-    for name, (sizes, measure) in cases.items():
+    for name, (sizes, expected, measure) in cases.items():
         times = [measure(n) for n in sizes]
-        exponent = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+        found = linregress(np.log(sizes), np.log(times))
+        half = student_t.ppf(0.975, len(sizes) - 2) * found.stderr
         yield Comparison(
-            f"swimmer: exponent of an iteration's time over {name} / linear",
-            exponent,
-            1.0,
-            EXPONENT_LIMIT,
+            f"{name}: exponent of an iteration's time / {expected:g}",
+            found.slope,
+            expected,
+            1.0 + _TOLERANCE / expected,
             unit="",
+            remark=f"exponent {found.slope:.2f} ± {half:.2f} (95 %), {sizes[0]} to {sizes[-1]}",
             curve=tuple(zip(sizes, times, strict=True)),
         )
 

@@ -48,7 +48,7 @@ def optimizers() -> Iterator[Comparison]:
 
 def _growth(name: str, one: float, two: float) -> Comparison:
     return Comparison(
-        f"swimmer: exponent of {INITIAL_STATES} solves' time over {name} / ideal",
+        f"swimmer, {name}: exponent of {INITIAL_STATES} solves' time / ideal",
         math.log2(two / one),
         -1.0,
         None,

@@ -3,6 +3,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -57,6 +59,41 @@ def moving(name: str) -> tuple[Task, Trajectory]:
     """Returns a task and a motion that a few iterations have found."""
     task = make_task(name)
     return task, optimize(task, 5).distribution.mean
+
+
+_CHAIN = """
+model: chain.xml
+control_period: 0.02
+horizon: 2.0
+start: {std: {position: 0.05, velocity: 0.05}}
+sensors:
+  end: {type: framepos, body: link}
+cost:
+  - {sensor: end, index: z, target: 0.1, weight: 100.0}
+  - {control: all, weight: 0.01}
+begin: {law: noise, std: 0.1}
+"""
+
+
+def chain(links: int) -> Task:
+    """Returns a chain that hangs by one hinge and has a motor in each; n_dx is twice its links."""
+    body = (
+        '<body{} pos="{} 0 0"><joint name="hinge{}" axis="0 1 0" damping="0.1"/>'
+        '<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.02" contype="0" conaffinity="0"/>'
+    )
+    bodies = "".join(
+        body.format(' name="link"' if i == links - 1 else "", 0.1 if i else 0, i)
+        for i in range(links)
+    )
+    motors = "".join(f'<motor name="motor{i}" joint="hinge{i}"/>' for i in range(links))
+    mjcf = (
+        '<mujoco><option timestep="0.02" gravity="9.81 0 0" integrator="implicitfast"/><worldbody>'
+        f"{bodies}{'</body>' * links}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+    with TemporaryDirectory() as folder:
+        Path(folder, "chain.xml").write_text(mjcf)
+        Path(folder, "task.yaml").write_text(_CHAIN)
+        return make_task(str(Path(folder, "task.yaml")))
 
 
 def linear_quadratic(n_x: int, n_u: int, horizon: int) -> tuple[LinearDynamics, CostExpansion]:

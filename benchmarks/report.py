@@ -52,7 +52,7 @@ def growth_figure(rows: Sequence[Comparison]) -> Figure:
         axes.loglog(sizes, seconds, "o-", label=f"measured, exponent {row.ours:.2f}")
         peer = [seconds[-1] * (size / sizes[-1]) ** row.peer for size in sizes]
         axes.loglog(sizes, peer, ":", color="black", label=f"exponent {row.peer:g}")
-        axes.set_xlabel(row.name.partition("time over ")[2].partition(" /")[0])
+        axes.set_xlabel(row.name.partition(": exponent")[0])
         axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
         axes.minorticks_off()
         axes.legend(fontsize=8)

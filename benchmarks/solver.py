@@ -2,6 +2,7 @@
 """Benchmarks of trajectory optimisation."""
 
 import os
+import statistics
 import subprocess
 import sys
 import time
@@ -15,14 +16,16 @@ import numpy as np
 
 from benchmarks.centred_dynamics import CentredDynamics, ForwardDynamics
 from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
-from benchmarks.timing import Comparison, compare, compare_in_turns
+from benchmarks.timing import Comparison, compare, compare_in_turns, seconds
 from vgps_ros.core.ddp.backward_pass import backward_pass
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.search.mpc import MpcSettings, Planner
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
 
 SIZES = ((10, 2, 500), (18, 6, 460))
+_PLANS = 50
 CLOSE = 1.01  # a trajectory has converged whose cost is within 1 % of the last one
 
 
@@ -204,6 +207,22 @@ def _error(found: LinearDynamics, expected: LinearDynamics) -> str:
         ]
     )
     return f"{np.median(errors):.1e} (median over steps), {np.quantile(errors, 0.9):.1e} (90 %)"
+
+
+def plans() -> Iterator[Comparison]:
+    """Plans of half a second that mpc makes in a second, without a graph, against 100."""
+    for name in ("quadruped", *reversed(TASKS)):
+        task = make_task(name)
+        planner = Planner(task, MpcSettings())
+        plan = planner.first_plan()
+        states = plan.trajectory.states
+
+        def next_plan(planner=planner, plan=plan, states=states) -> None:  # type: ignore[no-untyped-def]
+            planner.next_plan(plan, states[2], 2)
+
+        next_plan()
+        took = statistics.median(seconds(next_plan) for _ in range(_PLANS))
+        yield Comparison(f"{name}: plans a second / 100", 1.0 / took, 100.0, 1.0, unit="/s")
 
 
 def convergence() -> Iterator[Comparison]:
