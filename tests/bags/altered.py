@@ -28,6 +28,7 @@ def main(arguments):
     vgps(["bag", *arguments])
 
 
+@cache
 def definitions_of(bag: Path) -> dict[str, str]:
     """The definition of each type, as the bag holds it."""
     (file,) = bag.glob("*.mcap")
@@ -41,30 +42,31 @@ def copy(target: Path, change, attachments: bool = True, **parameters) -> Path:
 
     Keyword arguments are added to the executor's recorded parameters, also where it speaks of them.
     """
-    changed = ((message, change(message)) for message in sample())
-    kept = [replace(message, data=data) for message, data in changed if data is not None]
+    kept = changed(change)
     for i, message in enumerate(kept):
         if message.topic == "/parameter_events":
             kept[i] = replace(message, data=_with_values(message.data, parameters))
     return rewritten(target, kept, attachments, **parameters)
 
 
-def without_some(target: Path, topic: str, gone) -> Path:
-    """Writes the sample without the messages of these numbers on a topic."""
+def changed(change, bag: Path = SAMPLE) -> list[BagMessage]:
+    """The messages of a bag, each as `change` has it; None leaves it out."""
+    found = ((message, change(message)) for message in messages_of(bag))
+    return [replace(message, data=data) for message, data in found if data is not None]
+
+
+def without(target: Path, topic: str, gone, bag: Path = SAMPLE) -> Path:
+    """Writes a bag again, without the messages of these numbers on a topic."""
     count = itertools.count()
-    return copy(target, lambda m: None if m.topic == topic and next(count) in gone else m.data)
+    kept = changed(lambda m: None if m.topic == topic and next(count) in gone else m.data, bag)
+    return write_bag(target, kept, bag)
 
 
 @cache
-def sample() -> tuple[BagMessage, ...]:
-    """The messages of the sample."""
-    with BagReader(SAMPLE) as bag:
-        return tuple(bag.messages())
-
-
-@cache
-def _schemas() -> dict[str, str]:
-    return definitions_of(SAMPLE)
+def messages_of(bag: Path = SAMPLE) -> tuple[BagMessage, ...]:
+    """The messages of a bag."""
+    with BagReader(bag) as reader:
+        return tuple(reader.messages())
 
 
 def rewritten(
@@ -75,42 +77,39 @@ def rewritten(
     Keyword arguments are added to the executor's recorded parameters; `texts` changes the text of
     an attachment.
     """
-    writer = BagWriter(target)
-    # The sample's definitions, since it may be older than the installed ones.
-    known = _schemas() | (definitions or {})
+
+    def told(name: str, text: str) -> str | None:
+        if name == "parameters.yaml":
+            content = yaml.safe_load(text)
+            content["/policy_executor"]["ros__parameters"].update(parameters)
+            text = yaml.safe_dump(content)
+        return (texts(text) if texts else text) if attachments else None
+
+    ordered = sorted(messages, key=lambda message: message.stamp)
+    return write_bag(target, ordered, told=told, definitions=definitions)
+
+
+def write_bag(
+    target: Path, messages, bag: Path = SAMPLE, told=lambda _, text: text, definitions=None
+) -> Path:
+    """Writes messages as a bag that has the topics and the attachments of another one.
+
+    `told` returns what an attachment of a name and a text becomes; None leaves it out. The
+    definitions are that bag's, which may be older than the installed ones, and those given.
+    """
+    known, writer = definitions_of(bag) | (definitions or {}), BagWriter(target)
     writer._definitions = SimpleNamespace(find=known.__getitem__)
-    with BagReader(SAMPLE) as bag:
-        for topic, kind in bag.topics.items():
-            writer.add_topic(topic, kind, bag.type_hashes[topic], bag.qos[topic])
-        if attachments:
-            for name, text in bag.attachments().items():
-                content = yaml.safe_load(text) if name == "parameters.yaml" else {}
-                if content:
-                    content["/policy_executor"]["ros__parameters"].update(parameters)
-                written = yaml.safe_dump(content) if content else text
-                writer.attach(name, texts(written) if texts else written, bag.start)
+    with BagReader(bag) as old:
+        for topic, kind in old.topics.items():
+            writer.add_topic(topic, kind, old.type_hashes[topic], old.qos[topic])
+        for name, text in old.attachments().items():
+            if (content := told(name, text)) is not None:
+                writer.attach(name, content, old.start)
     for topic, kind in {m.topic: m.kind for m in messages}.items():
         if topic not in writer.topics:
             writer.add_topic(topic, kind, "", [])
-    for message in sorted(messages, key=lambda message: message.stamp):
+    for message in messages:
         writer.write(message.topic, message.stamp, message.data)
-    writer.close()
-    return target
-
-
-def without(bag: Path, target: Path, topic: str, count: int) -> Path:
-    """Writes a bag again, without its first messages on a topic."""
-    definitions, writer = definitions_of(bag), BagWriter(target)
-    writer._definitions = SimpleNamespace(find=definitions.__getitem__)
-    with BagReader(bag) as given:
-        for name, kind in given.topics.items():
-            writer.add_topic(name, kind, given.type_hashes[name], given.qos[name])
-        for name, text in given.attachments().items():
-            writer.attach(name, text, given.start)
-        for message in given.messages():
-            count -= (is_left_out := message.topic == topic and count > 0)
-            if not is_left_out:
-                writer.write(message.topic, message.stamp, message.data)
     writer.close()
     return target
 

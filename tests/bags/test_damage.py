@@ -14,7 +14,6 @@ from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.reader import storage_files
 from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.files import read_yaml
 
 
 @pytest.mark.slow
@@ -85,28 +84,3 @@ def test_a_pipe_and_a_device_are_no_files_of_a_bag(tmp_path):
     (tmp_path / "bag_1.mcap").symlink_to("/dev/zero")
     with pytest.raises(InvalidInputError, match="is not a bag"):
         BagReader(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[" * 10_000,
-        "- 1\n- ]",
-        "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\n"
-        + "".join(
-            f"{b}: &{b} [{', '.join(9 * ['*' + a])}]\n"
-            for a, b in zip("abcdefgh", "bcdefghi", strict=True)
-        ),
-        "a: &a [*a]",
-        "!!python/object/apply:os.system ['true']",
-        "\x02",
-    ],
-)
-def test_untrusted_yaml_is_read_within_limits_or_refused(text):
-    with pytest.raises(InvalidInputError, match=r"^It is no YAML that can be read: .*\.$"):
-        read_yaml(text, "It")
-
-
-def test_plain_yaml_is_read_with_its_aliases():
-    assert read_yaml("a: &a [1, 2]\nb: *a", "It") == {"a": [1, 2], "b": [1, 2]}
-    assert read_yaml("", "It") is None

@@ -3,17 +3,17 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.bags.altered import SAMPLE, copy, definitions_of, without_some
+from tests.bags.altered import SAMPLE, copy, messages_of, without, write_bag
 from tests.bags.damage import small_bag
-from vgps_ros.bags import BagReader, BagWriter, episode
+from vgps_ros.bags import BagReader, episode
 from vgps_ros.bags.mcap_file import McapFile
 from vgps_ros.bags.reader import storage_files
 from vgps_ros.programs.__main__ import main as vgps
@@ -93,20 +93,18 @@ def test_a_reset_begins_an_episode_with_torques_of_its_own(
 ):
     """The whole run comes twice; torques are read from the states or from what answered them."""
     monkeypatch.setattr(episode, "controls_are_forces", lambda _: by_efforts)
-    writer = BagWriter(tmp_path / "bag")
-    writer._definitions = SimpleNamespace(find=definitions_of(SAMPLE).__getitem__)
+    of_robot = [m for m in messages_of() if m.topic in ("/joint_states", "/joint_command")]
+    length = of_robot[-1].stamp - of_robot[0].stamp + 10**9
+    again = [
+        replace(
+            m, stamp=m.stamp + length, data=half_the_torque(m.data) if "comm" in m.topic else m.data
+        )
+        for m in of_robot
+    ]
+    bag_path = write_bag(tmp_path / "bag", [*of_robot, *again])
     with BagReader(SAMPLE) as bag:
         model = compile_model(bag.mjcf())
-        for topic in ("/robot_description", "/joint_states", "/joint_command"):
-            writer.add_topic(topic, bag.topics[topic], bag.type_hashes[topic], bag.qos[topic])
-        for later in (0, bag.duration + 10**9):
-            for message in bag.messages(["/joint_states", "/joint_command"]):
-                changed = message.data
-                if later and message.topic == "/joint_command":
-                    changed = half_the_torque(changed)
-                writer.write(message.topic, message.stamp + later, changed)
-    writer.close()
-    with BagReader(tmp_path / "bag") as bag:
+    with BagReader(bag_path) as bag:
         found = episode.episodes(bag, model)
     assert [len(each.time) for each in found] == [len(motion.time)] * 2
     halved = 1.0 if by_efforts else 0.5
@@ -121,12 +119,12 @@ def half_the_torque(data):
 
 def paused(folder):
     """The sample of a recorder that was paused for a second."""
-    return without_some(folder, "/joint_states", range(200, 250))
+    return without(folder, "/joint_states", range(200, 250))
 
 
 def without_answers(folder):
     """The sample without the commands of a second."""
-    return without_some(folder, "/joint_command", range(200, 250))
+    return without(folder, "/joint_command", range(200, 250))
 
 
 def damaged(folder):

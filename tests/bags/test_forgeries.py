@@ -12,7 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from tests.bags.altered import _STORE, SAMPLE, rewritten, sample
+from tests.bags.altered import _STORE, SAMPLE, messages_of, rewritten
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import UNPROVED, BagCheck, check_bag
 from vgps_ros.bags.reader import BagMessage
@@ -43,7 +43,7 @@ def serialized(content):
 def joints(change, *topics):
     """The sample, where messages of these topics become what `change` makes of them."""
     messages = []
-    for message in sample():
+    for message in messages_of():
         data = message.data
         if message.topic in topics:
             content = joint_state(data)
@@ -175,14 +175,14 @@ def cut_out(closed):
             put_stamp(content, stamp - 5 * 10**9)
         return replace(message, data=serialized(content))
 
-    return [kept for message in sample() if (kept := keep(message))]
+    return [kept for message in messages_of() if (kept := keep(message))]
 
 
 def policies(first, factor):
     """The parameters of the policies from an iteration on are scaled."""
     changed = []
     with BagReader(SAMPLE) as bag:
-        for message in sample():
+        for message in messages_of():
             data = message.data
             if message.topic == "/policy" and (told := bag.decode(message)).iteration in first:
                 old = np.array(told.parameters)
@@ -195,7 +195,7 @@ def policies(first, factor):
 def costs(name):
     changed = []
     with BagReader(SAMPLE) as bag:
-        for message in sample():
+        for message in messages_of():
             data = message.data
             if (
                 message.topic == "/learning_progress"
@@ -223,7 +223,7 @@ def no_torque():
 
 def longer_link():
     messages = []
-    for message in sample():
+    for message in messages_of():
         data = message.data
         if message.topic == "/robot_description":
             text = deserialize_message(data, String).data
@@ -235,7 +235,7 @@ def longer_link():
 
 
 def later():
-    return [replace(message, stamp=message.stamp + YEAR) for message in sample()]
+    return [replace(message, stamp=message.stamp + YEAR) for message in messages_of()]
 
 
 def moved():
@@ -262,14 +262,14 @@ FOLLOW = "states do not follow from the state and the control before them"
 POLICY = "controls are not what the policy gives"
 COST = "costs without noise are not the policies'"
 WRONG = {
-    "root times ten": (root_times_ten, FOLLOW),
+    "root times ten": (root_times_ten, f"{FOLLOW}: at 0.020 s root_x/position is"),
     "states fabricated and controls recomputed": (fabricated, FOLLOW),
     "times that creep": (creeping_times, FOLLOW),
     "five seconds cut out and times closed": (lambda: cut_out(True), FOLLOW),
     "the policy that drove scaled": (lambda: policies({4}, 1.01), POLICY),
     "an earlier policy scaled": (lambda: policies({2}, 1.01), COST),
     "costs of policies changed": (lambda: costs("deterministic_cost"), COST),
-    "a torque zeroed by a safe action": (no_torque, FOLLOW),
+    "a torque zeroed by a safe action": (no_torque, f"1 {FOLLOW}"),
     "a longer link": (longer_link, FOLLOW),
     "efforts changed": (other_efforts, "tell efforts that are not those of their controls"),
     "a push that excuses": (excused_by_a_push, FOLLOW),
@@ -279,7 +279,7 @@ NAMED = {
 }
 SAID = {
     "a year later": (later, "when, where and by whom it was recorded"),
-    "another commit": (sample, "the commit"),
+    "another commit": (messages_of, "the commit"),
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),
     "all moved by a metre": (moved, "the first state of a motion"),

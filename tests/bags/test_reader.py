@@ -6,25 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.bags.damage import SAMPLE
-from vgps_ros.bags import BagReader, BagWriter
+from tests.bags.altered import messages_of, write_bag
+from vgps_ros.bags import BagReader
 from vgps_ros.core.errors import InvalidInputError
 
 
 def copied(path: Path, namespaces: tuple[str, ...], wanted: tuple[str, ...]) -> Path:
     """Writes some topics of the sample once for each namespace, which may be empty."""
-    writer = BagWriter(path)
-    with BagReader(SAMPLE) as bag:
-        topics = [topic for topic in bag.topics if topic.rpartition("/")[2] in wanted]
-        for namespace in namespaces:
-            for topic in topics:
-                kind, type_hash = bag.topics[topic], bag.type_hashes[topic]
-                writer.add_topic(namespace + topic, kind, type_hash, bag.qos[topic])
-        for message in bag.messages(topics):
-            for namespace in namespaces:
-                writer.write(namespace + message.topic, message.stamp, message.data)
-    writer.close()
-    return path
+    messages = [m for m in messages_of() if m.topic.rpartition("/")[2] in wanted]
+    return write_bag(path, [replace(m, topic=ns + m.topic) for m in messages for ns in namespaces])
 
 
 def test_of_several_robots_one_must_be_chosen_by_its_namespace(tmp_path):

@@ -11,8 +11,9 @@ from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Signals as SignalsMsg
 
+from tests.bags.altered import changed, write_bag
 from tests.nodes.conftest import PATIENCE, graph, told  # noqa: F401
-from vgps_ros.bags import BagReader, BagWriter
+from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import stamp_of
@@ -20,23 +21,8 @@ from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 
-def rewritten(bag, target, change):
-    """Writes a bag again, each message as `change` has it, or without it."""
-    writer = BagWriter(target)
-    with BagReader(bag) as old:
-        for topic, kind in old.topics.items():
-            writer.add_topic(topic, kind, old.type_hashes[topic], old.qos[topic])
-        for name, text in old.attachments().items():
-            writer.attach(name, text, old.start)
-        for message in old.messages():
-            if (data := change(message)) is not None:
-                writer.write(message.topic, message.stamp, data)
-    writer.close()
-    return target
-
-
 def altered(change, time=None):
-    """Returns what `rewritten` takes: the values of contexts at a time [s], or all, are changed."""
+    """Returns what `changed` takes: the values of contexts at a time [s], or all, are changed."""
 
     def apply(message):
         if message.topic != "/context":
@@ -48,6 +34,11 @@ def altered(change, time=None):
         return serialize_message(context)
 
     return apply
+
+
+def rechecked(bag, target, change):
+    """Checks the bag whose messages are as `change` has them."""
+    return check_bag(write_bag(target, changed(change, bag), bag))
 
 
 def tells_what_was_commanded(found):
@@ -99,14 +90,14 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
     def turn(values):
         values[2], values[3] = values[3], -values[2]  # a quarter of a turn
 
-    wrong = check_bag(rewritten(bag, tmp_path / "turned", altered(turn, 0.4))).wrong
+    wrong = rechecked(bag, tmp_path / "turned", altered(turn, 0.4)).wrong
     assert any("contexts are none that the executor tells" in words for words in wrong), wrong
     assert any("controls are not what the policy gives" in words for words in wrong), wrong
 
     def exceed(values):
         values[0] = 3.0
 
-    missing = check_bag(rewritten(bag, tmp_path / "exceeding", altered(exceed, 0.4))).missing
+    missing = rechecked(bag, tmp_path / "exceeding", altered(exceed, 0.4)).missing
     assert any("angle is 3" in words for words in missing), missing
 
     def instead(values):
@@ -114,13 +105,13 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
             values[0] = 0.25
 
     # Within its range, and with a clock and controls that somebody may have computed for it.
-    missing = check_bag(rewritten(bag, tmp_path / "other", altered(instead))).missing
+    missing = rechecked(bag, tmp_path / "other", altered(instead)).missing
     assert any("angle is 0.25" in words for words in missing), missing
 
     def without(message):
         return None if message.topic == "/cmd_vel" else message.data
 
-    missing = check_bag(rewritten(bag, tmp_path / "without", without)).missing
+    missing = rechecked(bag, tmp_path / "without", without).missing
     assert any("angle is 0.5" in words for words in missing), missing
 
     def to_map(message):
@@ -130,7 +121,7 @@ def test_the_clock_and_the_torques_agree_and_what_was_altered_is_found(bag, tmp_
         twist.header.frame_id = "map"
         return serialize_message(twist)
 
-    missing = check_bag(rewritten(bag, tmp_path / "to_map", to_map)).missing
+    missing = rechecked(bag, tmp_path / "to_map", to_map).missing
     assert any("angle is 0.5" in words for words in missing), missing
 
 
@@ -147,5 +138,5 @@ def test_a_command_that_was_too_old_is_at_rest_and_one_that_was_held_on_is_found
     def hold(values):
         values[0] = 0.5
 
-    missing = check_bag(rewritten(bag, tmp_path / "held", altered(hold))).missing
+    missing = rechecked(bag, tmp_path / "held", altered(hold)).missing
     assert any("angle is 0.5" in words for words in missing), missing

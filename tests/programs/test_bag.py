@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 from rerun.chunk import RrdReader
 
-from tests.bags.altered import SAMPLE, copy, fails, main, without_some
+from tests.bags.altered import SAMPLE, copy, fails, main, without
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.writer import repair
 from vgps_ros.core.errors import InvalidInputError
@@ -130,7 +130,7 @@ def test_a_bags_motion_becomes_a_demonstration_bit_for_bit(tmp_path):
 
 
 def test_what_is_missing_is_named_and_the_last_motion_becomes_a_table(tmp_path, capsys):
-    bag = without_some(tmp_path / "bag", "/joint_states", range(200, 250))
+    bag = without(tmp_path / "bag", "/joint_states", range(200, 250))
     for command, ending in (("table", "csv"), ("rerun", "rrd")):
         output = tmp_path / f"bag.{ending}"
         output.write_text("of before")

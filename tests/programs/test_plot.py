@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bags.altered import copy, without_some
+from tests.bags.altered import copy, without
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg
@@ -47,7 +47,7 @@ def fails(arguments, sentence):
 
 
 def test_what_is_missing_is_named(tmp_path, capsys, no_rendering):
-    bag = without_some(tmp_path / "bag", "/joint_states", range(200, 250))
+    bag = without(tmp_path / "bag", "/joint_states", range(200, 250))
     vgps(["plot", str(bag)])
     assert "Not whole: 50 states from 3.8" in capsys.readouterr().out
 

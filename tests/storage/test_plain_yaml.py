@@ -38,6 +38,7 @@ def test_many_values_are_read_where_they_stand_in_the_text():
         ("[" * 101 + "]" * 101, "nested too deeply"),
         ("[" * 5000, "is no YAML"),
         ("a: [1", "is no YAML"),
+        ("\x02", "is no YAML"),
         ("!!python/object/apply:os.system [ls]", "is no YAML .* could not determine a constructor"),
         ("? [1]\n: 2", "is no YAML .* unhashable"),
         ("a: 2026-99-99", "is no YAML .* month must be"),
