@@ -6,16 +6,32 @@
 It trains the policies that are missing, and writes a line of figures to runs.jsonl as each run ends
 and the table of all to table.md. Runs that have a line are not run again. All of it takes a quarter
 of an hour on two cores, and needs them for itself: on a busy machine deadlines are missed.
+
+The robot is simulated here, in the place of the node `simulation`, since it is pushed: at each push
+the velocity of its base changes at once, in a random direction. After a fall it starts anew.
 """
 
 import argparse
 import json
+import os
 import subprocess
-import sys
+import time
 from pathlib import Path
 from typing import Any
 
-from vgps_ros.tasks import task_file_of
+import numpy as np
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from vgps_msgs.msg import Plan
+
+from benchmarks.processes import Bench, bench
+from vgps_ros.core.errors import DivergenceError
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds
+from vgps_ros.messages.robot_state import StateMessages
+from vgps_ros.nodes.simulation.robot import SimulatedRobot
+from vgps_ros.ros_runtime.qos import STREAM
+from vgps_ros.simulation.frames import state_layout
+from vgps_ros.tasks import make_task, task_file_of
 
 PERIOD = "0.01"  # of control [s]
 ROBOTS = ("swimmer", "walker", "quadruped")
@@ -55,17 +71,127 @@ def trained(robot: str, task: str, folder: Path, iterations: int | None) -> Path
     return run / "policy.json"
 
 
+_TIMEOUT = 0.5  # after which a command no longer holds, as in the node simulation [s]
+
+
+class PushedRobot:
+    """A robot in real time, driven by a controller's commands.
+
+    Args:
+        graph: the graph in which the controller is.
+        task: the robot's task.
+        seed: seed of the pushes' directions.
+    """
+
+    def __init__(self, graph: Bench, task: str, seed: int):
+        self._task = make_task(task)
+        self._states = StateMessages(state_layout(self._task.dynamics.model))
+        self._robot = SimulatedRobot(self._task, self._states, self._task.initial_state)
+        self._rng = np.random.default_rng(seed)
+        self._publishers = {
+            topic: graph.node.create_publisher(kind, topic, STREAM)
+            for topic, kind in self._states.topics.items()
+        }
+        self._command: tuple[int, Any, float] = (-1, np.zeros(self._task.dims["n_u"]), 0.0)
+        self.delays: list[float] = []  # of the answers [s]
+        self._sent: dict[int, float] = {}
+        qos = QoSProfile(depth=1000)
+        graph.node.create_subscription(JointState, "joint_command", self._take, qos)
+        self.plans: list[float] = []  # the time that each took [s]
+        graph.node.create_subscription(Plan, "plan", self._take_plan, qos)
+        self.graph, self.missed, self.steps = graph, 0, 0
+        self.pushes, self.falls = 0, 0
+        self.costs: list[float] = []
+
+    def _take(self, message: JointState) -> None:
+        stamp = nanoseconds(message.header.stamp)
+        torques = command_from_msg(message, self._task.controls)
+        now = time.monotonic()
+        self._command = stamp, torques, now
+        if stamp in self._sent:
+            self.delays.append(now - self._sent.pop(stamp))
+
+    def _take_plan(self, message: Any) -> None:
+        self.plans.append(message.solve_time)
+
+    def wait_for_controller(self) -> None:
+        """Publishes the first state until it is answered."""
+        while self._command[0] < 0:
+            self._publish()
+            self.graph.spin_to(time.monotonic() + 0.5)
+
+    def _publish(self) -> None:
+        self._sent[self._robot.stamp] = time.monotonic()
+        for topic, message in self._robot.messages.items():
+            self._publishers[topic].publish(message)
+
+    def run(self, seconds: float, push: float, every: float) -> None:
+        """Lets time pass, with a push of this change of velocity [m/s] at every so many seconds."""
+        period = self._task.dynamics.time_step
+        due = time.monotonic()
+        for step in range(round(seconds / period)):
+            self._publish()
+            due += period
+            self.graph.spin_to(due)
+            stamp, torques, came = self._command
+            self.steps += 1
+            self.missed += stamp != self._robot.stamp
+            if time.monotonic() - came > _TIMEOUT:
+                torques = np.zeros_like(torques)
+            self._advance(torques)
+            if push and (step + 1) % round(every / period) == 0:
+                self._push(push)
+
+    def _advance(self, torques: Any) -> None:
+        state = self._robot.state
+        self.costs.append(float(self._task.cost(state[None], torques[None])[0]))
+        try:
+            self._robot.advance(torques)
+            has_fallen = bool(self._task.fallen(self._robot.state[None])[0])
+        except DivergenceError:
+            has_fallen = True
+        if has_fallen:
+            self.falls += 1
+            self._sent.clear()
+            self._robot.reset(self._task.initial_state, time=True)
+
+    def _push(self, size: float) -> None:
+        change, first = np.zeros(self._task.dims["n_dx"]), self._task.velocities.start
+        angle = self._rng.uniform(0, 2 * np.pi)
+        change[first : first + 2] = size * np.array([np.cos(angle), np.sin(angle)])
+        pushed = self._task.dynamics.space.add(self._robot.state, change)
+        self._robot.reset(pushed, time=False)
+        self.pushes += 1
+
+
 def measure(task: str, controller: str, policy: Path, given: argparse.Namespace) -> dict[str, Any]:
-    """Drives the robot by one controller; returns the figures of `benchmarks.pushes`."""
-    node = "policy_executor" if controller == "policy" else "mpc"
-    words = [sys.executable, "-m", "benchmarks.pushes", task, node]
+    """Drives the robot by one controller; returns its figures."""
+    parameters: dict[str, Any] = {"task": task}
     if controller != "mpc":
-        words += ["--policy", str(policy)]
-    for name in ("seconds", "push", "every", "horizon"):
-        words += [f"--{name}", str(getattr(given, name))]
-    done = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True)
-    figures: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return figures
+        parameters["policy_file"] = policy
+    if controller != "policy":
+        parameters |= {"plan_every": 0, "horizon": given.horizon}
+    with bench() as graph:
+        graph.start("policy_executor" if controller == "policy" else "mpc", **parameters)
+        robot = PushedRobot(graph, task, seed=0)
+        robot.wait_for_controller()
+        robot.run(2.0, 0.0, 1.0)  # what a start costs does not count
+        for counted in (robot.delays, robot.plans, robot.costs):
+            counted.clear()
+        robot.steps = robot.missed = robot.falls = 0
+        robot.run(given.seconds, given.push, given.every)
+    answers = np.percentile(1e3 * np.array(robot.delays), [50, 99])
+    return {
+        "plans a second": len(robot.plans) / given.seconds,
+        "median plan [ms]": 1e3 * float(np.median(robot.plans)) if robot.plans else None,
+        "missed deadlines": robot.missed / robot.steps,
+        "answer p50, p99 [ms]": answers.round(2).tolist(),
+        "pushes": robot.pushes,
+        "falls": robot.falls,
+        "median cost a step": float(np.median(robot.costs)),
+        "mean cost a step": float(np.mean(robot.costs)),
+        "load average": os.getloadavg()[0],
+    }
 
 
 def table(lines: list[dict[str, Any]]) -> str:
