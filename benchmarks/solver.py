@@ -7,16 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
-from multiprocessing import get_context
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.centred_dynamics import CentredDynamics, ForwardDynamics
 from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
-from benchmarks.timing import Comparison, compare, compare_in_turns, seconds
+from benchmarks.timing import Comparison, compare, seconds
 from vgps_ros.core.ddp.backward_pass import backward_pass
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics, Trajectory
@@ -129,30 +127,17 @@ def ddp_iteration() -> Iterator[Comparison]:
 
 
 def derivatives() -> Iterator[Comparison]:
-    """Derivatives on one thread against two, and against two processes."""
-    with ProcessPoolExecutor(2, get_context("spawn")) as processes:
-        for name in TASKS:
-            one, motion = _single(name)
-            two = with_threads(make_task(name), 2).dynamics
-            ours = partial(two.linearize, motion)
-            # In the same turns, since a lone thread may find a faster core than two do.
-            yield from compare_in_turns(
-                [
-                    (
-                        f"{name}: derivatives, two threads / one",
-                        ours,
-                        partial(one.linearize, motion),
-                        1 / 1.7,
-                    ),
-                    (
-                        f"{name}: derivatives, two threads / two processes, half a motion each",
-                        ours,
-                        partial(_linearize_halves, processes, name),
-                        None,
-                    ),
-                ],
-                repetitions=41,
-            )
+    """Derivatives on one thread against two."""
+    for name in TASKS:
+        one, motion = _single(name)
+        two = with_threads(make_task(name), 2).dynamics
+        yield compare(
+            f"{name}: derivatives, two threads / one",
+            partial(two.linearize, motion),
+            partial(one.linearize, motion),
+            1 / 1.7,
+            repetitions=41,
+        )
 
 
 def derivatives_by_robot() -> Iterator[Comparison]:
@@ -184,18 +169,6 @@ def _single(name: str) -> tuple[Dynamics, Trajectory]:
     """Returns a task's dynamics for one thread, and a motion of it."""
     task, motion = moving(name)
     return with_threads(task, 1).dynamics, motion
-
-
-def _linearize_halves(processes: ProcessPoolExecutor, name: str) -> None:
-    """Does the same in two processes, which share nothing but the machine."""
-    list(processes.map(_linearize_half, [name, name], [0, 1]))
-
-
-def _linearize_half(name: str, half: int) -> None:
-    dynamics, motion = _single(name)
-    middle = motion.horizon // 2
-    first, end = (0, middle) if half == 0 else (middle, motion.horizon)
-    dynamics.linearize(Trajectory(motion.states[first : end + 1], motion.controls[first:end]))
 
 
 def _error(found: LinearDynamics, expected: LinearDynamics) -> str:

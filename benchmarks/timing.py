@@ -3,7 +3,7 @@
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,10 +62,6 @@ class Comparison:
         }
 
 
-Contest = tuple[str, Callable[[], Any], Callable[[], Any], float | None]
-"""What a row of the table is called, ours, the peer's or the floor's work, and the target."""
-
-
 def compare(
     name: str,
     ours: Callable[[], Any],
@@ -76,27 +72,14 @@ def compare(
     remark: str = "",
 ) -> Comparison:
     """Times two functions in turns, so that other work on the machine slows both alike."""
-    return compare_in_turns([(name, ours, peer, target)], repetitions, remark)[0]
-
-
-def compare_in_turns(
-    contests: Sequence[Contest], repetitions: int = 15, remark: str = ""
-) -> list[Comparison]:
-    """Times the functions of several rows in turns, where their ratios are compared too."""
-    for _, ours, peer, _ in WARM_UPS * list(contests):
+    for _ in range(WARM_UPS):
         ours()
         peer()
-    turns = [
-        [(seconds(ours), seconds(peer)) for _, ours, peer, _ in contests]
-        for _ in range(repetitions)
-    ]
-    rows = []
-    for (name, _, _, target), pairs in zip(contests, zip(*turns, strict=True), strict=True):
-        quartiles = statistics.quantiles([a / b for a, b in pairs], n=4)
-        mine, theirs = (1e3 * statistics.median(column) for column in zip(*pairs, strict=True))
-        spread = 0.5 * (quartiles[2] - quartiles[0])
-        rows.append(Comparison(name, mine, theirs, target, spread=spread, remark=remark))
-    return rows
+    pairs = [(seconds(ours), seconds(peer)) for _ in range(repetitions)]
+    quartiles = statistics.quantiles([a / b for a, b in pairs], n=4)
+    mine, theirs = (1e3 * statistics.median(column) for column in zip(*pairs, strict=True))
+    spread = 0.5 * (quartiles[2] - quartiles[0])
+    return Comparison(name, mine, theirs, target, spread=spread, remark=remark)
 
 
 def seconds(work: Callable[[], Any]) -> float:
