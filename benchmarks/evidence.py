@@ -35,6 +35,7 @@ from vgps_ros.search.robustness import ENOUGH
 
 ROOT = Path(__file__).resolve().parents[1]
 EVIDENCE = ROOT / "docs" / "evidence"
+CLAIMS = Path(__file__).with_name("claims.md")
 EXPLAINED = ("paper_and_ours.md", "past_the_paper.md")
 PAGES = (
     *sorted(EVIDENCE.glob("*.md")),
@@ -140,162 +141,71 @@ def _walk(one: Columns) -> str:
 
 
 class Claim:
-    """The figures of one method in one panel, as the table of claims says them."""
+    """The figures of one method in one panel, as the table of claims says them by name.
+
+    Those that may be of an iteration k are of the last one where k is 0.
+    """
 
     def __init__(self, panel_name: str, method: str):
         """Takes the rows of a method in a panel."""
         self._one = figure1()[Panel.named(panel_name)][method]
         self._up = self._one["deterministic_survival"] == 1.0
 
-    def cost(self, *, noise: bool = False, k: int = 0) -> str:
-        """Returns the cost after iteration k, or at the end: median, lowest and highest."""
-        column = "stochastic_cost_median" if noise else "deterministic_cost"
-        return self._spread(_multiples(self._one, column)[:, k - 1], ".2f")
+    def cost(self, k: int = 0) -> str:
+        """Returns the cost without noise: median, lowest and highest."""
+        return _spread(_multiples(self._one, "deterministic_cost")[:, k - 1], ".2f")
 
-    @property
+    def noisy(self, k: int = 0) -> str:
+        """Returns the cost of the median rollout with noise."""
+        return _spread(_multiples(self._one, "stochastic_cost_median")[:, k - 1], ".2f")
+
     def survival(self) -> str:
-        """Share of the rollouts with noise that stay up at the end [%]."""
-        return self._spread(100 * self._one["stochastic_survival"][:, -1], ".0f", " %")
+        """Returns the share of the rollouts with noise that stay up at the end [%]."""
+        return _spread(100 * self._one["stochastic_survival"][:, -1], ".0f", " %")
 
-    @property
     def succeed(self) -> str:
-        """How many seeds succeed at the end."""
+        """Returns how many seeds succeed at the end."""
         cost = _multiples(self._one, "deterministic_cost")[:, -1]
         return f"{(self._up[:, -1] & (cost <= SUCCESS)).sum()} of {len(cost)}"
 
-    @property
     def walk(self) -> str:
-        """How many seeds walk without noise at the end."""
+        """Returns how many seeds walk without noise at the end."""
         return _walk(self._one)
 
-    @property
     def ever(self) -> str:
-        """How many seeds walk without noise in some iteration, and when for the first time."""
+        """Returns how many seeds walk without noise in some iteration, and when first."""
         found = self._up.any(axis=1)
         first = self._up[found].argmax(axis=1) + 1
         when = " to ".join(str(k) for k in sorted({first.min(), first.max()})) if len(first) else ""
         when = when and f" (first at k = {when})"
         return f"{found.sum()} of {len(found)}{when}"
 
-    @staticmethod
-    def _spread(values: Array, form: str, unit: str = "") -> str:
-        def said(value: float) -> str:
-            return f"{CEILING:g} or a fall" if value >= CEILING and not unit else f"{value:{form}}"
 
-        low, middle, high = (said(f(values)) for f in (np.min, np.median, np.max))
-        return f"{middle}{unit} ({low} to {high})" if low != high else f"{middle}{unit}"
+def _spread(values: Array, form: str, unit: str = "") -> str:
+    def said(value: float) -> str:
+        return f"{CEILING:g} or a fall" if value >= CEILING and not unit else f"{value:{form}}"
+
+    low, middle, high = (said(f(values)) for f in (np.min, np.median, np.max))
+    return f"{middle}{unit} ({low} to {high})" if low != high else f"{middle}{unit}"
 
 
 def claims() -> str:
-    """Returns the table of the paper's claims: what it says, what is measured, whether it holds."""
-    small, wide, five, ten = (partial(Claim, name) for name in PANELS)
+    """Returns the table of the paper's claims: what it says, what is measured, whether it holds.
 
-    def odds(kind: str, *names: str) -> str:
-        return ", ".join(f"{probabilities()[name][kind]:.2f} over {name}" for name in names)
+    In `claims.md` a figure is {PANEL METHOD FIGURE}, perhaps with its k, by the names of `Claim`;
+    {odds KIND} are the probabilities that a seed of vgps ends lower.
+    """
 
-    prior = [name for name in probabilities() if name != RISING]
-    rows = (
-        (
-            '"outperforms prior methods" (abstract, sections 1, 6 and 8)',
-            "over all panels a seed of vgps ends lower with a probability of, without noise: "
-            f"{odds('without', *prior)}; with noise, median rollout: {odds('median', *prior)}",
-            "holds without noise; with noise it does not: GPS and adaptive GPS end lower",
-        ),
-        (
-            'VGPS "learned successful policies for each task"',
-            f"swimmer, 5 and 10 units: {small('vgps').cost()}, {wide('vgps').cost()}; with noise "
-            f"{small('vgps').cost(noise=True)}, {wide('vgps').cost(noise=True)}. Walker, 10 units: "
-            f"{ten('vgps').walk} walk, {ten('vgps').survival} stay up with noise; 5 units: "
-            f"{five('vgps').walk} walk, {five('vgps').survival} stay up with noise",
-            "holds on three panels; on the 5-unit walker without noise alone, on most seeds",
-        ),
-        (
-            'it "often converged faster than previous methods"',
-            f"walker, 10 units, walk at some iteration: {ten('vgps').ever}; adaptive GPS "
-            f"{ten('adaptive_gps').ever}, weighted DAGGER {ten('weighted_dagger').ever}; succeed "
-            f"at the end: {ten('vgps').succeed}, {ten('adaptive_gps').succeed}, "
-            f"{ten('weighted_dagger').succeed}. Swimmer, 10 units, with noise at k = 5: "
-            f"{wide('vgps').cost(noise=True, k=5)}, GPS {wide('gps').cost(noise=True, k=5)}",
-            "holds for the cost on the walker, not for the first step, nor on the swimmer",
-        ),
-        (
-            'its "performance during early iterations was often poor"',
-            f"swimmer, 5 units, with noise at k = 1: {small('vgps').cost(noise=True, k=1)}",
-            "holds",
-        ),
-        (
-            'GPS on the swimmer "succeeds immediately"',
-            f"with noise at k = 1: {small('gps').cost(noise=True, k=1)}, "
-            f"{wide('gps').cost(noise=True, k=1)}",
-            "holds",
-        ),
-        (
-            'GPS "is unable to find a successful walking policy with only 5 hidden units"',
-            f"walk at some iteration: {five('gps').ever}",
-            "holds",
-        ),
-        (
-            '"the deterministic GPS policy performs well on the walker with 10 hidden units"',
-            f"walk at some iteration: {ten('gps').ever}; at the end {ten('gps').walk}",
-            "does not hold here; see below",
-        ),
-        (
-            'adaptive GPS "improves on the standard variant"',
-            f"swimmer, 5 units: {small('adaptive_gps').cost()} beside {small('gps').cost()}; "
-            f"walker, 10 units, walk at the end: {ten('adaptive_gps').walk} beside "
-            f"{ten('gps').walk}",
-            "holds on the walker with 10 units",
-        ),
-        (
-            'it is "still unable to learn a walking policy with 5 hidden units"',
-            f"walk at some iteration: {five('adaptive_gps').ever}",
-            "holds",
-        ),
-        (
-            'DAGGER "performed poorly on these tasks"',
-            f"swimmer: {small('dagger').cost()}, {wide('dagger').cost()}, where standing still "
-            f"costs about 3; walkers walk at the end: {five('dagger').walk}, {ten('dagger').walk}",
-            "holds",
-        ),
-        (
-            'weighted DAGGER "succeeded on the swimming tasks"',
-            f"succeed: {small('weighted_dagger').succeed} with 5 units, "
-            f"{wide('weighted_dagger').succeed} with 10",
-            "holds with 10 units; with 5 on most seeds",
-        ),
-        (
-            'it "eventually found a good deterministic policy for the walker with 10 hidden units"',
-            f"walk at the end: {ten('weighted_dagger').walk}, at {ten('weighted_dagger').cost()}",
-            "holds for walking, not for the cost",
-        ),
-        (
-            '"though the learned stochastic policy performed very poorly"',
-            f"{ten('weighted_dagger').survival} stay up, at "
-            f"{ten('weighted_dagger').cost(noise=True)}",
-            "its cost is poor; most rollouts stay up",
-        ),
-        (
-            'the adapted variant "performed worse"',
-            f"swimmer: {small('adapted_weighted_dagger').cost()}, "
-            f"{wide('adapted_weighted_dagger').cost()}; walker, 10 units, walk at the end: "
-            f"{ten('adapted_weighted_dagger').walk}",
-            "holds on the walker",
-        ),
-        (
-            'random exploration "is generally inadequate for such complex tasks"',
-            f"cost-weighted, swimmer: {small('cost_weighted').cost()}, "
-            f"{wide('cost_weighted').cost()}; walkers walk at the end: "
-            f"{five('cost_weighted').walk}, {ten('cost_weighted').walk}",
-            "holds",
-        ),
-        (
-            'with 10³ samples it "still fails to solve the harder walking task"',
-            f"walk at the end: {five('cost_weighted_1000').walk} with 5 units, "
-            f"{ten('cost_weighted_1000').walk} with 10",
-            "holds, but for one seed of five with 10 units",
-        ),
-    )
-    return table(("the paper", "measured", "does it hold?"), rows)
+    def figure(found: re.Match[str]) -> str:
+        name, *words = found[1].split()
+        if name == "odds":
+            odds = ((other, row[words[0]]) for other, row in probabilities().items())
+            return ", ".join(f"{odd:.2f} over {other}" for other, odd in odds if other != RISING)
+        method, figure, *k = words
+        said: str = getattr(Claim(name, method), figure)(*map(int, k))
+        return said
+
+    return re.sub(r"\{([^}]+)\}", figure, CLAIMS.read_text())
 
 
 def policies() -> str:
