@@ -1,13 +1,16 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Benchmarks of the graph: what its processes and its middleware cost."""
+"""Benchmarks of the graph: what its processes and its middleware cost, and its deadlines."""
 
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.srv import OptimizeTrajectory
@@ -16,7 +19,13 @@ from benchmarks.problems import initial_request
 from benchmarks.processes import Bench, bench, processor_seconds, resident_memory
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import nanoseconds, stamp_of, state_to_msg
+from vgps_ros.core.records import Array
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    nanoseconds,
+    stamp_of,
+    state_to_msg,
+)
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.policies.onnx_file import ExportedPolicy, parsed, to_onnx
 from vgps_ros.programs.export import metadata
@@ -30,6 +39,11 @@ ROUNDS = 5  # runs of each
 IDLE_SECONDS = 15.0
 SOLVES = 101
 SOLVE_ITERATIONS = 10
+RATES = (100, 500)  # of control [Hz]
+SECONDS = 60.0  # for which deadlines are watched
+_ALL = QoSProfile(depth=10_000)  # nothing that this process reads late may be missing
+BURST, BURSTS = 200, 60  # steps of a burst; bursts of each kind of policy
+KINDS = ("exported", "network", "native")
 NODES = ("simulation", "policy_executor", "trajectory_optimizer", "policy_learner", "recorder")
 
 
@@ -49,7 +63,8 @@ def lock_step() -> Iterator[Comparison]:
             with bench() as graph:
                 graph.start("simulation", start_paused="true")
                 graph.start("policy_executor", policy_file=policy)
-                loops.append(_loop_rate(graph))
+                _loop_rate(graph, LOOPS // 10)
+                loops.append(_loop_rate(graph, LOOPS))
     pong_rate = statistics.median(1.0 / statistics.fmean(run) for run in pongs)
     yield Comparison(
         "lock-step loop: simulation and executor / bare ping-pong",
@@ -74,24 +89,6 @@ def policy_file(task: Task, folder: Path) -> Path:
     policy = GaussianPolicy(shape, parameters, np.ones(task.dynamics.control_dim))
     save_policy(policy, task.name, folder / "policy.json")
     return folder / "policy.json"
-
-
-def exported_file(task: Task, folder: Path) -> Path:
-    """Writes the same policy as an ONNX file."""
-    policy, _ = load_policy(policy_file(task, folder))
-    exported = ExportedPolicy(policy, task.dynamics.control_limits, "float32")
-    path = folder / "policy.onnx"
-    path.write_bytes(to_onnx(exported, metadata(task, policy, folder)))
-    return path
-
-
-def network_file(task: Task, folder: Path) -> Path:
-    """Writes the same policy as a network of others, which onnxruntime executes."""
-    model = parsed(exported_file(task, folder).read_bytes(), "The policy")
-    model.graph.name = "network of others"
-    path = folder / "network.onnx"
-    path.write_bytes(model.SerializeToString())
-    return path
 
 
 def _round_trips(graph: Bench, task: Task) -> list[float]:
@@ -133,19 +130,75 @@ def _round_trips(graph: Bench, task: Task) -> list[float]:
     return durations[LOOPS // 10 :]
 
 
-def _loop_rate(graph: Bench) -> float:
-    """Returns the steps that simulation and executor do together [1/s]."""
+def _loop_rate(graph: Bench, steps: int, namespace: str = "") -> float:
+    """Returns the rate of steps that simulation and executor do together [1/s]."""
+    began = time.perf_counter()
+    name, request = f"{namespace}simulation/step_simulation", StepSimulation.Request(steps=steps)
+    answer = graph.call(StepSimulation, name, request)
+    if answer.result.error_message:
+        raise RuntimeError(answer.result.error_message)
+    return steps / (time.perf_counter() - began)
 
-    def run(steps: int) -> float:
-        began = time.perf_counter()
-        name = "simulation/step_simulation"
-        answer = graph.call(StepSimulation, name, StepSimulation.Request(steps=steps))
-        if answer.result.error_message:
-            raise RuntimeError(answer.result.error_message)
-        return time.perf_counter() - began
 
-    run(LOOPS // 10)
-    return LOOPS / run(LOOPS)
+def network_loop() -> Iterator[Comparison]:
+    """The lock-step loop with a policy in an ONNX file against the same policy, native."""
+    # A file of ours becomes the policy that it was; a network of others runs in onnxruntime. The
+    # loops stand in one graph and step in turns, so that whatever else the machine does slows all.
+    task = make_task("swimmer")
+    with TemporaryDirectory() as folder, bench() as graph:
+        write = (_exported_file, _network_file, policy_file)
+        files = [write_one(task, Path(folder)) for write_one in write]
+        torques: dict[str, dict[int, Array]] = {name: {} for name in KINDS}
+        for name, file in zip(KINDS, files, strict=True):
+            frames = [f"/{topic}:={topic}" for topic in ("clock", "tf", "tf_static")]
+            own = [f"__ns:=/{name}", *frames]
+            graph.start("simulation", *own, start_paused="true")
+            graph.start("policy_executor", *own, policy_file=file)
+
+            def take(message: JointState, into: dict[int, Array] = torques[name]) -> None:
+                into[nanoseconds(message.header.stamp)] = command_from_msg(message, task.controls)
+
+            graph.node.create_subscription(JointState, f"/{name}/joint_command", take, STREAM)
+        for name in KINDS:
+            _loop_rate(graph, BURST, f"/{name}/")  # warm
+        graph.spin_to(time.monotonic() + 1.0)
+        common = sorted(set.intersection(*(set(torques[name]) for name in KINDS)))
+        found = {name: np.array([torques[name][t] for t in common]) for name in KINDS}
+        rates = np.array(
+            [[_loop_rate(graph, BURST, f"/{name}/") for name in KINDS] for _ in range(BURSTS)]
+        )
+    native = KINDS.index("native")
+    kinds = ("an exported policy", "a network of others in onnxruntime")
+    for i, kind in enumerate(kinds):
+        miss = np.abs(found[KINDS[i]] - found["native"]).max() / np.abs(found["native"]).max()
+        low, _, high = statistics.quantiles(rates[:, i] / rates[:, native], n=4)
+        yield Comparison(
+            f"lock-step loop: {kind} / the same policy, native",
+            float(np.median(rates[:, i])),
+            float(np.median(rates[:, native])),
+            0.9,
+            unit="loops/s",
+            spread=0.5 * (high - low),
+            remark=f"torques of {len(common)} steps differ by at most {miss:.0e} of the largest",
+        )
+
+
+def _exported_file(task: Task, folder: Path) -> Path:
+    """Writes the same policy as an ONNX file."""
+    policy, _ = load_policy(policy_file(task, folder))
+    exported = ExportedPolicy(policy, task.dynamics.control_limits, "float32")
+    path = folder / "policy.onnx"
+    path.write_bytes(to_onnx(exported, metadata(task, policy, folder)))
+    return path
+
+
+def _network_file(task: Task, folder: Path) -> Path:
+    """Writes the same policy as a network of others, which onnxruntime executes."""
+    model = parsed(_exported_file(task, folder).read_bytes(), "The policy")
+    model.graph.name = "network of others"
+    path = folder / "network.onnx"
+    path.write_bytes(model.SerializeToString())
+    return path
 
 
 def service() -> Iterator[Comparison]:
@@ -199,3 +252,88 @@ def nodes() -> Iterator[Comparison]:
                 None,
                 unit="MB",
             )
+
+
+def real_time() -> Iterator[Comparison]:
+    """Commands that come later than the next state, at 100 and 500 Hz, over a minute each."""
+    task = make_task("swimmer")
+    with TemporaryDirectory() as folder:
+        policy = policy_file(task, Path(folder))
+        for rate in RATES:
+            with bench() as graph:
+                factor = rate * task.dynamics.time_step
+                graph.start("policy_executor", policy_file=policy)
+                graph.start("simulation", mode="real_time", real_time_factor=factor)
+                missed, states = _missed(graph)
+            yield Comparison(
+                f"real time, {rate} Hz, {SECONDS:g} s: missed deadlines / all",
+                missed,
+                states,
+                None,
+                unit="",
+            )
+
+
+def _missed(graph: Bench) -> tuple[int, int]:
+    """Returns the states whose command was published after the next state, and all states."""
+    published: dict[str, dict[int, int]] = {"joint_states": {}, "joint_command": {}}
+
+    def take(topic: str) -> Callable[[JointState, dict[str, int]], None]:
+        times = published[topic]
+
+        def note(message: JointState, info: dict[str, int]) -> None:
+            times.setdefault(nanoseconds(message.header.stamp), info["source_timestamp"])
+
+        return note
+
+    for topic in published:
+        # rclpy's types do not know that a callback may take the message's times too.
+        callback: Any = take(topic)
+        graph.node.create_subscription(JointState, topic, callback, _ALL)
+    states, commands = published.values()
+    graph.spin_until(lambda: len(commands) > 100, "commands")  # what a start costs does not count
+    first, end = max(states), time.monotonic() + SECONDS
+    graph.spin_until(lambda: time.monotonic() > end, "the end", 2 * SECONDS)
+    stamps = sorted(stamp for stamp in states if stamp >= first)[:-2]  # the last may be under way
+    late = [
+        stamp not in commands or commands[stamp] > states[following]
+        for stamp, following in pairwise(stamps)
+    ]
+    return sum(late), len(late)
+
+
+def start() -> Iterator[Comparison]:
+    """From the start of all nodes to the first command, against a bare node's first answer."""
+    task = make_task("swimmer")
+    with TemporaryDirectory() as folder:
+        policy = policy_file(task, Path(folder))
+        with bench() as graph:
+            own: dict[str, dict[str, Any]] = {
+                "policy_executor": {"policy_file": policy},
+                "recorder": {"output": f"{folder}/bag"},
+            }
+            began = time.perf_counter()
+            for name in NODES:
+                graph.start(name, **own.get(name, {}))
+            ours = _first_command(graph) - began
+        with bench() as graph:
+            began = time.perf_counter()
+            graph.start("simulation")
+            graph.start_module("benchmarks.pong")
+            peer = _first_command(graph) - began
+    yield Comparison(
+        "start of all nodes to the first command / of simulation and a bare node",
+        1e3 * ours,
+        1e3 * peer,
+        None,
+    )
+
+
+def _first_command(graph: Bench) -> float:
+    """Waits for a command; returns when it came [s]."""
+    times: list[float] = []
+    graph.node.create_subscription(
+        JointState, "joint_command", lambda _: times.append(time.perf_counter()), _ALL
+    )
+    graph.spin_until(lambda: times, "a command")
+    return times[0]

@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial, wraps
 from importlib import import_module
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,18 @@ from scipy.stats import t as student_t
 
 from benchmarks.problems import SEED, chain
 from benchmarks.timing import Comparison, compare
+from vgps_ros.core.fit_loss import minimize_gauss_newton
 from vgps_ros.core.policy_cost import PolicyCost
+from vgps_ros.core.policy_fit import draw_targets, fit_loss
+from vgps_ros.core.policy_network import minimize_lbfgs
+from vgps_ros.core.records import Array
+from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.methods import search
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.solver_processes import SolverProcesses
-from vgps_ros.search.trajectory_optimization import Outcome, optimize_all
+from vgps_ros.search.trajectory_optimization import OptimizationResult, Outcome, optimize_all
+from vgps_ros.search.workspace import Workspace
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.tasks import Task, make_task
 
@@ -42,6 +49,9 @@ LINKS = (2, 5, 10, 20, 35)  # of a chain, which has twice as many states
 LINEAR, CUBIC = 1.0, 3.0
 _TOLERANCE = 0.15  # of an exponent
 _ITERATIONS = 4  # of each search; the first is not counted
+NETWORKS = ((5,), (10,), (64,), (64, 64))
+LBFGS_ITERATIONS = 200
+_M_STEP_LIMIT = 0.5
 
 
 def shares() -> Iterator[Comparison]:
@@ -143,3 +153,40 @@ def _iteration_seconds(task: Task, **settings: Any) -> float:
     run = search("vgps", task, chosen, SEED, partial(optimize_all, task))
     ends = [time.perf_counter() for _ in run]
     return float(np.median(np.diff(ends)))
+
+
+def m_step() -> Iterator[Comparison]:
+    """Gauss-Newton steps beside L-BFGS, in the first fit to the walker's initial solution."""
+    task = make_task("walker")
+    solutions: tuple[OptimizationResult, ...] = ()
+    for hidden_units in NETWORKS:
+        settings = replace(search_settings(task), hidden_units=hidden_units)
+        work = Workspace(task, settings, SEED, partial(optimize_all, task), solutions)
+        solutions = work.initial_solutions
+        q, scaling = work.scored(work.initial_solutions), work.standardization()
+        rng = generator(SEED, Stream.POLICY_FIT, 1)
+        samples = settings.fit.samples_per_step
+        targets = draw_targets(q, task.observation, settings.fit.form, samples, rng)
+        loss = fit_loss(scaling, targets)
+        start = scaling.to_standard(work.random_policies(1)[0].parameters)
+        theirs, theirs_ms = _done(
+            partial(minimize_lbfgs, start, loss.value_and_gradient, LBFGS_ITERATIONS)
+        )
+        for steps in range(1, LBFGS_ITERATIONS):
+            ours, ours_ms = _done(partial(minimize_gauss_newton, start, repeat(loss), steps, 0.0))
+            if loss.value(ours) <= loss.value(theirs):
+                break
+        yield Comparison(
+            f"walker, {' and '.join(map(str, hidden_units))} units: {steps} Gauss-Newton steps / "
+            f"{LBFGS_ITERATIONS} of L-BFGS, of no better likelihood",
+            ours_ms,
+            theirs_ms,
+            _M_STEP_LIMIT,
+        )
+
+
+def _done(fit: Callable[[], Array]) -> tuple[Array, float]:
+    """Returns a fit's result and its time [ms]."""
+    began = time.perf_counter()
+    found = fit()
+    return found, 1e3 * (time.perf_counter() - began)

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from functools import cache, partial
 from tempfile import TemporaryDirectory
 
+import mujoco
 import numpy as np
 
-from benchmarks.centred_dynamics import CentredDynamics, ForwardDynamics
 from benchmarks.problems import TASKS, linear_quadratic, moving, optimize, with_threads
 from benchmarks.timing import Comparison, compare, seconds
 from vgps_ros.core.ddp.backward_pass import backward_pass
@@ -36,6 +36,43 @@ began = time.perf_counter()
 optimize(task, 1)
 print(time.perf_counter() - began)
 """
+
+
+_WIDTH = 1e-6
+
+
+class CentredDynamics(Dynamics):
+    """The same dynamics, differentiated at every step by `mjd_transitionFD`, centred."""
+
+    is_centred = True
+
+    def linearize(
+        self, trajectory: Trajectory, *, centred: bool = True
+    ) -> tuple[LinearDynamics, int]:
+        """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""
+        assert centred
+        horizon, n_dx, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
+        f_x, f_u = np.tile(np.eye(n_dx), (horizon, 1, 1)), np.zeros((horizon, n_dx, n_u))
+        a, b = np.empty((n_dx, n_dx)), np.empty((n_dx, n_u))
+        data, ends = mujoco.MjData(self.model), [self.model.nq, self.model.nq + self.model.nv]
+        for t in range(horizon):
+            data.qpos[:], data.qvel[:], data.act[:] = np.split(trajectory.states[t], ends)
+            data.ctrl[:] = trajectory.controls[t]
+            data.qacc_warmstart[:] = 0.0
+            for substep in range(self.substeps):
+                if substep:
+                    mujoco.mj_step(self.model, data)
+                mujoco.mjd_transitionFD(self.model, data, _WIDTH, self.is_centred, a, b, None, None)
+                f_x[t], f_u[t] = a @ f_x[t], a @ f_u[t] + b
+        return LinearDynamics(f_x, f_u), horizon * self.substeps * (
+            (1 + self.is_centred) * (n_dx + n_u) + 1
+        )
+
+
+class ForwardDynamics(CentredDynamics):
+    """The same by forward differences, which take half as many steps and err more."""
+
+    is_centred = False
 
 
 def compilation() -> Iterator[Comparison]:

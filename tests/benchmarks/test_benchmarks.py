@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from benchmarks import suite
-from benchmarks.centred_dynamics import CentredDynamics
+from benchmarks import __main__ as suite
 from benchmarks.problems import linear_quadratic, with_threads
+from benchmarks.solver import CentredDynamics
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.ddp.backward_pass import _recursion, backward_pass
 from vgps_ros.search.trajectory_optimization import prepare
