@@ -39,6 +39,7 @@ PLANE = (
 TWO = (("left", 0, 0.1), ("right", 0, -0.1))
 FOUR = (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("HL", -0.2, 0.1), ("HR", -0.2, -0.1))
 SERVO = 'kp="60" kv="1" forcerange="-30 30" ctrlrange="-2.6 2.6"'
+LATE = 'biastype="affine" dyntype="filterexact" dynprm=".1" forcerange="-30 30"'
 LINK = '<geom type="capsule" size=".02" fromto="0 0 0 0 0 .4"/>'
 ACROBOT = f"""<mujoco><worldbody><body name="upper" pos="0 0 2">
   <joint name="shoulder" axis="0 1 0"/>
@@ -80,6 +81,12 @@ CART = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
   </mujoco>"""
 FINGER = """<body pos="{0} 0 1"><joint name="f{0}_1" axis="0 1 0" range="0 90"/>{1}
   <body pos="0 0 .4"><joint name="f{0}_2" axis="0 1 0" range="0 90"/>{1}</body></body>"""
+BAR = '<body name="{0}" pos="{1} 0 2"><joint name="{0}" axis="0 1 0"/>{2}{3}</body>'
+COUPLER = BAR.format("coupler", 0, LINK, "")
+FOUR_BARS = f"""<mujoco><worldbody>{BAR.format("crank", 0, LINK, COUPLER)}
+  {BAR.format("rocker", 0.3, LINK, "")}</worldbody>
+  <equality><connect body1="coupler" body2="rocker" anchor="0 0 .4"/></equality>
+  <actuator><motor joint="crank" ctrlrange="-90 90" ctrllimited="true"/></actuator></mujoco>"""
 HAND = f"""<mujoco><compiler autolimits="true"/><worldbody>
   {"".join(FINGER.format(x, LINK) for x in range(3))}</worldbody><actuator>
   {"".join(f'<motor joint="f{x}_{i}" ctrlrange="-9 9"/>' for x in range(3) for i in (1, 2))}
@@ -127,6 +134,7 @@ def written(tmp_path, monkeypatch):
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
+        (FOUR_BARS, "An arm", ["crank/position, target: 0.5"]),
         (CART, "No feet were found", ["index: x, target: 1"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),
         (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
@@ -197,6 +205,12 @@ def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
 def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(written):
     text, _ = written(walker(*FOUR, motor="position", extra=SERVO))
     assert "{control: all, pose: start, weight: 12}" in text
+    late = walker(*FOUR, motor="general", extra=f'gainprm="60" biasprm="0 -60 -1" {LATE}')
+    text, task = written(late)
+    lead = 1 + (2 * np.pi * 0.1 * task.signals.frequency) ** 2  # at which 1 rad of the servo moves
+    assert lead > 2
+    weight = float(text.partition("{control: all, pose: start, weight: ")[2].partition("}")[0])
+    assert weight == pytest.approx(12 / lead, rel=0.05)
     strong = walker(*TWO, extra='ctrlrange="-10 10"').replace(
         'joint="left_knee" ctrlrange="-10 10"', 'joint="left_knee" ctrlrange="-20 20"'
     )

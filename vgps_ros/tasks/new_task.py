@@ -43,6 +43,7 @@ _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which
 _NEAR = 2.0  # body lengths within which a swimmer is sent to a target
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
+_LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
 _CHANGES = ("drop", "remove_bodies", "locks", "options", "contact", "limits", "floor", "motors")
 
 
@@ -209,7 +210,6 @@ def _signals(robot: Robot) -> dict[str, Any]:
     """Returns what a robot with legs is told: commands, the clock of its gait, and its mirror."""
     many = len(robot.feet) > 2
     fast = float(f"{(0.4 if many else 0.22) * (robot.gravity * robot.leg) ** 0.5:.1g}")
-    rate = (0.6 if many or robot.hops else 0.36) * (robot.gravity / robot.leg) ** 0.5
     two = robot.is_biped
     push = 3.0 if many else 0.3 if robot.hops else 0.25 if two else 1.0  # [m/s]
     return {
@@ -217,7 +217,7 @@ def _signals(robot: Robot) -> dict[str, Any]:
         "aside": [-0.4 * fast, 0.4 * fast],
         "sideways": robot.is_free and robot.forward[0] == "x",
         "turns": robot.is_free,
-        "rate": f"{rate:.2g}",
+        "rate": f"{_rate(robot):.2g}",
         "push": f"{push * robot.mass:.2g}",
         "fall_lead": f"{1.7 * (robot.height / robot.gravity) ** 0.5:.2g}",  # of a pendulum [s]
         "biped": two,
@@ -227,6 +227,12 @@ def _signals(robot: Robot) -> dict[str, Any]:
         "unlimited": dict.fromkeys(_places(robot), np.inf),
         "mirror": _mirror(robot),
     }
+
+
+def _rate(robot: Robot) -> float:
+    """Returns how often a robot steps [Hz]; 0 without legs."""
+    share = 0.6 if len(robot.feet) > 2 or robot.hops else 0.36
+    return share * (robot.gravity / robot.leg) ** 0.5 if robot.feet else 0.0
 
 
 def _scored(robot: Robot) -> dict[str, Any]:
@@ -533,7 +539,11 @@ def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _control_cost(robot: Robot) -> list[dict[str, Any]]:
-    """Returns the cost of controls: each weighs the same at its own limit, of a servo its force."""
+    """Returns the cost of controls: each weighs the same at its own limit, of a servo its force.
+
+    One that acts late has to lead what it shall do by more, the faster the robot steps; what it
+    brings about is scored, not how far it leads.
+    """
     model = robot.model
     strong = 3.0 if robot.feet else 0.5  # what a control at its limit costs in each step
     if not model.nu:
@@ -546,7 +556,10 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
         if is_servo:  # the target from which on its force is greatest [rad]
             force = controls.servo_forces[i]
             limit = min(force / controls.stiffness[i], 1.0) if force < 1e6 else _UNKNOWN_REACH
-        weight = f"{strong / limit**2:.2g}"
+        lags = mujoco.mjtDyn(model.actuator_dyntype[i]) in _LAGGING
+        lag = model.actuator_dynprm[i, 0] if lags else 0.0
+        lead = 1.0 + (2 * np.pi * _rate(robot) * lag) ** 2  # of its square, at the clock's rate
+        weight = f"{strong / limit**2 / lead:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
     return [
         {"control": "all" if len(groups) == 1 else names}

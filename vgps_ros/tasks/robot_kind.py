@@ -166,6 +166,9 @@ def recognised(model: mujoco.MjModel) -> Robot:
     flags = model.opt.disableflags
     gravity = 0.0 if flags & mujoco.mjtDisableBit.mjDSBL_GRAVITY else abs(model.opt.gravity[2])
     trees = [tree] if base or not driven else trees[trees >= 0].tolist()
+    for ends in _loops(model):  # what a loop ties to it is a part of it
+        tied = [int(model.body_treeid[end]) for end in ends]
+        trees += [i for i in tied if i >= 0] if {*tied} & {*trees} else []
     robot = Robot(model, data, root, trees, base, driven or single, float(gravity))
     if not model.nu and not robot.joints:
         raise InvalidInputError(
@@ -197,8 +200,29 @@ def _hangs(robot: Robot, joint: int) -> bool:
         return False
     if model.jnt_dofadr[joint] in robot.driven:
         return _is_weak(robot, joint)
-    tied = {int(i) for i in [*model.eq_obj1id, *model.eq_obj2id]} if model.neq else set()
-    return not np.any(model.jnt_stiffness[joint]) and joint not in tied
+    return not np.any(model.jnt_stiffness[joint]) and not _is_tied(robot, joint)
+
+
+def _is_tied(robot: Robot, joint: int) -> bool:
+    """Returns whether a hinge follows another one, or turns in a loop of bodies."""
+    model, body = robot.model, int(robot.model.jnt_bodyid[joint])
+    follows = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
+    if joint in model.eq_obj1id[follows] or joint in model.eq_obj2id[follows]:
+        return True
+    loops = ([robot.chain(end) for end in ends] for ends in _loops(model))
+    return any((body in one) != (body in other) for one, other in loops)
+
+
+def _loops(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Returns the two bodies at which each loop of bodies is closed."""
+    found = list[tuple[int, int]]()
+    for i, kind in enumerate(map(mujoco.mjtEq, model.eq_type)):
+        if kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            is_site = model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_SITE
+            ends = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+            one, other = (int(model.site_bodyid[end]) if is_site else end for end in ends)
+            found.append((one, other))
+    return found
 
 
 def _is_weak(robot: Robot, joint: int) -> bool:
@@ -253,7 +277,9 @@ def finger_count(robot: Robot) -> int:
     passed = [body for chain in chains for body in chain]
     ends = [chain for chain in chains if chain and passed.count(chain[0]) == 1]
     all_ends = [body for chain in ends for body in chain]
-    hinged = [int(robot.model.jnt_bodyid[j]) for j in robot.hinges]
+    dofs = robot.model.jnt_dofadr
+    moved = (j for j in robot.hinges if dofs[j] in robot.driven or not _is_tied(robot, j))
+    hinged = [int(robot.model.jnt_bodyid[j]) for j in moved]
     own = [[body for body in chain if all_ends.count(body) == 1] for chain in ends]
     return sum(sum(hinged.count(body) for body in chain) > 1 for chain in own)
 
