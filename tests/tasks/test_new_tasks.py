@@ -219,6 +219,13 @@ def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(writt
     assert weights["left_hip"] == pytest.approx(4 * weights["left_knee"], rel=0.05)
 
 
+def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
+    stiff = ARM.replace("motor", 'position kp="900" forcerange="-9 9"')
+    text, task = written(stiff)
+    assert "{control: all, pose: {shoulder: 0.5, elbow: 0.5}, weight: 2}" in text
+    assert task.cost.control_targets.tolist() == [0.5, 0.5]
+
+
 def test_what_makes_derivatives_worthless_is_changed_and_activations_are_read(written):
     slack = ARM.replace("<option>", '<option solver="PGS" tolerance="1e-4" iterations="3">')
     lagging = slack.replace("<motor name=", '<general dyntype="filter" dynprm=".1" name=', 1)

@@ -407,7 +407,12 @@ def _add_controls(
     if term.pose is not None:
         data = mujoco.MjData(read.model)
         data.qpos[:] = start[: read.model.nq]
-        if term.pose != "start":
+        if isinstance(term.pose, dict):
+            for pattern, position in term.pose.items():
+                with read.document.at((*place, "pose", pattern)):
+                    for name in matching("hinge or slide", pattern, read.joints):
+                        data.joint(name).qpos = position
+        elif term.pose != "start":
             number = keyframe(read.model, term.pose, read.document, (*place, "pose"))
             data.qpos[:] = read.model.key_qpos[number]
         mujoco.mj_forward(read.model, data)

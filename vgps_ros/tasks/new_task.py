@@ -550,12 +550,20 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
         stiff = {"pose": "start", "weight": strong} if robot.feet else {"weight": strong / 400}
         return [{"control": "all"} | stiff]
     controls, groups = controls_of(model), dict[tuple[bool, str], list[str]]()
+    there = mujoco.MjData(model)
+    there.qpos[:] = robot.goal
+    mujoco.mj_forward(model, there)
+    ways = np.abs(there.actuator_length - robot.data.actuator_length)
+    ends = [] if robot.base else _pose_cost(robot)  # where its servos come to rest
+    sought = {t["sensor"].partition("/position"): t.get("target", 0.0) for t in ends}
+    pose = {name: goal for (name, part, _), goal in sought.items() if part} or "start"
     for i, (kind, high) in enumerate(zip(controls.kinds, controls.limits[1], strict=True)):
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
         if is_servo:  # the target from which on its force is greatest [rad]
             force = controls.servo_forces[i]
             limit = min(force / controls.stiffness[i], 1.0) if force < 1e6 else _UNKNOWN_REACH
+            limit = max(limit, ways[i])  # a stiff one still has to go there
         lags = mujoco.mjtDyn(model.actuator_dyntype[i]) in _LAGGING
         lag = model.actuator_dynprm[i, 0] if lags else 0.0
         lead = 1.0 + (2 * np.pi * _rate(robot) * lag) ** 2  # of its square, at the clock's rate
@@ -563,7 +571,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
     return [
         {"control": "all" if len(groups) == 1 else names}
-        | ({"pose": "start"} if is_servo else {})
+        | ({"pose": pose} if is_servo else {})
         | {"weight": float(weight)}
         for (is_servo, weight), names in groups.items()
     ]

@@ -110,10 +110,11 @@ class CostTerm(Record, frozen=True, kw_only=True):
         about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
     ] = None
     pose: Annotated[
-        Keyframe | None,
+        Keyframe | dict[Name, Number] | None,
         about(
-            "with control, start or a keyframe: what counts is (u − u*)², where u* is the length "
-            "of the actuator in this pose, as a position servo's control",
+            "with control, start, a keyframe, or positions of joints that differ from the start: "
+            "what counts is (u − u*)², where u* is the length of the actuator in this pose, as a "
+            "position servo's control",
             "start",
         ),
     ] = None
