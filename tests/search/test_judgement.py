@@ -25,7 +25,7 @@ from vgps_ros.search.judgement import (
     late_error,
 )
 from vgps_ros.search.renewal import renew
-from vgps_ros.search.robustness import Trials, robustness, usual_noise
+from vgps_ros.search.robustness import robustness, usual_noise
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.workspace import Workspace
@@ -263,16 +263,16 @@ def test_disturbances_of_a_commanded_robot_tell_who_obeys(cart):
     steps = 500
     starts = np.tile(cart.initial_state, (4, 1))
     commands = np.full((4, steps, 1), 0.7)
-    given = DisturbanceSettings(body="cart")
-    trials = Trials(starts, np.zeros((4, steps, 1)), 3, given, commands)
+    given = Trial(starts, commands, np.zeros((4, steps, 1)))
     values = {"masses": [1.0, 2.0], "latencies": [0.045, 0.0]}
-    found = robustness(cart, reaching(cart), trials, values)
+    rest = 3, DisturbanceSettings(body="cart")
+    found = robustness(cart, reaching(cart), given, values, *rest)
     assert found["masses"]["obeys"] == [1.0, 1.0]
     assert found["masses"]["obeyed"] == found["masses"]["borne"] == [1.0, 2.0]
     assert found["latencies"]["survival"] == [1.0, 0.0]
     assert found["latencies"]["borne"] == [0.0, 0.0]
     assert_allclose(found["latencies"]["survival_interval"], [interval(1.0, 4), interval(0.0, 4)])
-    still = robustness(cart, reaching(cart, 0.0), trials, {"masses": [1.0]})["masses"]
+    still = robustness(cart, reaching(cart, 0.0), given, {"masses": [1.0]}, *rest)["masses"]
     assert (still["survival"], still["obeys"], still["obeyed"]) == ([1.0], [0.0], None)
 
 

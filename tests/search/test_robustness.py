@@ -1,15 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Survival under disturbances, on a block that a constant force draws over rough ground."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.policies.driver import Driver
-from vgps_ros.search.robustness import Trials, behaviours, robustness
+from vgps_ros.search.judgement import Trial
+from vgps_ros.search.robustness import behaviours, robustness
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 
@@ -52,17 +51,21 @@ def drawn_by(task, force):
     return Driver(GaussianPolicy(shape, parameters, np.ones(1)), task.observation)
 
 
-def trials(task, count, steps, **settings):
-    starts = np.tile(task.initial_state, (count, 1))
-    given = DisturbanceSettings(body="block", **settings)
-    return Trials(starts, np.zeros((count, steps, 1)), 3, given)
+def trial(task, count, steps):
+    starts, silent = np.tile(task.initial_state, (count, 1)), np.zeros((count, steps, 1))
+    return Trial(starts, np.empty((count, steps, 0)), silent)
+
+
+def tried(task, force, count=1, steps=200, seed=3, push_before=0.0, **values):
+    """Tries disturbances on rollouts that a constant force draws [N]."""
+    settings = DisturbanceSettings(body="block", push_before=push_before)
+    driver, given = drawn_by(task, force), trial(task, count, steps)
+    return robustness(task, driver, given, values, seed, settings)
 
 
 def test_friction_is_borne_from_where_it_holds_the_force(block):
     """6 N pass what friction bears, 9.81 N times its factor, below 0.61; 1 m/s comes within 2 s."""
-    factors = [2.0, 0.3, 0.7, 0.5]
-    found = robustness(block, drawn_by(block, 6.0), trials(block, 2, 200), {"frictions": factors})
-    assert found == {
+    assert tried(block, 6.0, count=2, frictions=[2.0, 0.3, 0.7, 0.5]) == {
         "frictions": {
             "values": [0.3, 0.5, 0.7, 2.0],
             "survival": [0.0, 0.0, 1.0, 1.0],
@@ -73,23 +76,21 @@ def test_friction_is_borne_from_where_it_holds_the_force(block):
 
 def test_a_payload_holds_the_block_by_its_weight(block):
     """12 N pass what friction bears of 2 kg, but not what it bears of 3 kg."""
-    one = trials(block, 1, 200)
-    found = robustness(block, drawn_by(block, 12.0), one, {"payloads": [0.0, 1.0]})["payloads"]
+    found = tried(block, 12.0, payloads=[0.0, 1.0])["payloads"]
     assert (found["survival"], found["borne"]) == ([0.0, 1.0], None)
-    alone = robustness(block, drawn_by(block, 12.0), one, {"payloads": [1.0]})["payloads"]
-    assert alone["borne"] is None  # it was not listed, but it falls without a payload
+    # It is not listed, but the block falls without a payload.
+    assert tried(block, 12.0, payloads=[1.0])["payloads"]["borne"] is None
 
 
 def test_each_rollout_has_its_own_start_noise_and_disturbance(block):
     """Only the one on ice that something moves falls, in whatever order they stand."""
-    some = trials(block, 4, 200)
+    some = trial(block, 4, 200)
     some.noise[1:3] = 3.0
     some.starts[3, block.dynamics.model.nq] = 1.5  # faster than it may be, from the start
     ice, rough = Disturbance(friction=0.1), Disturbance(friction=1.0)
-    policy = drawn_by(block, 0.0)
 
     def up(*disturbances):
-        return behaviours(block, policy, disturbances, some).up[:, 0].tolist()
+        return behaviours(block, drawn_by(block, 0.0), disturbances, some).up[:, 0].tolist()
 
     assert up(ice, ice, rough, rough) == [True, False, True, False]
     assert up(ice, rough, ice, rough) == [True, True, False, False]
@@ -97,30 +98,25 @@ def test_each_rollout_has_its_own_start_noise_and_disturbance(block):
 
 def test_pushes_of_all_sizes_come_at_the_same_times_which_the_seed_names(block):
     """Half of the times are after the rollout's end, which no size of a push makes a fall."""
-    some = trials(block, 30, 100, push_before=2.0)
-    policy, sizes = drawn_by(block, 0.0), {"pushes": [1.0, 50.0, 100.0]}
-    found = robustness(block, policy, some, sizes)["pushes"]
+    given = {"count": 30, "steps": 100, "push_before": 2.0, "pushes": [1.0, 50.0, 100.0]}
+    found = tried(block, 0.0, **given)["pushes"]
     assert found["survival"][0] == 1.0  # 0.5 m/s at most
     assert 0.2 < found["survival"][1] == found["survival"][2] < 0.8
     assert found["borne"] == [0.0, 1.0]
-    assert robustness(block, policy, some, sizes)["pushes"] == found
-    other = robustness(block, policy, replace(some, seed=5), sizes)["pushes"]
-    assert other["survival"] != found["survival"]
+    assert tried(block, 0.0, **given)["pushes"] == found
+    assert tried(block, 0.0, seed=5, **given)["pushes"]["survival"] != found["survival"]
 
 
 def test_a_range_ends_at_the_first_size_that_is_not_borne(block):
     """A slope of s draws the block down where tan s passes 0.5, on one side and on the other."""
-    slopes = [-0.6, -0.4, 0.4, 0.6, 0.2]
-    found = robustness(block, drawn_by(block, 0.0), trials(block, 1, 200), {"slopes": slopes})
-    assert found["slopes"]["survival"] == [0.0, 1.0, 1.0, 1.0, 0.0]
-    assert found["slopes"]["borne"] == [-0.4, 0.4]
+    found = tried(block, 0.0, slopes=[-0.6, -0.4, 0.4, 0.6, 0.2])["slopes"]
+    assert found["survival"] == [0.0, 1.0, 1.0, 1.0, 0.0]
+    assert found["borne"] == [-0.4, 0.4]
 
 
 def test_a_lighter_block_slides_where_its_weight_held_it(block):
     """6 N pass what friction bears of 1 kg, but not of 1.4 kg."""
-    masses = {"masses": [0.4, 0.5, 0.7, 2.0]}
-    found = robustness(block, drawn_by(block, 6.0), trials(block, 1, 200), masses)["masses"]
-    assert found == {
+    assert tried(block, 6.0, masses=[0.4, 0.5, 0.7, 2.0])["masses"] == {
         "values": [0.4, 0.5, 0.7, 2.0],
         "survival": [0.0, 0.0, 1.0, 1.0],
         "borne": [0.7, 2.0],
@@ -132,13 +128,10 @@ def test_contacts_of_mujoco_replace_those_of_the_model(block, tmp_path):
     (tmp_path / "block.xml").write_text(BLOCK.replace('condim="3"', 'condim="3" solref="0.2 1"'))
     (tmp_path / "task.yaml").write_text(TASK + "fallen: [{sensor: z/position, below: -0.003}]\n")
     soft = make_task(str(tmp_path))
-    contacts = {"contacts": [0, 1]}
-    found = robustness(soft, drawn_by(soft, 0.0), trials(soft, 1, 200), contacts)["contacts"]
-    assert found["survival"] == [0.0, 1.0]
+    assert tried(soft, 0.0, contacts=[0, 1])["contacts"]["survival"] == [0.0, 1.0]
 
 
 def test_a_task_that_does_not_know_a_fall_is_refused(block, tmp_path):
     (tmp_path / "task.yaml").write_text(TASK)
-    task = make_task(str(tmp_path))
     with pytest.raises(InvalidInputError, match="does not say when the robot has fallen"):
-        robustness(task, drawn_by(task, 0.0), trials(task, 1, 10), {"pushes": [1.0]})
+        tried(make_task(str(tmp_path)), 0.0, steps=10, pushes=[1.0])

@@ -45,8 +45,14 @@ def _try_disturbances(
     Of a robot that obeys commands, all usual ones are tried where none is named.
     """
     from vgps_ros.search.evaluation import perturbed_starts
-    from vgps_ros.search.judgement import TRIALS, changing_commands, drawn_noise
-    from vgps_ros.search.robustness import KINDS, USUAL, Trials, robustness, suits
+    from vgps_ros.search.judgement import (
+        TRIALS,
+        Trial,
+        changing_commands,
+        drawn_noise,
+        first_phases,
+    )
+    from vgps_ros.search.robustness import KINDS, USUAL, robustness, suits
     from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
@@ -80,8 +86,8 @@ def _try_disturbances(
     )
     if any(values.get("pushes", ())):
         check_push_ends(settings, seconds, "a rollout", "--push-duration", "lengthen --seconds")
-    trials = Trials(starts, noise, arguments.seed, settings, commands)
-    return robustness(task, driver, trials, values)
+    trial = Trial(starts, commands, noise, phases=first_phases(len(starts)))
+    return robustness(task, driver, trial, values, arguments.seed, settings)
 
 
 def _flag(name: str) -> str:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import takewhile
 from typing import Any
@@ -25,7 +25,6 @@ from vgps_ros.search.judgement import (
     Trial,
     behaviour,
     check_lengths,
-    first_phases,
     interval,
 )
 from vgps_ros.simulation.dynamics import Dynamics
@@ -90,46 +89,23 @@ _COORDINATE_STD |= dict.fromkeys(("qw", "qx", "qy", "qz"), 0.015)  # gravity's d
 _COORDINATE_STD |= {"wx": 0.1, "wy": 0.1, "wz": 0.1}
 
 
-@dataclass(frozen=True)
-class Trials:
-    """The rollouts in which each disturbance is tried, the same ones for all of them.
-
-    Attributes:
-        starts: x_1 of each, shape (N, n_x).
-        noise: shape (N, T, n_u), [N·m]; zeros for the policy without noise.
-        seed: of the pushes' times and directions, and of the sensors' noise.
-        settings: the body, and when and for how long it is pushed.
-        commands: of each, shape (N, T, n_c); None of a task that has none.
-    """
-
-    starts: Array
-    noise: Array
-    seed: int
-    settings: DisturbanceSettings
-    commands: Array | None = None
-
-    @property
-    def rollouts(self) -> Trial:
-        """The rollouts without a disturbance."""
-        none = np.empty((*self.noise.shape[:2], 0))
-        commands = none if self.commands is None else self.commands
-        phases = first_phases(len(self.starts))
-        return Trial(self.starts, commands, self.noise, phases=phases)
-
-
 def robustness(
     task: Task,
     driver: Driver,
-    trials: Trials,
+    trial: Trial,
     values: Mapping[str, Sequence[float]],
+    seed: int,
+    settings: DisturbanceSettings,
 ) -> dict[str, Any]:
     """Tries disturbances of several sizes.
 
     Args:
         task: the undisturbed robot.
         driver: the policy, with what it reads.
-        trials: the rollouts.
+        trial: the rollouts in which each disturbance is tried, the same ones for all of them.
         values: sizes to try of each kind; see `KINDS`.
+        seed: of the pushes' times and directions, and of the sensors' noise.
+        settings: the body, and when and for how long it is pushed.
 
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
@@ -145,16 +121,16 @@ def robustness(
             f"The task {task.name} does not say when the robot has fallen, so that survival tells "
             "nothing; add `fallen` to its file."
         )
-    body_number(task, trials.settings.body)
-    check_lengths(task, trials.noise.shape[1] * task.dynamics.time_step)
+    body_number(task, settings.body)
+    check_lengths(task, trial.noise.shape[1] * task.dynamics.time_step)
 
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
     def shares(kind: str, value: float) -> tuple[float, float]:
-        found = _tried(task, driver, kind, value, trials)
+        found = _tried(task, driver, kind, value, trial, seed, settings)
         return float(found.up[:, -1].mean()), float(found.obeys[:, -1].mean())
 
     found: dict[str, dict[str, Any]] = {}
-    count = len(trials.starts)
+    count = len(trial.starts)
     for kind, given in values.items():
         ordered, calm = sorted(given), float(kind in _FACTORS)
         both = [(shares("", 0.0) if v == calm else shares(kind, v)) for v in ordered]
@@ -189,17 +165,17 @@ def suits(task: Task, kind: str, body: str = "") -> bool:
 
 
 def behaviours(
-    task: Task, driver: Driver, disturbances: Sequence[Disturbance], trials: Trials
+    task: Task, driver: Driver, disturbances: Sequence[Disturbance], trial: Trial
 ) -> Behaviour:
     """Returns what each rollout does under its disturbance."""
     rows: dict[Disturbance, list[int]] = {}
     for i, disturbance in enumerate(disturbances):
         rows.setdefault(disturbance, []).append(i)
-    seconds = trials.noise.shape[1] * task.dynamics.time_step
+    seconds = trial.noise.shape[1] * task.dynamics.time_step
 
     def tried(disturbance: Disturbance) -> Behaviour:
         here = disturbed(task, disturbance)
-        return behaviour(here, driver, trials.rollouts.of(rows[disturbance]), (seconds,))
+        return behaviour(here, driver, trial.of(rows[disturbance]), (seconds,))
 
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = Behaviour.joined(list(pool.map(tried, rows)))
@@ -238,16 +214,22 @@ def usual_noise(task: Task, driver: Driver) -> Array:
     return np.array([std(name) for name in driver.observation.readings.names])
 
 
-def _tried(task: Task, driver: Driver, kind: str, value: float, trials: Trials) -> Behaviour:
+def _tried(
+    task: Task,
+    driver: Driver,
+    kind: str,
+    value: float,
+    given: Trial,
+    seed: int,
+    settings: DisturbanceSettings,
+) -> Behaviour:
     """Tries a disturbance of one size; the kind is empty where there is none."""
-    settings, given = replace(trials.settings, push=value), trials.rollouts
     seconds = given.noise.shape[1] * task.dynamics.time_step
     if kind == "pushes":  # times and directions are the same for all sizes
-        rngs = (
-            generator(trials.seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(trials.starts))
-        )
-        drawn = [draw_disturbance(task, settings, rng) for rng in rngs]
-        return behaviours(task, driver, drawn, trials)
+        rngs = (generator(seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(given.starts)))
+        pushed = replace(settings, push=value)
+        drawn = [draw_disturbance(task, pushed, rng) for rng in rngs]
+        return behaviours(task, driver, drawn, given)
     body, here = settings.body, task
     if kind == "slopes":
         here = disturbed(task, Disturbance(slope=(value, 0.0)))
@@ -262,7 +244,7 @@ def _tried(task: Task, driver: Driver, kind: str, value: float, trials: Trials) 
     elif kind == "latencies":
         given = replace(given, lag=math.ceil(value / task.dynamics.time_step - 1e-6))
     elif kind == "sensor_noise":
-        rng = generator(trials.seed, Stream.JUDGEMENT, SENSORS)
+        rng = generator(seed, Stream.JUDGEMENT, SENSORS)
         std = usual_noise(task, driver)
         drawn_noise = rng.standard_normal((*given.noise.shape[:2], len(std)))
         given = replace(given, misread=value * std * drawn_noise)

@@ -15,12 +15,17 @@ import numpy as np
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.policies.driver import Driver
-from vgps_ros.search.judgement import SELECTION, Achieved, changing_commands
+from vgps_ros.search.judgement import (
+    SELECTION,
+    Achieved,
+    Trial,
+    changing_commands,
+    first_phases,
+)
 from vgps_ros.search.renewal import drawn_push
-from vgps_ros.search.robustness import Trials, behaviours
+from vgps_ros.search.robustness import behaviours
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import UNDISTURBED
 
 
@@ -68,20 +73,19 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
     rng, space = generator(seed, Stream.JUDGEMENT, SELECTION), task.dynamics.space
     count, steps = settings.keep.rollouts, round(settings.keep.seconds / task.dynamics.time_step)
     starts = task.initial_std * rng.standard_normal((count, space.tangent_dim))
-    trials = Trials(
+    trial = Trial(
         space.add(task.initial_state, starts),
-        np.zeros((count, steps, task.dynamics.control_dim)),
-        seed,
-        DisturbanceSettings(),
         np.array([changing_commands(task, steps, rng) for _ in range(count)]),
+        np.zeros((count, steps, task.dynamics.control_dim)),
+        phases=first_phases(count),
     )
     pushes = [UNDISTURBED] * count
     if settings.renew.push:
         before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
-    found = behaviours(task, Driver.of(task.observation, policy), pushes, trials)
+    found = behaviours(task, Driver.of(task.observation, policy), pushes, trial)
     if not task.signals.commands:
-        return Tried(policy, k, float(found.up[:, -1].mean()), _mean_cost(task, policy, trials))
+        return Tried(policy, k, float(found.up[:, -1].mean()), _mean_cost(task, policy, trial))
     commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
     if commands and not found.counts.any():
@@ -92,12 +96,12 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
     return Tried(policy, k, float(found.obeys[:, -1].mean()), float(error))
 
 
-def _mean_cost(task: Task, policy: GaussianPolicy, trials: Trials) -> float:
+def _mean_cost(task: Task, policy: GaussianPolicy, trial: Trial) -> float:
     """Returns what a step of the undisturbed rollouts costs; inf where one diverges."""
-    steps = trials.noise.shape[1]
+    steps = trial.noise.shape[1]
     context = task.signals.context(np.empty((steps, 0)), task.signals.phases(steps, 0.0))
     observation = task.observation.within(context)
-    states, controls = task.dynamics.execute(policy, observation, trials.starts, trials.noise)
+    states, controls = task.dynamics.execute(policy, observation, trial.starts, trial.noise)
     if not np.isfinite(states).all():
         return float("inf")
     cost = task.in_context(context).cost.starting_at(0, steps)
