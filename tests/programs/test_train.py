@@ -76,10 +76,6 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
             ["--ddp-regularization-floor", "100", "--ddp-regularization-limit", "1"],
             "ddp.regularization_floor is 100, but it must be at most ddp.regularization_limit, 1.",
         ),
-        (
-            ["--gps-initial-regularization", "1e3"],
-            "gps.initial_regularization is 1000, but it must be from gps.lowest_regularization",
-        ),
         (["--hidden-units", "5", "0"], "hidden_units is 0"),
         (["--seed", "-1"], "seed is -1"),
         (["--method", "vpgs"], "Did you mean 'vgps'?"),

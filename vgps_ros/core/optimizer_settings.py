@@ -30,9 +30,6 @@ class DdpSettings:
         1e10, "mu above which a solve gives up, as no_descent or indefinite_quu", minimum=1e-6,
         maximum=1e100,
     )  # fmt: skip
-    regularization_factor: float = setting(
-        1.6, "growth of the factor by which mu changes", minimum=1.01, maximum=100.0
-    )
     distribution_regularization: float = setting(
         0.0, "mu of the last backward pass, whose gains make q", minimum=0.0, maximum=1e10
     )

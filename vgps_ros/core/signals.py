@@ -24,6 +24,7 @@ from vgps_ros.core.settings import setting
 
 CLOCK = ("clock/sin", "clock/cos")
 SOURCE = re.compile(r"cmd_vel/(linear|angular)/[xyz]")  # of a command
+_EACH_AT_REST = 0.3  # share of the draws in which a command by itself is at rest
 _SHARE_OF_RANGE, _OF_CLOCK = 0.25, 0.5  # standard deviations of a command and of the clock
 
 
@@ -58,9 +59,6 @@ class CommandSettings:
 
     still: float = setting(
         0.12, "share of the situations in which all commands are at rest", minimum=0.0, maximum=1.0
-    )
-    axis: float = setting(
-        0.3, "share in which each command by itself is at rest", minimum=0.0, maximum=1.0
     )
     change: float = setting(
         0.0,
@@ -111,7 +109,7 @@ class Signals:
         share, *values = rng.uniform(size=1 + n)
         pairs = zip(self.commands, values, strict=True)
         drawn = np.array([c.lowest + (c.highest - c.lowest) * value for c, value in pairs])
-        at_rest = rng.uniform(size=n) < settings.axis
+        at_rest = rng.uniform(size=n) < _EACH_AT_REST
         if share < settings.still:
             at_rest[:] = True
         elif at_rest.all() and n:

@@ -42,6 +42,10 @@ from vgps_ros.search.rollouts import Rollouts
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Update, Workspace
 
+_GUIDING_SAMPLES = 40  # rollouts of the DDP solution in each situation
+_RECENT = 4  # latest policies, and latest adapted DDP solutions, whose rollouts are kept too
+# w_r, the weight of log Z: at first, and the least and the largest that it falls and rises to.
+_FIRST, _LEAST, _MOST = 1e-2, 1e-6, 1e2
 _STEP = 10.0  # factor by which w_r changes
 
 
@@ -234,14 +238,14 @@ def guided_search(
     w_r = last.regularization
     if k > 1:
         w_r *= 1.0 / _STEP if improves else _STEP
-        w_r = max(settings.lowest_regularization, min(w_r, settings.highest_regularization))
+        w_r = max(_LEAST, min(w_r, _MOST))
     best, lowest = (latest, cost) if improves else (last.policy, lowest)
     solutions, adapted = last.solutions, last.adapted
     if adapts:
         solutions = work.reoptimize(solutions, best, k)
         guides = guiding_distributions(work, solutions)
         new = [_guide(work, q, i, work.settings.policy_rollouts, k) for i, q in enumerate(guides)]
-        adapted = _joined(adapted, new, settings.recent)
+        adapted = _joined(adapted, new, _RECENT)
     return GuidedUpdate(best, solutions, lowest, w_r, last.guiding, recent, adapted)
 
 
@@ -249,26 +253,23 @@ def _with_rollouts(
     work: Workspace, recent: Batches, policy: GaussianPolicy, k: int
 ) -> tuple[Batches, float]:
     """Rolls a policy out; returns the batches that are kept then, and the rollouts' mean cost."""
-    settings = work.settings.gps
     draws = work.sample_policy(policy, work.settings.policy_rollouts, k)
     new = [Batch(rollouts.sound(), policy) for rollouts in draws]
-    kept = settings.recent * (2 if settings.redraw else 1)
+    kept = _RECENT * (2 if work.settings.gps.redraw else 1)
     return _joined(recent, new, kept), mean_rollout_cost(draws)
 
 
 def _first(work: Workspace) -> GuidedUpdate:
     """Returns the state before the first iteration, whose policy is fitted to the guides."""
-    settings, solutions = work.settings.gps, work.initial_solutions
+    solutions = work.initial_solutions
     guides = guiding_distributions(work, solutions)
     none: Batches = tuple(() for _ in guides)
     return GuidedUpdate(
         policy=work.supervised_policy(guides),
         solutions=solutions,
         lowest=float("inf"),
-        regularization=settings.initial_regularization,
-        guiding=tuple(
-            (_guide(work, q, i, settings.guiding_samples, k=0),) for i, q in enumerate(guides)
-        ),
+        regularization=_FIRST,
+        guiding=tuple((_guide(work, q, i, _GUIDING_SAMPLES, k=0),) for i, q in enumerate(guides)),
         recent=none,
         adapted=none,
     )

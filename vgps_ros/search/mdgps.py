@@ -59,6 +59,8 @@ from vgps_ros.tasks import Task
 
 _LEAST_GROWTH, _MOST_GROWTH = 0.2, 2.0  # of ε from one step to the next
 _RANGE = (0.05, 10.0)  # of ε, in multiples of kl_bound
+_COMPONENTS = 10  # Gaussians of the fitted dynamics' prior, at most
+_REMEMBERED = 3  # iterations whose rollouts the prior is fitted to
 _SHORTENINGS = 5  # of a step whose cost rises even where its own model leads
 
 
@@ -174,7 +176,7 @@ def _advanced(
     """Returns the next q(ζ) of a situation; the one before where the step fails."""
     settings, q = work.settings.mirror, before.distribution
     rollouts = _roll_out(work, here, policy, q, place)
-    recent = (*progress.recent, rollouts)[-settings.remembered :]
+    recent = (*progress.recent, rollouts)[-_REMEMBERED:]
     lowers = policy is None or settings.objective == "average"  # a step's objective is the cost
     bound = progress.bound
     try:
@@ -289,7 +291,7 @@ def _linear_model(
         origin = here.initial_state
         points = [transitions(space, origin, r.states, r.controls[:, :-1]) for r in recent]
         pool = np.concatenate([each.reshape(-1, each.shape[-1]) for each in points])
-        prior = Mixture.fitted(pool, work.settings.mirror.components, rng)
+        prior = Mixture.fitted(pool, _COMPONENTS, rng)
         fitted, std = fitted_dynamics(space, now.states, now.controls[:, :-1], prior, origin)
         linear = LinearDynamics(*(np.concatenate([f, f[-1:]]) for f in vars(fitted).values()))
         noise = np.hypot(spread.dynamics_std, np.concatenate([std, std[-1:]]))

@@ -132,8 +132,7 @@ def _planner(work: Workspace) -> Planner:
     """Returns what makes the plans, which are no longer than the task's horizon."""
     task, own = work.task, work.settings.teacher
     horizon = min(own.horizon, task.horizon * task.dynamics.time_step)
-    ddp = task.optimizer.ddp
-    return Planner(task, MpcSettings(horizon, ddp=ddp, policy_weight=own.policy_weight))
+    return Planner(task, MpcSettings(horizon, ddp=task.optimizer.ddp))
 
 
 def _lesson(

@@ -44,15 +44,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 class GpsSettings:
     """Settings of guided policy search and its adaptive variant."""
 
-    guiding_samples: int = setting(
-        40, "rollouts of the DDP solution per situation", minimum=2, maximum=100_000
-    )
-    recent: int = setting(
-        4,
-        "latest policies, and latest adapted DDP solutions, whose rollouts are kept too",
-        minimum=1,
-        maximum=1000,
-    )
     redraw: bool = setting(
         False,
         "whether the best policy is rolled out anew in each iteration, from the same starts and "
@@ -64,24 +55,6 @@ class GpsSettings:
         minimum=1e-6,
         maximum=1.0,
     )
-    initial_regularization: float = setting(
-        1e-2, "w_r, the weight of log Z, at first", minimum=1e-12, maximum=1e6
-    )
-    highest_regularization: float = setting(
-        1e2, "largest w_r, reached where iterations fail", minimum=1e-12, maximum=1e6
-    )
-    lowest_regularization: float = setting(
-        1e-6, "smallest w_r, reached where iterations succeed", minimum=1e-12, maximum=1e6
-    )
-
-    def __post_init__(self) -> None:
-        """Checks the order of w_r's bounds."""
-        low, high = self.lowest_regularization, self.highest_regularization
-        if not low <= self.initial_regularization <= high:
-            raise InvalidInputError(
-                f"gps.initial_regularization is {self.initial_regularization:g}, but it must be "
-                f"from gps.lowest_regularization, {low:g}, to gps.highest_regularization, {high:g}."
-            )
 
 
 @dataclass(frozen=True)
@@ -96,12 +69,6 @@ class TeacherSettings:
     )
     plan_every: int = setting(
         5, "control steps between two plans of a rollout", minimum=1, maximum=1000
-    )
-    policy_weight: float = setting(
-        0.1,
-        "weight w of the policy in the cost of a plan, c - w log pi_theta",
-        minimum=0.0,
-        maximum=1e6,
     )
     noise: float = setting(
         0.1,
@@ -145,12 +112,6 @@ class MirrorSettings:
         "steps for the cost alone before the first policy, where dynamics are fitted",
         minimum=0,
         maximum=100_000,
-    )
-    components: int = setting(
-        10, "Gaussians of the fitted dynamics' prior, at most", minimum=1, maximum=1000
-    )
-    remembered: int = setting(
-        3, "iterations whose rollouts the prior is fitted to", minimum=1, maximum=1000
     )
 
 

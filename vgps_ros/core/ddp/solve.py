@@ -31,6 +31,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
+_GROWTH = 1.6  # of the factor by which μ changes
 _CLOSED = 1e-9  # gaps that are no more than rounding
 
 
@@ -118,13 +119,13 @@ class StepSearch:
 
     def _raise_mu(self) -> bool:
         """Returns false if μ passes its limit."""
-        self._factor = max(self._factor, 1.0) * self._settings.regularization_factor
+        self._factor = max(self._factor, 1.0) * _GROWTH
         self.mu = max(self.mu * self._factor, 1e-6)
         return self.mu <= self._settings.regularization_limit
 
     def lower_mu(self) -> None:
         """Lowers μ, down to its floor."""
-        self._factor = min(self._factor, 1.0) / self._settings.regularization_factor
+        self._factor = min(self._factor, 1.0) / _GROWTH
         self.mu = max(self.mu * self._factor, self._settings.regularization_floor)
 
 
