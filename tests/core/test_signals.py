@@ -69,16 +69,16 @@ def test_commands_that_are_held_let_the_clock_go_on():
 
 
 def test_draws_fill_the_ranges_and_a_share_of_them_is_at_rest(rng):
-    settings = CommandSettings(still=0.25, axis=0.2)
+    settings = CommandSettings(still=0.25)
     draws = np.array([BOTH.draw(rng, settings) for _ in range(4000)])
     still = (draws == REST).all(axis=1)
     assert still.mean() == pytest.approx(0.25, abs=0.03)
     assert_allclose(draws[~still].min(axis=0), [-0.5, 0.2], atol=0.01)
     assert_allclose(draws[~still].max(axis=0), [1.0, 0.4], atol=0.01)
     assert ((draws >= [-0.5, 0.2]) & (draws <= [1.0, 0.4])).all()
-    # One command alone is at rest in a share of .2, less where both would be, more where one stays.
+    # One command alone is at rest in a share of .3, less where both would be, more where one stays.
     alone = (draws[~still] == REST).mean(axis=0)
-    assert_allclose(alone, 0.2 - 0.2**2 / 2, atol=0.03)
+    assert_allclose(alone, 0.3 - 0.3**2 / 2, atol=0.03)
 
 
 @pytest.mark.parametrize(
