@@ -18,8 +18,8 @@ from vgps_ros.tasks import make_task
 
 @pytest.fixture(scope="module")
 def planner(swimmer):
-    settings = MpcSettings(horizon=0.4, ddp=swimmer.optimizer.ddp, plan_age_limit=0.1)
-    return Planner(swimmer, settings)
+    ddp = swimmer.optimizer.ddp
+    return Planner(swimmer, MpcSettings(0.4, ddp=ddp, plan_age_limit=0.1, end_weight=0.0))
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,10 @@ plans the robot follows
 so that a plan which comes late is made up for by its gains. The next plan improves the cheapest of
 some motions on the true dynamics from the new state: the old plan, followed with its gains and
 continued by the tail; another motion with gains, where one is known; and the tail alone, which
-brings back a robot that the plan has lost. The tail is the learned policy's motion, or where
-there is no policy that of controls at rest: motors without torque, servos that hold their place.
+brings back a robot that the plan has lost. The tail is the learned policy's motion; where there is
+no policy, that of the task's first solution, whose cost to go a plan's last state then has, too
+(`search.plan_end`); and where neither fits, that of controls at rest: motors without torque, servos
+that hold their place.
 
 `PlanFollower` answers states with feedback along the newest plan, and `AdjustableCost` has the
 targets and weights that may be changed while plans are made.
@@ -23,6 +25,7 @@ from dataclasses import dataclass, field, replace
 from threading import Event
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vgps_ros.core.cost import FeatureCost, TrajectoryCost
 from vgps_ros.core.ddp.solve import Status, improve, solve
@@ -33,6 +36,7 @@ from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.settings import setting
 from vgps_ros.search.optimization_request import first_request, nominal_of
+from vgps_ros.search.plan_end import PlanEnd
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
 
@@ -55,6 +59,14 @@ class MpcSettings:
         "weight w of the learned policy, where there is one, in the cost of a plan, "
         "c - w log pi_theta: it keeps a plan away from what only its end makes cheap; 0: the "
         "policy only continues plans",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    end_weight: float = setting(
+        1.0,
+        "weight of what comes after a plan's end by the task's first solution, which is then found "
+        "at start; 0: nothing comes after it. It counts where there is no policy, in tasks without "
+        "commands whose cost does not change with time and whose robot has no free base",
         minimum=0.0,
         maximum=1e6,
     )
@@ -114,6 +126,11 @@ class Planner:
         self._at_rest = task.signals.held(task.signals.rest, self.steps)
         self._task = task.commanded(task.signals.rest)
         self.cost = task.cost
+        # The first solution turns with no heading, follows no command, and knows no time.
+        is_alike = not (task.signals.names or task.dynamics.space.quaternions)
+        is_alike = is_alike and bool(_constant(task.cost).all())
+        self._is_continued = settings.end_weight > 0.0 and is_alike
+        self._end: PlanEnd | None = None
 
     def first_plan(self, seed: int = 0) -> Plan:
         """Returns the plan from the task's initial state, which begins at step 0.
@@ -123,16 +140,19 @@ class Planner:
         Raises:
             DivergenceError: that motion diverges, or its solve ends where Quu is indefinite.
         """
-        settings = self._settings
-        request = first_request(self._task, seed, settings.first_iterations)
-        # No motion is made beyond the plan's end.
-        begun = nominal_of(replace(self._task, horizon=self.steps, lookahead=0), request)
-        cost, iterations = self._cost(0, None, self._at_rest), settings.first_iterations
+        settings, task = self._settings, self._task
+        request = first_request(task, seed, settings.first_iterations)
+        if not self._is_continued:
+            task = replace(task, horizon=self.steps, lookahead=0)
+        begun = nominal_of(task, request)
+        cost, iterations = self._cost(0, None, task.planned_context), settings.first_iterations
         found = solve(
-            *(self._task.dynamics, cost, begun.trajectory, settings.ddp, iterations),
-            gaps=begun.gaps,
+            *(task.dynamics, cost, begun.trajectory, settings.ddp, iterations), gaps=begun.gaps
         )
-        return Plan(0, found.trajectory, found.policy.gains, found.cost, found.status)
+        if self._is_continued:
+            self._end = PlanEnd(task, found, settings.end_weight)
+        plan, gains = found.trajectory.first(self.steps), found.policy.gains[: self.steps]
+        return Plan(0, plan, gains, float(cost.values(plan).sum()), found.status)
 
     def next_plan(
         self,
@@ -169,11 +189,12 @@ class Planner:
         cost = self._cost(step, policy, context)
         motions = [self._continued(old, state, step, policy, context) for old in (plan, *known)]
         motions.append(self._tail(state, policy, context))
-        costs = [float(np.sum(cost.values(motion))) for motion in motions]
+        costs = [self._with_end(cost, motion, policy) for motion in motions]
+        sums = [float(np.sum(c.values(m))) for c, m in zip(costs, motions, strict=True)]
         # A motion that diverges costs NaN.
-        best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
+        best = int(np.argmin(np.nan_to_num(sums, nan=np.inf)))
         dynamics, ddp = self._task.dynamics, self._settings.ddp
-        found = improve(dynamics, cost, motions[best], ddp, is_cancelled)
+        found = improve(dynamics, costs[best], motions[best], ddp, is_cancelled)
         return Plan(step, found.trajectory, found.gains, found.cost, found.status)
 
     def control(self, plan: Plan, state: Array, step: int) -> Array:
@@ -203,8 +224,10 @@ class Planner:
         )
 
     def _tail(self, state: Array, policy: GaussianPolicy | None, context: Array) -> Trajectory:
-        """Returns the motion from a state, over a context, of the policy or of controls at rest."""
+        """Returns the motion of the tail from a state, over a context."""
         task, dynamics = self._task, self._task.dynamics
+        if policy is None and self._end:
+            return self._end.motion(state, len(context))
         if policy is None:
             controls = np.tile(task.controls.resting(state), (1, len(context), 1))
             states = dynamics.replay(state, controls)
@@ -214,10 +237,18 @@ class Planner:
             states, controls = dynamics.execute(policy, observation, state[None], noise)
         return Trajectory(states[0], controls[0])
 
+    def _with_end(
+        self, cost: TrajectoryCost, motion: Trajectory, policy: GaussianPolicy | None
+    ) -> TrajectoryCost:
+        """Returns a plan's cost, what comes after a motion's end included."""
+        if policy or not self._end:
+            return cost
+        return self._end.added(cost, self.cost, motion)
+
     def _cost(self, step: int, policy: GaussianPolicy | None, context: Array) -> TrajectoryCost:
         """Returns the cost of a plan that begins at a control step, in its context."""
         task, weight = self._task, self._settings.policy_weight
-        cost = replace(self.cost, following=None, context=None).starting_at(step, self.steps)
+        cost = replace(self.cost, following=None, context=None).starting_at(step, len(context))
         cost = replace(cost, following=self.cost.following).in_context(context)
         if policy is None or not weight:
             return cost
@@ -356,7 +387,7 @@ class AdjustableCost:
     targets: Array
     weights: Array
     _cost: FeatureCost
-    _columns: Array
+    _columns: NDArray[np.intp]
 
     def __call__(self, targets: Sequence[float], weights: Sequence[float]) -> FeatureCost:
         """Returns the task's cost with other targets and weights.
@@ -389,16 +420,17 @@ def adjustable(cost: FeatureCost) -> AdjustableCost:
     names = cost.features.names if isinstance(cost.features, Readings) else ()
     follows = cost.following.follows if cost.following else np.zeros(len(names), bool)
     targets, weights = (np.atleast_2d(values) for values in (cost.targets, cost.weights))
-    constant = [
-        i
-        for i in range(len(names))
-        if not follows[i]
-        and all((values[:, i] == values[0, i]).all() for values in (targets, weights))
-    ]
+    constant = np.flatnonzero(_constant(cost) & ~follows) if names else np.empty(0, np.intp)
     return AdjustableCost(
         names=tuple(names[i] for i in constant),
         targets=targets[0, constant],
         weights=weights[0, constant],
         _cost=cost,
-        _columns=np.array(constant, dtype=np.intp),
+        _columns=constant,
     )
+
+
+def _constant(cost: FeatureCost) -> NDArray[np.bool_]:
+    """Tells of each reading whether its target and weight do not change with time, (m,)."""
+    both = (np.atleast_2d(values) for values in (cost.targets, cost.weights))
+    return np.logical_and(*((values == values[0]).all(axis=0) for values in both))
