@@ -224,6 +224,8 @@ def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
     text, task = written(stiff)
     assert "{control: all, pose: {shoulder: 0.5, elbow: 0.5}, weight: 2}" in text
     assert task.cost.control_targets.tolist() == [0.5, 0.5]
+    first = task.begin(task, task.initial_state, task.horizon, np.random.default_rng(0))
+    assert first.trajectory.controls == pytest.approx(0.5)
 
 
 def test_what_makes_derivatives_worthless_is_changed_and_activations_are_read(written):

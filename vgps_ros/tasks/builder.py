@@ -30,7 +30,7 @@ from vgps_ros.simulation.model import (
 )
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.first_motion import Drawn, keyframe, with_beginning
+from vgps_ros.tasks.first_motion import Drawn, keyframe, posed, with_beginning
 from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
     Changes,
@@ -405,17 +405,7 @@ def _add_controls(
     for name, weight in zip(chosen, each, strict=True):
         weights[actuators.index(name)] += weight
     if term.pose is not None:
-        data = mujoco.MjData(read.model)
-        data.qpos[:] = start[: read.model.nq]
-        if isinstance(term.pose, dict):
-            for pattern, position in term.pose.items():
-                with read.document.at((*place, "pose", pattern)):
-                    for name in matching("hinge or slide", pattern, read.joints):
-                        data.joint(name).qpos = position
-        elif term.pose != "start":
-            number = keyframe(read.model, term.pose, read.document, (*place, "pose"))
-            data.qpos[:] = read.model.key_qpos[number]
-        mujoco.mj_forward(read.model, data)
+        data = posed(read.model, start, term.pose, read.document, (*place, "pose"))
         for name in chosen:
             poses[actuators.index(name)] = data.actuator_length[actuators.index(name)]
 

@@ -19,7 +19,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
-from vgps_ros.simulation.model import state_names
+from vgps_ros.simulation.model import joint_names, state_names
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
 from vgps_ros.tasks.sampled_motion import FALLEN, Arrival, SampledMotion, Sampler, half_ranges
 from vgps_ros.tasks.schema import (
@@ -28,6 +28,7 @@ from vgps_ros.tasks.schema import (
     Noise,
     PathMotion,
     Pd,
+    Pose,
     RecordedMotion,
     Sampling,
 )
@@ -303,12 +304,8 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     gets the pose itself.
     """
     model: mujoco.MjModel = task.dynamics.model
-    data = mujoco.MjData(model)
-    data.qpos[:] = task.initial_state[: model.nq]
-    if begin.pose is not None:
-        key = keyframe(model, begin.pose, document, ("begin", "pose"))
-        data.qpos[:] = model.key_qpos[key]
-    mujoco.mj_forward(model, data)
+    place = ("begin", "pose")
+    data = posed(model, task.initial_state, begin.pose or "start", document, place)
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     joints = np.where(of_joint, model.actuator_trnid[:, 0], 0)
     of_joint &= model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
@@ -335,6 +332,27 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
         return np.clip(np.where(is_servo, held, motors), *limits)
 
     return law
+
+
+def posed(
+    model: mujoco.MjModel, start: Array, pose: Pose, document: Document, place: Place
+) -> mujoco.MjData:
+    """Returns the data of a pose: the start, a keyframe, or the start but for some joints.
+
+    Raises:
+        InvalidInputError: the model has no such keyframe or joint.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = start[: model.nq]
+    if isinstance(pose, dict):
+        for pattern, position in pose.items():
+            with document.at((*place, pattern)):
+                for name in matching("hinge or slide", pattern, joint_names(model)):
+                    data.joint(name).qpos[:] = position
+    elif pose != "start":
+        data.qpos[:] = model.key_qpos[keyframe(model, pose, document, place)]
+    mujoco.mj_forward(model, data)
+    return data
 
 
 def _by_joint(given: Any, default: Array, names: list[str], key: str, document: Document) -> Array:

@@ -301,11 +301,13 @@ def _begin(robot: Robot) -> dict[str, Any]:
     std = np.where(np.isfinite(high) & (high > 0), 0.2 * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
     swings = robot.kind == "pendulum" or _carries(robot)
+    ends = _ends(robot) if is_servo else {}
     return {
         "hops": robot.hops,
         "path": path,
         "sampled": sampled,
         "pd": held and not path and not sampled and not swings,
+        "goal": ends or "",
         "noise": None if held or swings else std if len({*std}) > 1 else std[0],
         "swings": swings,
     }
@@ -538,6 +540,13 @@ def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
     return terms
 
 
+def _ends(robot: Robot) -> dict[str, float]:
+    """Returns where the joints shall go that are scored by their positions."""
+    terms = [] if robot.base else _pose_cost(robot)
+    sought = {term["sensor"].partition("/position"): term.get("target", 0.0) for term in terms}
+    return {name: goal for (name, part, _), goal in sought.items() if part}
+
+
 def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     """Returns the cost of controls: each weighs the same at its own limit, of a servo its force.
 
@@ -554,9 +563,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     there.qpos[:] = robot.goal
     mujoco.mj_forward(model, there)
     ways = np.abs(there.actuator_length - robot.data.actuator_length)
-    ends = [] if robot.base else _pose_cost(robot)  # where its servos come to rest
-    sought = {t["sensor"].partition("/position"): t.get("target", 0.0) for t in ends}
-    pose = {name: goal for (name, part, _), goal in sought.items() if part} or "start"
+    pose = _ends(robot) or "start"
     for i, (kind, high) in enumerate(zip(controls.kinds, controls.limits[1], strict=True)):
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0

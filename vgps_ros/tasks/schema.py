@@ -31,6 +31,7 @@ Count = Annotated[int, Meta(ge=0, le=1_000_000)]
 Bits = Annotated[int, Meta(ge=0, lt=2**31)]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
 Keyframe = Name | Count
+Pose = Keyframe | dict[Name, Number]
 Vector = tuple[Number, Number, Number]
 Coordinates = Number | tuple[Number, ...]
 
@@ -110,7 +111,7 @@ class CostTerm(Record, frozen=True, kw_only=True):
         about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
     ] = None
     pose: Annotated[
-        Keyframe | dict[Name, Number] | None,
+        Pose | None,
         about(
             "with control, start, a keyframe, or positions of joints that differ from the start: "
             "what counts is (u − u*)², where u* is the length of the actuator in this pose, as a "
@@ -522,8 +523,12 @@ class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
     """Torques that hold a pose: stiffness · (pose − position) − damping · velocity."""
 
     pose: Annotated[
-        Keyframe | None,
-        about("a keyframe, by name or number; left out: the start", "stand"),
+        Pose | None,
+        about(
+            "a keyframe, by name or number, or positions of joints that differ from the start; "
+            "left out: the start",
+            "stand",
+        ),
     ] = None
     stiffness: Annotated[
         NonNegative | dict[str, NonNegative] | None,
