@@ -177,6 +177,18 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert model.opt.timestep == 0.005
 
 
+def test_legs_start_from_no_keyframe_in_which_they_crouch(written):
+    pose = "0 0 {} 1 0 0 0 0 -{} {} 0 -{} {}"
+    for name, low, is_used in (
+        ("squat", pose.format(0.3, *(1.4, 2.5) * 2), False),
+        ("stand", pose.format(0.5, *(0.4, 0.8) * 2), True),
+    ):
+        key = f'<keyframe><key name="{name}" qpos="{low}"/></keyframe></mujoco>'
+        text, task = written(walker(*TWO).replace("</mujoco>", key))
+        assert ("keyframe: " + name in text) == is_used
+        assert task.initial_state[2] > 0.35
+
+
 def test_two_legs_in_a_plane_are_a_biped_unless_one_stands_far_before_the_other(written):
     beside, task = written(walker(*TWO, joint=PLANE))
     apart, _ = written(walker(("fore", 0.4, 0), ("hind", -0.4, 0), joint=PLANE))

@@ -41,6 +41,7 @@ _DIVES = 1.5  # how much faster than usual the centre of mass sinks, if the moti
 _WILD = 5.0  # noise from which on, as a multiple of half a control's range, its limits rule
 _NOWHERE = 0.9  # share of what it costs to do nothing from which on a motion goes nowhere
 _FAR = 0.7  # share of the start's cost from which on a step at the end is as far from the goal
+_NEAR = 0.1  # share of it up to which the motion has arrived, so that little is left to improve
 _MUCH = 0.1  # share of the cost from which on a part of it is what the task is for
 _UNTOUCHED = 0.5  # share of the steps in which a reading stays as it was, if nothing touches it
 _GRACE = 0.5  # time that a signal leaves for an orderly end [s]
@@ -463,7 +464,7 @@ def _after(task: "Task", motion: Trajectory, found: TaskCheck, still: Array) -> 
             f"The motion costs {costs[-1]:.4g}, and {still.sum():.4g} without any control, so it "
             f"goes nowhere: {more if isinstance(task.begin, Best) else f'{best}, or {more}'}."
         )
-    elif is_poor and not isinstance(task.begin, Best):  # which DDP has improved already
+    elif is_poor and ends > _NEAR * still[0] and not isinstance(task.begin, Best):  # improved
         troubles.append(
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."

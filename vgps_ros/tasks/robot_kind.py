@@ -184,6 +184,9 @@ def recognised(model: mujoco.MjModel) -> Robot:
         robot.kind = "vehicle"
         if robot.gravity and _vertical(robot) is not None:
             _stand(robot)
+        if robot.key is not None and _crouches(robot):
+            stands = robot.reset(None).frame[2, 2] > 0.9
+            _stand(robot if stands else robot.reset(key))
     elif robot.gravity and any(_hangs(robot, j) for j in robot.joints):
         robot.kind = "pendulum"
     elif finger_count(robot) > 2:
@@ -328,6 +331,17 @@ def _stand(robot: Robot) -> None:
     robot.height = float(data.xpos[robot.root][2] - ground_of(robot))
     if robot.feet:
         robot.kind = "legs"
+
+
+def _crouches(robot: Robot) -> bool:
+    """Returns whether its hips are lower than half the length of its legs."""
+    for foot, leg in zip(robot.feet, legs_of(robot), strict=True):
+        bending = _bending(robot, leg)
+        points = [*robot.data.xanchor[bending], robot.data.geom_xpos[foot]]
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        if points[0][2] - ground_of(robot) < 0.5 * length:
+            return True
+    return False
 
 
 def touching_geoms(model: mujoco.MjModel) -> Mask:
