@@ -135,7 +135,7 @@ def written(tmp_path, monkeypatch):
         (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
         (FOUR_BARS, "An arm", ["crank/position, target: 0.5"]),
-        (CART, "No feet were found", ["index: x, target: 1"]),
+        (CART, "No feet were found", ["index: x, target: 1", "solref: [0.032, 1]"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),
         (FISH.format(target=""), "A swimmer", ["index: y, target: -0.1"]),
         (
@@ -236,6 +236,13 @@ def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
     text, task = written(stiff)
     assert "{control: all, pose: {shoulder: 0.5, elbow: 0.5}, weight: 2}" in text
     assert task.cost.control_targets.tolist() == [0.5, 0.5]
+    narrow = 'position kp="9" ctrllimited="true" ctrlrange="-.1 .1" name="elbow"'
+    text, _ = written(
+        ACROBOT.replace('<motor name="elbow"', f"<{narrow}").replace(
+            'joint="elbow" ctrlrange="-2 2" ctrllimited="true"', 'joint="elbow"'
+        )
+    )
+    assert text.partition("control: all")[2].partition("weight: ")[2].startswith("50}")
     first = task.begin(task, task.initial_state, task.horizon, np.random.default_rng(0))
     assert first.trajectory.controls == pytest.approx(0.5)
 

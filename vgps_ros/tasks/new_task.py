@@ -429,15 +429,16 @@ def _carries(robot: Robot) -> bool:
 def _soft(robot: Robot) -> float:
     """Returns a time constant of contact that can be differentiated [s].
 
-    What lies on it sinks in by g τ², which may be a tenth of a thing that is to be caught.
+    What lies on something sinks in by g τ², which may be a tenth of the size of a thing that is to
+    be caught, or of the height of a robot.
     """
     model, thing = robot.model, thing_beside(robot)
-    if thing is None or not _carries(robot):
-        return 0.04
-    own = (model.geom_bodyid == model.jnt_bodyid[thing]) & touching_geoms(model)
-    size = float(model.geom_size[own, 0].min(initial=np.inf))
+    size = robot.height or np.inf
+    if thing is not None and _carries(robot):
+        own = (model.geom_bodyid == model.jnt_bodyid[thing]) & touching_geoms(model)
+        size = float(model.geom_size[own, 0].min(initial=np.inf))
     least = 2.0 * model.opt.timestep  # below which MuJoCo's contact is unstable
-    return float(np.clip(np.sqrt(0.1 * size / robot.gravity), least, 0.04))
+    return float(np.clip(np.sqrt(0.1 * size / (robot.gravity or 9.81)), min(least, 0.04), 0.04))
 
 
 def _ways(robot: Robot) -> list[str]:
@@ -570,7 +571,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
         if is_servo:  # the target from which on its force is greatest [rad]
             force = controls.servo_forces[i]
             limit = min(force / controls.stiffness[i], 1.0) if force < 1e6 else _UNKNOWN_REACH
-            limit = max(limit, ways[i])  # a stiff one still has to go there
+            limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
         lags = mujoco.mjtDyn(model.actuator_dyntype[i]) in _LAGGING
         lag = model.actuator_dynprm[i, 0] if lags else 0.0
         lead = 1.0 + (2 * np.pi * _rate(robot) * lag) ** 2  # of its square, at the clock's rate
