@@ -141,7 +141,7 @@ def written(tmp_path, monkeypatch):
         (
             FISH.format(target='<site name="target" pos="0 .3 1"/>'),
             "A swimmer",
-            ["sensor: to_target"],
+            ["site: target, relative_to: {xbody: head}", '"root/r?": 1', "renew:"],
         ),
         (SPINNER, "An arm", ["sensor: spin/velocity"]),
         (CUP, "An arm", ["xbody: ball, relative_to: {site: target}", "index: [z]"]),
@@ -296,6 +296,15 @@ def test_new_locks_joints_and_puts_servos_in_place_of_motors(tmp_path, monkeypat
     for wrong in ("FL_roll=far", "FL_roll=nan"):
         with pytest.raises(SystemExit, match="is no position of 'FL_roll'"):
             main(["new", "other", "--model", "robot.xml", "--lock", wrong])
+
+
+def test_a_swimmer_reads_its_target_in_its_own_frame_alone(written):
+    _, task = written(FISH.format(target='<site name="target" pos="0 .3 1"/>'))
+    state = task.initial_state
+    turned = np.concatenate([[0.3, 0.3, 1, np.sqrt(0.5), 0, 0, np.sqrt(0.5)], state[7:]])
+    there = task.observation(np.stack([state, turned]))  # 0.3 m ahead of it, as it has turned left
+    assert "to_target/y" in task.observation.names
+    assert there[0] == pytest.approx(there[1], abs=1e-9)
 
 
 def test_a_nose_along_y_is_noticed(written):

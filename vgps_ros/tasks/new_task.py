@@ -40,7 +40,7 @@ from vgps_ros.tasks.schema import MOST_CONTACTS
 
 _TEMPLATE = Path(__file__).with_name("new_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
-_NEAR = 2.0  # body lengths within which a swimmer is sent to a target
+_NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
@@ -112,19 +112,20 @@ def _facts(robot: Robot) -> dict[str, Any]:
     """Returns the facts of which the template speaks; what it asks for and is not here, is not."""
     model, legs = robot.model, bool(robot.feet)
     step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
-    period = _whole(0.02 if legs or robot.kind == "pendulum" else 0.01, step)
+    is_swimmer = robot.kind == "swimmer"
+    period = _whole(0.02 if legs or is_swimmer or robot.kind == "pendulum" else 0.01, step)
     swings = swing_time(robot) if robot.kind == "pendulum" else 0.0
-    horizon = _whole(1.0 if legs else swings or 2.0, period)
+    horizon = _whole(1.0 if legs else 3.0 if is_swimmer else swings or 2.0, period)
     times = {
         "step": step,
         "period": period,
         "horizon": horizon,
         "twice": 2 * horizon,
-        "lookahead": _whole(0.5, period),
+        "lookahead": _whole(1.0 if is_swimmer else 0.5, period),
     }
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
     std: dict[str, Any] = {"position": 0.01, "velocity": 0.1}
-    if same := _places(robot):
+    if (same := _places(robot)) and not _seeks(robot):
         std["overrides"] = dict.fromkeys(same, 0.0)
     moved = robot.moved()
     listed = {
@@ -143,6 +144,10 @@ def _facts(robot: Robot) -> dict[str, Any]:
         "keyframe": None if robot.key is None else listed["keyframes"][robot.key],
         "moved": _flow(moved, 5) if moved else "",
         "std": std,
+        "seeks": (seeks := _seeks(robot)),
+        "measured": seeks or (legs and robot.is_free),
+        "swims": "reach what is called target" if seeks else f"go along {robot.forward[0]}",
+        "varied": _varied(robot),
         "observed": _observed(robot),
         **{name.upper(): _flow(_new(robot, name)) for name in _SENSORS},
         **_changes(robot, step),
@@ -280,6 +285,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "steps": [*steps, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
         "reached": reached,
         "ways": _ways(robot) if reached else [],
+        "pull": 4.0 / max(length, _away(robot)) ** 2 if robot.base else 20,
         "balls": balls,
         "axes": [
             f"{_flow(_new(robot, f'{name}_axis'))}: {_flow(axis.sensor)}"
@@ -298,7 +304,8 @@ def _begin(robot: Robot) -> dict[str, Any]:
     path = robot.is_biped and controls is not None and not is_servo
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
     high = controls.limits[1] if controls else np.full(1, np.inf)
-    std = np.where(np.isfinite(high) & (high > 0), 0.2 * high, 1.0).tolist()
+    share = 0.7 if robot.kind == "swimmer" else 0.2
+    std = np.where(np.isfinite(high) & (high > 0), share * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
     swings = robot.kind == "pendulum" or _carries(robot)
     ends = _ends(robot) if is_servo else {}
@@ -310,6 +317,8 @@ def _begin(robot: Robot) -> dict[str, Any]:
         "goal": ends or "",
         "noise": None if held or swings else std if len({*std}) > 1 else std[0],
         "swings": swings,
+        "renews": swings or _seeks(robot),
+        "while": 0.1 if robot.kind == "swimmer" else 0.3,
     }
 
 
@@ -414,11 +423,34 @@ def _reached(robot: Robot) -> dict[str, Any] | None:
     if robot.kind == "swimmer":
         size = np.ptp(robot.data.geom_xpos[own], axis=0).max() + model.geom_rbound[own].min()
         is_near = np.linalg.norm(target[2] - robot.data.xpos[robot.root]) < _NEAR * size
-        return {"type": "framepos", "xbody": robot.name} | goal if is_near else None
+        seen = {"type": "framepos", target[0]: target[1], "relative_to": {"xbody": robot.name}}
+        return seen if is_near else None  # in its own frame: where it has to turn
     if thing is None:
         return {"type": "framepos", "geom": model.geom(own[-1]).name} | goal
     is_turned, body = model.jnt_type[thing] == HINGE, model.body(model.jnt_bodyid[thing]).name
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
+
+
+def _seeks(robot: Robot) -> bool:
+    """Returns whether it swims to a target, from wherever it is."""
+    return bool(robot.base) and _reached(robot) is not None
+
+
+def _varied(robot: Robot) -> dict[str, Any]:
+    """Returns how the starts differ from which a swimmer learns to turn to its target."""
+    spread, half = dict[str, float](), _away(robot) / 2
+    for name, kind in ((robot.model.joint(j).name, robot.model.jnt_type[j]) for j in robot.base):
+        if robot.is_free:
+            spread |= {f"{name}/[xyz]": half, f"{name}/r?": 1.0}
+        else:
+            spread[f"{name}/position"] = 1.0 if kind == HINGE else half
+    return {"position": 0.2, "velocity": 0.1, "overrides": spread}
+
+
+def _away(robot: Robot) -> float:
+    """Returns how far its target is, or 1 without one [m]."""
+    target = _target(robot)
+    return float(np.linalg.norm(target[2] - robot.data.xpos[robot.root])) if target else 1.0
 
 
 def _carries(robot: Robot) -> bool:
@@ -556,6 +588,8 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     """
     model = robot.model
     strong = 3.0 if robot.feet else 0.5  # what a control at its limit costs in each step
+    if robot.kind == "swimmer":  # all of whose controls have to work as long as it goes
+        strong = 0.1 / max(1, model.nu)
     if not model.nu:
         stiff = {"pose": "start", "weight": strong} if robot.feet else {"weight": strong / 400}
         return [{"control": "all"} | stiff]
@@ -590,9 +624,14 @@ def _observed(robot: Robot) -> list[Any]:
     turning = [model.joint(j).name for j in _turning(robot)]
     cyclic = {name.rpartition("/")[0] for name in _places(robot)}
     out = [name for name in joint_names(model) if name in cyclic or name in turning]
-    if len(out) < len(joint_names(model)):
-        entries.append({"joint_positions": {"except": out}} if out else "joint_positions")
-    entries += ["joint_velocities"] if joint_names(model) else []
+    carried = [model.joint(j).name for j in robot.base if model.jnt_type[j] >= SLIDE]
+    unread = carried if (seeks := _seeks(robot)) else []  # it sees where the target is
+    for kind, names in (("positions", unread or out), ("velocities", unread)):
+        if len(names) < len(joint_names(model)):
+            key = f"joint_{kind}"
+            entries.append({key: {"except": names}} if names else key)
+    if seeks:
+        return [*entries, *(_new(robot, name) for name in ("velocity", "turning", "to_target"))]
     entries += [{"joint": name, "as": "sin_cos"} for name in turning]
     entries += [_new(robot, "up")] if robot.is_free and _leans(robot) else []
     if robot.is_free and robot.feet:
