@@ -1,11 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The first task file of each kind of robot: it is taken for what it is, and starts soundly."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from vgps_ros.programs.__main__ import main
+from vgps_ros.programs.check import derivative_errors, inexact
 from vgps_ros.tasks import make_task
 
 GROUND = '<geom name="ground" type="plane" size="0 0 1"/>'
@@ -253,6 +256,23 @@ def test_what_makes_derivatives_worthless_is_changed_and_activations_are_read(wr
     text, task = written(lagging)
     assert "solver: Newton, iterations: 100, tolerance: 1.0e-10" in text
     assert "elbow/activation" in task.observation.names
+
+
+def test_friction_cones_are_pyramids_whose_derivatives_are_exact(written):
+    """As many of menagerie's quadrupeds have them elliptic, with an impratio of 100."""
+    steep = walker(*FOUR, motor="position", extra=SERVO)
+    steep = steep.replace("<option", '<option cone="elliptic" impratio="100"')
+    text, task = written(steep)
+    first = task.begin(task, task.initial_state, 30, np.random.default_rng(0)).trajectory
+    assert np.quantile(derivative_errors(task, first), 0.9) < 1e-3
+    assert not inexact(task, derivative_errors(task, first))
+    round_cones = text.replace("cone: pyramidal", "cone: elliptic")
+    assert round_cones != text
+    Path("mine/task.yaml").write_text(round_cones)
+    task = make_task("mine")
+    errors = derivative_errors(task, first)
+    assert np.quantile(errors, 0.9) > 1.0
+    assert "cone: pyramidal" in inexact(task, errors)[0]
 
 
 def test_a_robot_without_actuators_gets_servos_as_strong_as_its_load(written):

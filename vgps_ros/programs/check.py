@@ -327,7 +327,7 @@ def _nothing_to_do(task: "Task", still: Trajectory) -> list[str]:
 
 
 def inexact(task: "Task", errors: list[float]) -> list[str]:
-    """Names what makes derivatives worthless: a solver that ends early, or contact."""
+    """Names what makes derivatives worthless: a solver that ends early, cones, or contact."""
     import mujoco
 
     if (hardness := float(np.quantile(errors, 0.9))) < _HARD:
@@ -343,6 +343,11 @@ def inexact(task: "Task", errors: list[float]) -> list[str]:
         return [
             f"{share}the solver of constraints, {solver} with a tolerance of {option.tolerance:g} "
             f"and {option.iterations} iterations, ends before they balance; let it go on {exact}"
+        ]
+    if option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC:
+        return [
+            f"{share}friction in elliptic cones is not smooth where contact is light; make them "
+            "pyramids (changes: {option: {cone: pyramidal}})."
         ]
     return [
         f'{share}contact is too hard; soften it (changes: {{geoms: {{"*": {{solref: [0.04, 1], '

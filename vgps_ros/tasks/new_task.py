@@ -160,6 +160,9 @@ def _facts(robot: Robot) -> dict[str, Any]:
 def _changes(robot: Robot, step: float) -> dict[str, Any]:
     """Returns what is changed of the model."""
     model, option = robot.model, robot.model.opt
+    touches = bool(not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    touches &= bool(touching_geoms(model).any())
+    is_round = touches and option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     wanted = {  # where the model's own will not do
         "timestep": (step, option.timestep == step),
         "integrator": (
@@ -170,8 +173,8 @@ def _changes(robot: Robot, step: float) -> dict[str, Any]:
         "iterations": (100, option.iterations >= 50),
         "ls_iterations": (50, option.ls_iterations >= 20),
         "tolerance": (1e-10, option.tolerance <= 1e-10),
+        "cone": ("pyramidal", not is_round),
     }
-    touches = not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
     has_ground = (model.body_weldid[model.geom_bodyid] == 0).any()
     groups = dict[float, list[str]]()
     for j in [] if model.nu else robot.joints:
@@ -186,7 +189,7 @@ def _changes(robot: Robot, step: float) -> dict[str, Any]:
         motors.append(f"{_flow(key)}: {_flow(motor | {'limit': limit})}")
     return {
         "options": {name: value for name, (value, has) in wanted.items() if not has},
-        "contact": touches and touching_geoms(model).any(),
+        "contact": touches,
         "soft": _flow(_soft(robot), 2),
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
