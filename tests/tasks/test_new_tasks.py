@@ -77,6 +77,17 @@ CUP = """<mujoco><worldbody><body name="cup" pos="0 0 1">
   </worldbody><actuator><motor joint="cup" ctrlrange="-9 9" ctrllimited="true"/>
   </actuator></mujoco>"""
 
+ROTOR = '<site name="{0}{1}" pos="{0}.1 {1}.1 0"/>'
+DRONE = f"""<mujoco><worldbody>{GROUND}<body name="drone" pos="0 0 1"><freejoint name="base"/>
+  <geom type="box" size=".1 .1 .02" mass="1"/>
+  {"".join(ROTOR.format(x, y) for x in "-+" for y in "-+")}</body></worldbody><actuator>
+  {
+    "".join(
+        f'<motor site="{x}{y}" gear="0 0 2 0 0 0" ctrllimited="true" ctrlrange="0 9"/>'
+        for x in "-+"
+        for y in "-+"
+    )
+}</actuator></mujoco>"""
 CART = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
   <body name="cart" pos="0 0 .1"><freejoint/><geom type="box" size=".2 .1 .05"/>
     <body name="wheel" pos=".2 0 -.05"><joint name="wheel" axis="0 1 0"/><geom size=".05"/></body>
@@ -325,6 +336,14 @@ def test_a_swimmer_reads_its_target_in_its_own_frame_alone(written):
     there = task.observation(np.stack([state, turned]))  # 0.3 m ahead of it, as it has turned left
     assert "to_target/y" in task.observation.names
     assert there[0] == pytest.approx(there[1], abs=1e-9)
+
+
+def test_a_drone_begins_in_the_air_where_its_rotors_hold_it(written):
+    text, task = written(DRONE)
+    assert "begin: {law: pd}" in text
+    motion = task.begin(task, task.initial_state, 100, np.random.default_rng(0)).trajectory
+    assert motion.controls == pytest.approx(9.81 / 8, rel=1e-6)
+    assert motion.states[:, 2] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_nose_along_y_is_noticed(written):

@@ -301,7 +301,7 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     """Returns the law of controls that hold a pose; it maps states (N, n_x) to (N, n_u).
 
     A motor gets the torque stiffness · (pose − position) − damping · velocity. A servo of positions
-    gets the pose itself.
+    gets the pose itself, and what pulls at no joint, such as a rotor, what holds up the weight.
     """
     model: mujoco.MjModel = task.dynamics.model
     place = ("begin", "pose")
@@ -323,15 +323,34 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     damping = _by_joint(begin.damping, mild, names, "damping", document)
     strength = model.actuator_gainprm[:, 0] * model.actuator_gear[:, 0]
     is_servo = model.actuator_biasprm[:, 1] != 0
-    held = np.where(is_servo, data.actuator_length, 0.0)
+    is_plain = (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & (
+        model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE)
+    )
+    lift = _lift(data, model.actuator_gainprm[:, 0] * (is_plain & ~of_joint & ~is_servo))
+    held = np.where(is_servo, data.actuator_length, lift)
     pose, limits = data.qpos[places].copy(), task.dynamics.control_limits
 
     def law(_: int, x: Array) -> Array:
         torques = stiffness * (pose - x[:, places]) - damping * x[:, model.nq + dofs]
         motors = np.where(of_joint & (strength != 0), torques / np.where(strength, strength, 1), 0)
-        return np.clip(np.where(is_servo, held, motors), *limits)
+        return np.clip(np.where(is_servo | ~of_joint, held, motors), *limits)
 
     return law
+
+
+def _lift(data: mujoco.MjData, strength: Array) -> Array:
+    """Returns the controls with which actuators hold up what they pull at, shape (n_u,).
+
+    Those of no strength do not count.
+    """
+    model = data.model
+    moment = np.zeros((model.nu, model.nv))
+    rows = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    mujoco.mju_sparse2dense(moment, data.actuator_moment.ravel(), *rows)
+    pulls = moment.T * strength
+    pulled = np.abs(pulls).max(axis=1, initial=0.0) > 0
+    held: Array = np.linalg.lstsq(pulls[pulled], data.qfrc_bias[pulled], rcond=None)[0]
+    return held
 
 
 def posed(
