@@ -15,11 +15,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import onnxruntime
-from scipy.stats import binomtest
 
 from vgps_ros.core.records import Array
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.search.judgement import SETTLING, command_grid
+from vgps_ros.search.judgement import SETTLING, command_grid, interval
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks import recorded_task
 
@@ -134,7 +133,7 @@ def perturbed(model: mujoco.MjModel, count: int, rng: np.random.Generator) -> Ar
 
 def share(of: Array) -> str:
     """Returns a share with Wilson's interval of 95 %."""
-    low, high = binomtest(int(of.sum()), len(of)).proportion_ci(method="wilson")
+    low, high = interval(float(of.mean()), len(of))
     return f"{100 * of.mean():.0f} % ({100 * low:.0f}-{100 * high:.0f})"
 
 

@@ -2,10 +2,8 @@
 """Control problems that benchmarks share."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -16,8 +14,8 @@ from vgps_ros.search.optimization_request import OptimizationRequest, first_requ
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task, make_task
+from vgps_ros.tasks.disturbed_task import on_dynamics
 
 SEED = 11
 TASKS = ("swimmer", "walker")
@@ -26,18 +24,7 @@ TASKS = ("swimmer", "walker")
 def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> Task:
     """Returns the task with other dynamics of the same model."""
     like = task.dynamics
-    dynamics = kind(like.model, like.substeps, threads=threads)
-
-    def again(readings: Any) -> Readings:
-        return Readings(dynamics.simulations, readings.names)
-
-    return replace(
-        task,
-        dynamics=dynamics,
-        cost=replace(task.cost, features=again(task.cost.features)),
-        observation=replace(task.observation, readings=again(task.observation.readings)),
-        fallen=replace(task.fallen, readings=again(task.fallen.readings)),
-    )
+    return on_dynamics(task, kind(like.model, like.substeps, threads=threads))
 
 
 def initial_request(task: Task, iterations: int | None = None) -> OptimizationRequest:

@@ -51,17 +51,14 @@ MOST = 500  # iterations of DDP until it has converged; those of a perturbed sta
 
 def robots() -> dict[str, str]:
     """Returns the task of each robot that learns a motion: built-in, of others, from a pose."""
-    others = [p for p in sorted((ROOT / "tests" / "robots").glob("*.yaml")) if _is_motion(p)]
+    others = sorted((ROOT / "tests" / "robots").glob("*.yaml"))
+    others = [path for path in others if "\ncommands:" not in path.read_text()]
     alone = sorted((ROOT / "benchmarks" / ALONE).glob("*.yaml"))
     return (
         {name: name for name in OWN}
         | {path.stem: str(path) for path in others}
         | {f"{ALONE}/{path.stem}": str(path) for path in alone}
     )
-
-
-def _is_motion(path: Path) -> bool:
-    return "\ncommands:" not in path.read_text()
 
 
 def measured(name: str, seed: int) -> dict[str, Any]:

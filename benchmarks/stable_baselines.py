@@ -17,8 +17,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import vgps_ros.tasks.environment  # noqa: F401  registers them
-from benchmarks.goals import Goal, Outcome, Stopwatch
 from benchmarks.problems import SEED
+from benchmarks.reinforcement import Goal, Outcome, Stopwatch
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import ControlLaw
 from vgps_ros.tasks import Task

@@ -4,7 +4,7 @@
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 WARM_UPS = 2  # calls of each before the first that counts
@@ -48,18 +48,7 @@ class Comparison:
 
     def entry(self) -> dict[str, Any]:
         """Returns the row as it stands in benchmarks.json."""
-        return {
-            "name": self.name,
-            "ours": self.ours,
-            "peer": self.peer,
-            "ratio": self.ratio,
-            "target": self.target,
-            "met": self.met,
-            "unit": self.unit,
-            "spread": self.spread,
-            "remark": self.remark,
-            "curve": self.curve,
-        }
+        return {**asdict(self), "ratio": self.ratio, "met": self.met}
 
 
 def compare(

@@ -10,8 +10,7 @@ from stable_baselines3 import PPO, SAC
 
 import vgps_ros.tasks.environment  # noqa: F401  registers them
 from benchmarks import stable_baselines
-from benchmarks.goals import Goal, Stopwatch, walking_goal
-from benchmarks.reinforcement import learn
+from benchmarks.reinforcement import Goal, Stopwatch, learn, walking_goal
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
 
