@@ -10,13 +10,18 @@ from vgps_ros.core.checks import (
     check_covariances,
     check_record,
     finite_array,
+    first_steps,
     from_arrays,
+    known,
+    listed,
+    matching,
     nearest,
     one_of,
     positive,
     quoted,
 )
 from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.records import TrajectoryDistribution
 
 
 def test_flat_values_take_the_wanted_shape():
@@ -109,3 +114,54 @@ def test_the_nearest_name_alone_is_asked_for():
 def test_refusals_are_both_ours_and_pythons():
     assert issubclass(InvalidInputError, VgpsError)
     assert issubclass(InvalidInputError, ValueError)
+
+
+def test_a_record_is_read_back_from_its_arrays(random_distribution):
+    q = random_distribution()
+    arrays = arrays_of(q)
+    assert arrays["linear_dynamics.f_u"] is q.linear_dynamics.f_u
+    again = arrays_of(from_arrays(TrajectoryDistribution, arrays))
+    assert again.keys() == arrays.keys()
+    assert all(np.array_equal(again[name], values) for name, values in arrays.items())
+
+
+def test_the_first_steps_keep_one_state_more_than_controls(random_distribution):
+    q = random_distribution(horizon=6)
+    cut = q.first(2)
+    assert all(
+        np.array_equal(values, arrays_of(first_steps(q, 2))[name])
+        for name, values in arrays_of(cut).items()
+    )
+    assert_array_equal(q.mean.first(3).controls, q.mean.controls[:3])
+    assert_array_equal(cut.mean.states, q.mean.states[:3])
+    assert_array_equal(cut.state_covariances, q.state_covariances[:3])
+    assert_array_equal(cut.mean.controls, q.mean.controls[:2])
+    assert_array_equal(cut.linear_dynamics.f_x, q.linear_dynamics.f_x[:2])
+
+
+JOINTS = ("left_hip", "left_knee", "right_hip", "left_*")
+
+
+def test_a_pattern_finds_all_that_match_in_their_order_and_a_name_itself_alone():
+    assert matching("joint", "*_hip", JOINTS) == ["left_hip", "right_hip"]
+    assert matching("joint", "[lr]*t_k?ee", JOINTS) == ["left_knee"]
+    assert matching("joint", "left_*", JOINTS) == ["left_*"]
+    assert matching("joint", "*", ()) == []
+
+
+def test_what_matches_nothing_is_refused_with_the_names_and_the_nearest():
+    with pytest.raises(InvalidInputError) as refusal:
+        matching("joint", "left_nee", JOINTS)
+    assert str(refusal.value) == (
+        "'left_nee' matches no joint; there are left_hip, left_knee, right_hip, left_*. Did you "
+        "mean 'left_knee'?"
+    )
+    assert known("joint", "left_hip", JOINTS) == "left_hip"
+    with pytest.raises(InvalidInputError, match=r"there is no joint 'wheel'; there are left_hip"):
+        known("joint", "wheel", JOINTS)
+
+
+def test_many_names_are_listed_in_part_and_none_as_none():
+    assert listed([f"n{i}" for i in range(14)]).endswith(", n11 and others")
+    assert listed([f"n{i}" for i in range(12)]).endswith(", n11")
+    assert listed(()) == "none"

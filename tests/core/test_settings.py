@@ -1,13 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Settings know their range, their help and their names; seeds give streams of their own."""
+"""Settings know their range, their help and their names."""
 
-import itertools
-
-import numpy as np
 import pytest
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import Setting, check_settings, settings_of, with_values
 from vgps_ros.search.settings import SearchSettings
 
@@ -66,11 +62,3 @@ def test_every_setting_says_what_it_does():
     for s in settings_of(SearchSettings()):
         assert len(s.description) > 5
         s.check(s.default)
-
-
-def test_streams_depend_on_seed_purpose_and_place_only():
-    places = itertools.product((0, 1), (Stream.POLICY_FIT, Stream.EVALUATION), (0, 1), (0, 1))
-    draws = {place: generator(*place).standard_normal(4) for place in places}
-    assert len({draw.tobytes() for draw in draws.values()}) == len(draws)
-    for place, draw in reversed(draws.items()):  # another order, the same numbers
-        np.testing.assert_array_equal(generator(*place).standard_normal(4), draw)

@@ -17,7 +17,7 @@ from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.methods import METHODS, search
-from vgps_ros.search.settings import search_settings
+from vgps_ros.search.settings import MirrorSettings, search_settings
 from vgps_ros.storage.files import part_of, to_tree
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
@@ -65,23 +65,20 @@ def stopped_after(k, folder, **options):
     raise AssertionError(f"There was no iteration {k}.")
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_run_that_stops_after_any_iteration_ends_with_the_same_bits(method, tmp_path):
+@pytest.mark.parametrize(
+    ("method", "own"),
+    [*((method, {}) for method in METHODS), ("mdgps", {"mirror": MirrorSettings("fitted")})],
+)
+def test_a_run_that_stops_after_any_iteration_ends_with_the_same_bits(method, own, tmp_path):
     undisturbed = []
-    for iteration in run(tmp_path / "all", method=method):
+    for iteration in run(tmp_path / "all", method=method, **own):
         undisturbed.append(bits(iteration))
         shutil.copytree(tmp_path / "all", tmp_path / str(iteration.k))
     for k in range(1, 5):
-        found = list(run(tmp_path / str(k), method=method))
+        found = list(run(tmp_path / str(k), method=method, **own))
         # The last one is told again, so that whoever listens gets the policy at once.
         assert [bits(iteration) for iteration in found] == undisturbed[k - 1 :]
         assert [iteration.k for iteration in found] == list(range(k, 5))
-
-
-def test_checkpoints_change_no_number(tmp_path):
-    *_, undisturbed = search("adaptive_gps", ROTOR, SETTINGS, 3, solver(ROTOR))
-    *_, kept = run(tmp_path, method="adaptive_gps")
-    assert bits(kept) == bits(undisturbed)
 
 
 def test_a_run_that_stops_again_and_again_ends_with_the_same_bits(tmp_path):

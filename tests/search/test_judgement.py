@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
 from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import (
@@ -222,13 +221,6 @@ def test_judgements_are_the_same_again_and_others_for_another_seed(cart):
     first, again, other = (judged(cart, driver, stochastic=True, seed=s) for s in (0, 0, 1))
     assert first == again
     assert first["commands"][0]["mean"] != other["commands"][0]["mean"]
-
-
-def test_no_draw_is_one_of_a_training():
-    """The stream of judgements is another than all that trainings draw from."""
-    draws = [generator(0, stream, 0).uniform(size=4) for stream in Stream]
-    assert len({tuple(row) for row in draws}) == len(Stream)
-    assert Stream.JUDGEMENT not in {Stream.DISTURBANCES, Stream.EVALUATION, Stream.RENEWAL}
 
 
 def test_first_phases_fill_a_turn_evenly():

@@ -14,7 +14,6 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.settings import with_values
 from vgps_ros.search import mdgps
-from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
@@ -129,20 +128,3 @@ def test_a_situation_whose_rollouts_diverge_keeps_its_q_and_says_so():
 def test_first_rollouts_that_diverge_end_the_run():
     with pytest.raises(DivergenceError, match=r"lower mirror\.exploration"):
         run(mirror__dynamics="fitted", mirror__exploration=(1e6,))
-
-
-@pytest.mark.parametrize("dynamics", ["model", "fitted"])
-def test_a_run_that_was_stopped_ends_with_the_same_bits(tmp_path, dynamics):
-    settings = with_values(
-        search_settings(ROTOR), {**PLAIN, "iterations": 4, "mirror.dynamics": dynamics}
-    )
-    solve = partial(optimize_all, ROTOR)
-    whole = list(search("mdgps", ROTOR, settings, 5, solve))
-    started = search("mdgps", ROTOR, settings, 5, solve, Checkpoints(tmp_path))
-    next(started), next(started)
-    started.close()
-    again = list(search("mdgps", ROTOR, settings, 5, solve, Checkpoints(tmp_path)))
-    assert [i.k for i in again] == [2, 3, 4]
-    for one, other in zip(whole[1:], again, strict=True):
-        assert one.policy.parameters.tobytes() == other.policy.parameters.tobytes()
-        assert one.simulator_steps == other.simulator_steps

@@ -54,6 +54,8 @@ def test_a_method_does_as_many_updates_as_asked_and_repeats_itself(method):
     assert steps == sorted(steps)
     assert iterations[-1].policy.parameters.tobytes() == again[-1].policy.parameters.tobytes()
     assert iterations[-1].policy.noise_std.tobytes() == again[-1].policy.noise_std.tobytes()
+    costs, same = (each[-1].evaluation.stochastic_costs for each in (iterations, again))
+    assert costs.tobytes() == same.tobytes()
     other = run(method, ROTOR, seed=4)
     assert other[-1].policy.parameters.tobytes() != iterations[-1].policy.parameters.tobytes()
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from tests.search.test_checkpoints import bits
 from tests.told_rotor import maker, write_task
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.settings import with_values
@@ -20,7 +21,6 @@ from vgps_ros.search.situations import situations
 from vgps_ros.search.solver_processes import SolverProcesses
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.search.workspace import Workspace
-from vgps_ros.storage.files import to_tree
 from vgps_ros.tasks import make_task
 
 VALUES = {
@@ -60,17 +60,6 @@ def run(task, solve=None, checkpoints=None, **values):
 @pytest.fixture(scope="module")
 def whole(task):
     return list(run(task))
-
-
-def bits(iteration):
-    """All that an iteration ends with but wall times, and the bytes of its arrays."""
-    arrays = {}
-    tree = to_tree((iteration.policy, iteration.initial_solutions, iteration.solutions), arrays)
-    history = [
-        {k: v for k, v in vars(figures).items() if not k.endswith("_seconds")}
-        for figures in iteration.history
-    ]
-    return tree, history, {name: array.tobytes() for name, array in arrays.items()}
 
 
 def stayed(before, after):

@@ -142,15 +142,6 @@ def test_the_first_of_several_candidates_is_the_only_one_there_would_be(short_sw
     assert (latest.iteration, latest.policy) == (1, several.policy)
 
 
-def test_same_seed_gives_the_same_bits_and_another_seed_does_not(short_swimmer):
-    first, second, other = (run(short_swimmer, QUICK, seed)[0][-1] for seed in (5, 5, 6))
-    assert first.policy.parameters.tobytes() == second.policy.parameters.tobytes()
-    assert first.evaluation.stochastic_costs.tobytes() == (
-        second.evaluation.stochastic_costs.tobytes()
-    )
-    assert first.policy.parameters.tobytes() != other.policy.parameters.tobytes()
-
-
 def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_swimmer):
     iterations, requests = run(short_swimmer, replace(QUICK, situations=3))
     starts = [request.initial_state for request in requests[0]]

@@ -107,7 +107,7 @@ def test_with_the_runge_kutta_method_no_stage_is_taken_over(points):
 
 def test_marginals_are_those_of_closed_loop_samples_of_a_free_body(rng):
     dynamics = Dynamics(mujoco.MjModel.from_xml_string(SATELLITE))
-    space, horizon, count = dynamics.space, 6, 200_000
+    space, horizon, count = dynamics.space, 6, 80_000
     start = np.r_[0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5, rng.uniform(-1, 1, 6)]
     gains = rng.uniform(-0.5, 0.5, (horizon, 3, 12))
     controls = rng.uniform(-2, 2, (horizon, 3))

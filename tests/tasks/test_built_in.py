@@ -110,6 +110,7 @@ def test_unknown_task_is_refused_with_all_names():
     with pytest.raises(InvalidInputError) as error:
         make_task("quadruple")
     assert all(name in str(error.value) for name in EXPECTED)
+    assert str(error.value).endswith("Did you mean 'quadruped'?")
 
 
 def test_task_files_name_units_where_they_are_not_plain(name):

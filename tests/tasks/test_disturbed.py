@@ -145,14 +145,16 @@ def test_ridges_lift_what_lies_on_them(sled):
 
 def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, rng):
     settings = DisturbanceSettings(push=5.0, push_before=2.0, payload=2.0, friction=0.3, slope=0.1)
-    draws = [draw_disturbance(sled(), settings, rng) for _ in range(40)]
+    task = sled()
+    draws = [draw_disturbance(task, settings, rng) for _ in range(40)]
     assert {d.push for d in draws} == {(5.0, 0.0), (-5.0, 0.0)}
     assert {d.body for d in draws} == {"sled"}  # the heaviest
     assert 0.0 <= min(d.push_time for d in draws) < 0.3 < 1.7 < max(d.push_time for d in draws) < 2
     assert all(0.0 <= d.payload <= 2.0 for d in draws)
     assert all(0.7 <= d.friction <= 1.3 for d in draws)
     assert all(abs(d.slope[0]) <= 0.1 and d.slope[1] == 0.0 for d in draws)
-    turns = [draw_disturbance(make_task("quadruped"), settings, rng).push for _ in range(9)]
+    free = make_task("quadruped")
+    turns = [draw_disturbance(free, settings, rng).push for _ in range(9)]
     assert len(set(turns)) == 9
     assert all(np.hypot(*push) == pytest.approx(5.0) for push in turns)
 

@@ -4,11 +4,9 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from tests.simulation.robots import everything, random_states
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Trajectory
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.simulation.dynamics import Dynamics
@@ -54,13 +52,6 @@ def test_smoothed_noise_has_its_amplitude_and_time_constant(rng):
     assert_allclose(noise.std(), 30.0, rtol=0.05)
     correlation = np.corrcoef(noise[:-25], noise[25:])[0, 1]
     assert_allclose(correlation, np.exp(-1), rtol=0.1)
-
-
-def test_unknown_task_names_the_valid_ones():
-    with pytest.raises(
-        InvalidInputError, match=r"no task 'walkr'; name one of .*walker.* Did you mean 'walker'\?"
-    ):
-        make_task("walkr")
 
 
 def test_a_diverged_rollout_costs_infinity_and_the_others_their_own(swimmer):
