@@ -35,23 +35,8 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.records import Array
+from vgps_ros.simulation import mujoco_functions as mj
 from vgps_ros.simulation.compiled_states import get_state, move, push_at, put_state, subtract
-from vgps_ros.simulation.mujoco_functions import (
-    mj_collision,
-    mj_euler_skip,
-    mj_fwd_actuation,
-    mj_fwd_kinematics,
-    mj_fwd_velocity,
-    mj_implicit_skip,
-    mj_inv_constraint,
-    mj_make_constraint,
-    mj_make_m,
-    mj_mul_m,
-    mj_reference_constraint,
-    mj_step_skip,
-    mj_transmission,
-    mjd_smooth_vel,
-)
 
 # Stages that a step may skip, because their results are still valid from the step before.
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
@@ -171,7 +156,7 @@ def _step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma:
     put_state(sim, z)
     _copy(z[len(after) :], sim.ctrl)
     _copy(warm, sim.warmstart)
-    mj_step_skip(sim.model, sim.data, skip, 1)
+    mj.mj_step_skip(sim.model, sim.data, skip, 1)
     get_state(sim, after)
 
 
@@ -187,22 +172,22 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     put_state(sim, z)
     _copy(z[len(after) :], sim.ctrl)
     if skip < _OF_POSITIONS:
-        mj_fwd_kinematics(sim.model, sim.data)
-        mj_make_m(sim.model, sim.data)
+        mj.mj_fwd_kinematics(sim.model, sim.data)
+        mj.mj_make_m(sim.model, sim.data)
         if balance.is_pushed[0]:
-            mj_collision(sim.model, sim.data)
-            mj_make_constraint(sim.model, sim.data)
-        mj_transmission(sim.model, sim.data)
+            mj.mj_collision(sim.model, sim.data)
+            mj.mj_make_constraint(sim.model, sim.data)
+        mj.mj_transmission(sim.model, sim.data)
     if skip < _OF_VELOCITIES:
-        mj_fwd_velocity(sim.model, sim.data)
-    mj_fwd_actuation(sim.model, sim.data)
+        mj.mj_fwd_velocity(sim.model, sim.data)
+    mj.mj_fwd_actuation(sim.model, sim.data)
     residual = balance.moved_residual
     _write_residual(sim, balance.acceleration, residual)
     for i in range(len(residual)):
         for j in range(len(residual)):
             sim.qacc[i] -= balance.inverse_hessian[i, j] * (residual[j] - balance.residual[j])
     # The constraints' force is what is missing to M a, but for r_0: the search left that there too.
-    mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
+    mj.mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
         sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
@@ -214,9 +199,9 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
 def _integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Advances the state by the accelerations and forces that the simulation holds."""
     if sim.structure.is_implicit:
-        mj_implicit_skip(sim.model, sim.data, keeps_system)
+        mj.mj_implicit_skip(sim.model, sim.data, keeps_system)
     else:
-        mj_euler_skip(sim.model, sim.data, keeps_system)
+        mj.mj_euler_skip(sim.model, sim.data, keeps_system)
 
 
 @compiled
@@ -232,11 +217,11 @@ def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no c
     for j in range(len(acceleration)):
         sim.qacc[:] = 0.0
         sim.qacc[j] = 1.0
-        mj_mul_m(sim.model, sim.data, product.ctypes.data, sim.qacc.ctypes.data)
+        mj.mj_mul_m(sim.model, sim.data, product.ctypes.data, sim.qacc.ctypes.data)
         _copy(acceleration, sim.qacc)
         if is_pushed[0]:
             sim.qacc[j] += _ACCELERATION_EPS
-            mj_inv_constraint(sim.model, sim.data)
+            mj.mj_inv_constraint(sim.model, sim.data)
         for i in range(len(acceleration)):
             mass[i, j] = product[i]
             hessian[i, j] = product[i] - (sim.qfrc_constraint[i] - force[i]) / _ACCELERATION_EPS
@@ -256,18 +241,18 @@ def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-unty
     rates, moves = np.empty((n_v, n_v)), np.zeros((n_v, n_dx - n_v + n_u))  # ∂v'/∂a, −∂r/∂(v, u)
     put_state(sim, z)
     _copy(z[len(after) :], sim.ctrl)
-    mjd_smooth_vel(sim.model, sim.data, 1)
+    mj.mjd_smooth_vel(sim.model, sim.data, 1)
     for i in range(n_v):
         for k in range(sim.row_starts[i], sim.row_starts[i] + sim.row_lengths[i]):
             moves[i, sim.row_columns[k]] = sim.smooth_rates[k]
     if balance.is_pushed[0]:
         _copy(balance.acceleration, sim.qacc)
-        mj_inv_constraint(sim.model, sim.data)
+        mj.mj_inv_constraint(sim.model, sim.data)
         _copy(sim.qfrc_constraint, before)
         for j in range(n_v):
             sim.qvel[j] += _VELOCITY_EPS
-            mj_reference_constraint(sim.model, sim.data)
-            mj_inv_constraint(sim.model, sim.data)
+            mj.mj_reference_constraint(sim.model, sim.data)
+            mj.mj_inv_constraint(sim.model, sim.data)
             sim.qvel[j] = z[n_q + j]
             for i in range(n_v):
                 moves[i, j] += (sim.qfrc_constraint[i] - before[i]) / _VELOCITY_EPS
@@ -280,7 +265,7 @@ def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-unty
         else:
             width = width if sim.high[u] - sim.ctrl[u] >= width else -width
             sim.ctrl[u] += width
-        mj_fwd_actuation(sim.model, sim.data)
+        mj.mj_fwd_actuation(sim.model, sim.data)
         for i in range(n_v):
             moves[i, j] = (sim.qfrc_actuator[i] - before[i]) / width
         if n_a:
@@ -377,8 +362,8 @@ def _invert(a):  # type: ignore[no-untyped-def]  # pragma: no cover
 def _write_residual(sim, acceleration, residual):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes r at the simulation's state and control, and an acceleration."""
     _copy(acceleration, sim.qacc)
-    mj_inv_constraint(sim.model, sim.data)
-    mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
+    mj.mj_inv_constraint(sim.model, sim.data)
+    mj.mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
     for i in range(len(residual)):
         residual[i] += sim.qfrc_bias[i] - sim.qfrc_passive[i]
         residual[i] -= sim.qfrc_actuator[i] + sim.qfrc_constraint[i]

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
-from vgps_ros.simulation import mujoco_functions as c
+from vgps_ros.simulation import mujoco_functions as mj
 from vgps_ros.simulation.compiled_states import put_state
-from vgps_ros.simulation.mujoco_functions import mj_integrate_pos
 
 # What a reading is: a coordinate of the state, its sine or cosine, a number in sensordata, or (with
 # 0 to 3 added) w, x, y or z of a quaternion.
@@ -68,15 +67,15 @@ def _compute(sim, needs, positions_too):  # type: ignore[no-untyped-def]  # prag
     """Computes the sensors; those of positions may be valid already."""
     if needs == EVERYTHING:
         sim.warmstart[:] = 0.0
-        c.mj_forward(sim.model, sim.data)
+        mj.mj_forward(sim.model, sim.data)
         return
     if positions_too:
-        c.mj_kinematics(sim.model, sim.data)
-        c.mj_com_pos(sim.model, sim.data)
-        c.mj_sensor_pos(sim.model, sim.data)
-    c.mj_com_vel(sim.model, sim.data)
-    c.mj_subtree_vel(sim.model, sim.data)
-    c.mj_sensor_vel(sim.model, sim.data)
+        mj.mj_kinematics(sim.model, sim.data)
+        mj.mj_com_pos(sim.model, sim.data)
+        mj.mj_sensor_pos(sim.model, sim.data)
+    mj.mj_com_vel(sim.model, sim.data)
+    mj.mj_subtree_vel(sim.model, sim.data)
+    mj.mj_sensor_vel(sim.model, sim.data)
 
 
 @compiled
@@ -97,7 +96,7 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
         for j in plan.columns:  # each is moved in the simulation, and put back
             if j < n_v:
                 direction[j] = eps
-                mj_integrate_pos(sim.model, sim.qpos.ctypes.data, direction.ctypes.data, 1.0)
+                mj.mj_integrate_pos(sim.model, sim.qpos.ctypes.data, direction.ctypes.data, 1.0)
                 direction[j] = 0.0
                 _compute(sim, plan.needs, True)
                 sim.qpos[:] = x[:n_q]
