@@ -2,6 +2,7 @@
 """Forgeries of a bag, each made as well as it can be: found, or named as what is not proved."""
 
 import math
+import re
 import struct
 from dataclasses import replace
 from functools import cache
@@ -262,7 +263,7 @@ FOLLOW = "states do not follow from the state and the control before them"
 POLICY = "controls are not what the policy gives"
 COST = "costs without noise are not the policies'"
 WRONG = {
-    "root times ten": (root_times_ten, f"{FOLLOW}: at 0.020 s root_x/position is"),
+    "root times ten": (root_times_ten, f"{FOLLOW}: at .* root_x/position is"),
     "states fabricated and controls recomputed": (fabricated, FOLLOW),
     "times that creep": (creeping_times, FOLLOW),
     "five seconds cut out and times closed": (lambda: cut_out(True), FOLLOW),
@@ -301,7 +302,7 @@ def other_commit(text):
 def test_a_forgery_is_found(tmp_path, name):
     forge, sentence = WRONG[name]
     found = checked(tmp_path, forge())
-    assert any(sentence in words for words in found.wrong), found
+    assert any(re.search(sentence, words) for words in found.wrong), found
 
 
 @pytest.mark.parametrize("name", NAMED)
