@@ -124,29 +124,6 @@ def test_a_second_simulation_needs_a_clock_and_frames_of_its_own(graph):
     graph.spin_until(lambda: clocks)
 
 
-@pytest.mark.parametrize(
-    ("key", "arguments", "sentence"),
-    [
-        ("simulation", "-r __ns:=/robot1", "has parameters for /simulation, which this node, "),
-        ("/**/simulation", "-r __node:=sim", "/sim, does not take: name their block /**/sim,"),
-        pytest.param("/**/simulation", "-r __ns:=/robot1", "", marks=pytest.mark.slow),
-        ("/*/simulation", "-r __ns:=/robot1", ""),
-        pytest.param("/robot1/simulation", "-r __ns:=/robot1", "", marks=pytest.mark.slow),
-        ("/**/*", "-r __ns:=/a/b", ""),
-        ("/**/policy_learner", "-r __ns:=/robot1", ""),
-    ],
-)
-def test_a_file_that_reaches_nobody_is_worth_a_warning(graph, tmp_path, key, arguments, sentence):
-    file = tmp_path / "file.yaml"
-    file.write_text(f"{key}: {{ros__parameters: {{task: rotor}}}}")
-    node = graph.start("simulation", "--ros-args", *arguments.split(), "--params-file", str(file))
-    graph.spin_until_output(node, "Simulating the ")
-    takes = not sentence and "learner" not in key
-    assert ("Simulating the rotor" in node.output) == takes
-    assert sentence in node.output
-    assert ("does not take" in node.output) == bool(sentence)
-
-
 # Those of `commanded` are task files.
 PARAMETER_FILES = [f for f in sorted(CONFIG.rglob("*.yaml")) if f.parent.name != "commanded"]
 

@@ -8,7 +8,6 @@ whose key is not the node's name.
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +33,6 @@ DECLARED: list[tuple[ParameterDescriptor, Any]] = []  # by this process's node, 
 
 _INTEGER_LIMIT = 2**63 - 1
 _FLOAT_LIMIT = 1e300
-_ALL = re.compile(r"/\*\*?")  # wildcards in the key of a parameter file's block
 
 
 def declare(
@@ -133,53 +131,22 @@ def _from_ros(value: Any, setting: Setting) -> Any:
     return tuple(value) if isinstance(setting.default, tuple) and value is not None else value
 
 
-@dataclass(frozen=True)
-class _Given:
-    """A parameter as it was given: by the command line, or by a file's block for some nodes."""
-
-    name: str
-    key: str  # of the block, such as /**/simulation
-    file: str = ""
-
-    @property
-    def node(self) -> str:
-        """The node's name without a namespace, or a pattern."""
-        return self.key.rpartition("/")[2]
-
-    def reaches(self, node: Node) -> bool:
-        """Returns True if the block's key matches a node, as ROS matches it."""
-        pattern = _ALL.sub(lambda found: r"/\w+" if found[0] == "/*" else r"(/\w+)*", self.key)
-        return bool(re.fullmatch(pattern, node.get_fully_qualified_name()))
-
-
 def check_given_parameters(node: Node) -> None:
     """Checks, once all parameters are declared, that the node was given no others.
 
-    A parameter file's block for all nodes, such as `/**`, may have parameters of other nodes. A
-    file whose blocks for this kind of node all have another node's name is worth a warning.
+    A parameter file's block for all nodes, such as `/**`, may have parameters of other nodes.
 
     Raises:
         InvalidInputError: the command line, or the node's own block of a file, names another one.
     """
-    given = list(_given())
-    executable = Path(sys.argv[0]).name  # of several nodes it has all their names
-    is_alone = " " not in executable
+    is_alone = " " not in Path(sys.argv[0]).name  # of several nodes it has all their names
     own = (node.get_name(), "") if is_alone else (node.get_name(),)
-    for name in (each.name for each in given if each.node in own):
+    for name in (name for of, name in _given() if of in own):
         if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
             declared = [descriptor.name for descriptor, _ in DECLARED]
             raise InvalidInputError(
                 f"{node.get_name()} has no parameter {quoted(name)}.{nearest(name, declared)} "
                 "Start it with --help alone to see all of them."
-            )
-    meant = [e for e in given if e.file and e.node in (executable, node.get_name())]
-    for file in dict.fromkeys(each.file for each in meant):
-        keys = {each.key: each.reaches(node) for each in meant if each.file == file}
-        if not any(keys.values()):
-            node.get_logger().warning(
-                f"'{file}' has parameters for {', '.join(keys)}, which this node, "
-                f"{node.get_fully_qualified_name()}, does not take: name their block "
-                f"/**/{node.get_name()}, and they reach it in every namespace."
             )
 
 
@@ -189,7 +156,7 @@ def check_common_parameters(nodes: Sequence[Node]) -> None:
     Raises:
         InvalidInputError: the command line gives a parameter that none of them has.
     """
-    for name in (each.name for each in _given() if not each.node):
+    for name in (name for of, name in _given() if not of):
         if not any(node.has_parameter(name) for node in nodes):
             declared = [descriptor.name for descriptor, _ in DECLARED]
             raise InvalidInputError(
@@ -198,18 +165,20 @@ def check_common_parameters(nodes: Sequence[Node]) -> None:
             )
 
 
-def _given() -> Iterator[_Given]:
-    """Yields the parameters that this process's arguments give to some node, or to any ('')."""
+def _given() -> Iterator[tuple[str, str]]:
+    """Yields the parameters that this process's arguments give: a node, or '' for any, and a name.
+
+    A node has no namespace here, and may be a pattern.
+    """
     arguments = sys.argv[sys.argv.index("--ros-args") :] if "--ros-args" in sys.argv else []
     for flag, argument in pairwise(arguments):
         if flag in ("-p", "--param"):
             target, _, name = argument.partition(":=")[0].rpartition(":")
-            yield _Given(name, f"/{target}")
+            yield target.rpartition("/")[2], name
         elif flag == "--params-file":
             for path in _paths(yaml.safe_load(Path(argument).read_text())):
                 block, _, name = "\n".join(path).partition("\nros__parameters\n")
-                key = block.replace("\n", "/")
-                yield _Given(name.replace("\n", "."), f"/{key.lstrip('/')}", argument)
+                yield block.replace("\n", "/").rpartition("/")[2], name.replace("\n", ".")
 
 
 def _paths(content: object, *above: str) -> Iterator[tuple[str, ...]]:
