@@ -112,7 +112,7 @@ def read_archive(path: Path) -> dict[str, NDArray]:
             damaged = archive.testzip()
         if damaged:
             raise InvalidInputError(f"the check sum of {damaged} is wrong")
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(path, allow_pickle=False) as file:  # noqa: TID251
             return {name: file[name] for name in file.files}
     except _MALFORMED as error:
         raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
