@@ -20,15 +20,6 @@ from vgps_ros.bags.writer import UnfinishedBagError, repair
         *((size, {}) for size in (100, 5_000, 280_000, 527_200, 790_000)),
         *((size, {"max_file_size": 1_000_000}) for size in (785_000, 790_000)),
         (5_000, {"compression": "lz4"}),
-        *(
-            pytest.param(size, settings, marks=pytest.mark.slow)
-            for settings, sizes in (
-                ({}, (300, 785_000)),
-                ({"max_file_size": 1_000_000}, (100, 300, 5_000, 280_000, 527_200)),
-                ({"compression": "lz4"}, (100, 300, 280_000, 527_200, 785_000, 790_000)),
-            )
-            for size in sizes
-        ),
     ],
 )
 def test_closed_on_a_full_disk_it_keeps_what_the_disk_took(tmp_path, size, settings):

@@ -112,7 +112,7 @@ def test_one_bit_of_one_torque_is_found_with_its_time_and_joint(tmp_path, capsys
     assert "Wrong: 1 controls are not what the policy gives" in words
 
 
-@pytest.mark.parametrize("removed", [range(1, ALL), range(100, 400), [321]])
+@pytest.mark.parametrize("removed", [range(1, ALL), [321]])
 def test_deleted_torques_are_named(tmp_path, capsys, removed):
     bag = without(tmp_path / "bag", "/joint_command", removed)
     code, words = outcome(bag, capsys)

@@ -142,13 +142,12 @@ def names(content, piece):
     return {topic.name for topic, _ in content.messages([piece])}
 
 
-@pytest.mark.parametrize("form", ["parquet", "lerobot"])
 @pytest.mark.parametrize(
-    ("hole", "words"),
+    ("hole", "form", "words"),
     [
-        (paused, "'{}': 50 states from 3.8"),
-        (damaged, "'{}': holed_0.mcap: the chunk at byte"),
-        (without_answers, "'{}': 50 states lack the control that answers them"),
+        (paused, "parquet", "'{}': 50 states from 3.8"),
+        (damaged, "lerobot", "'{}': holed_0.mcap: the chunk at byte"),
+        (without_answers, "parquet", "'{}': 50 states lack the control that answers them"),
     ],
 )
 def test_what_is_missing_ends_an_episode_and_is_named(

@@ -25,7 +25,6 @@ from vgps_ros.tasks import make_task
 
 KIND = "sensor_msgs/msg/JointState"
 STATES, COMMANDS, PUSH = "/joint_states", "/joint_command", "geometry_msgs/msg/WrenchStamped"
-YEAR = 365 * 86400 * 10**9
 SWIMMER = make_task("swimmer")
 
 
@@ -235,14 +234,6 @@ def longer_link():
     return messages
 
 
-def later():
-    return [replace(message, stamp=message.stamp + YEAR) for message in messages_of()]
-
-
-def moved():
-    return told({stamp: x + np.eye(10)[0] for stamp, x in recorded()[0].items()})
-
-
 def other_efforts():
     def change(message):
         if at(message.header.stamp, 4.0):
@@ -279,11 +270,8 @@ NAMED = {
     "five seconds cut out": (lambda: cut_out(False), "were not recorded, or were cut out"),
 }
 SAID = {
-    "a year later": (later, "when, where and by whom it was recorded"),
-    "another commit": (messages_of, "the commit"),
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),
-    "all moved by a metre": (moved, "the first state of a motion"),
     "simulated elsewhere": (lambda: told(simulated()), "a simulation that was computed elsewhere"),
 }
 

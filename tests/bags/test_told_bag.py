@@ -8,7 +8,6 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Signals as SignalsMsg
 
 from tests.bags.altered import changed, write_bag
@@ -65,15 +64,14 @@ def bag(graph, told, tmp_path, request):  # noqa: F811
     commands = graph.messages(JointState, "joint_command")
     cmd_vel = graph.publisher(TwistStamped, "cmd_vel")
     graph.start("simulation", task=told, start_paused=True, wait_timeout=PATIENCE)
-    steps = StepSimulation.Request(steps=5)
-    graph.call(StepSimulation, "simulation/step_simulation", steps)
+    graph.step(5)
     graph.spin_for(1.0)  # until the recorder has found the topics
     message = TwistStamped()
     message.twist.angular.z = 0.5
     cmd_vel.publish(message)
     graph.spin_for(0.5)
     for _ in range(4):
-        graph.call(StepSimulation, "simulation/step_simulation", steps)
+        graph.step(5)
         graph.spin_for(0.5)
     graph.spin_until(lambda: len(commands) > 20, what="the controls")
     graph.spin_for(1.5)  # for the diagnostics

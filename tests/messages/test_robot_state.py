@@ -23,12 +23,13 @@ from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import make_task
 
-STATES = StateMessages(state_layout(everything()))
+MODEL = everything()
+STATES = StateMessages(state_layout(MODEL))
 ALL = ["odom", "multi_dof_joint_states", "activations", "joint_states"]
 
 
 def a_state(seed: int = 1) -> np.ndarray:
-    return random_states(everything(), np.random.default_rng(seed), 1)[0]
+    return random_states(MODEL, np.random.default_rng(seed), 1)[0]
 
 
 def shuffled(messages: dict, seed: int) -> dict:
@@ -54,7 +55,7 @@ def shuffled(messages: dict, seed: int) -> dict:
 def test_a_state_comes_back_bit_for_bit_in_any_order_of_its_joints(seed):
     state = a_state(seed)
     joined = STATES.join(shuffled(STATES.split(state, Time()), seed))
-    turned = [i for i, name in enumerate(state_names(everything())) if name.startswith("base/v")]
+    turned = [i for i, name in enumerate(state_names(MODEL)) if name.startswith("base/v")]
     exact = np.delete(np.arange(len(state)), turned)
     assert joined[exact].tobytes() == state[exact].tobytes()
     assert_allclose(joined[turned], state[turned], rtol=0, atol=1e-15)
@@ -68,9 +69,8 @@ def test_all_who_join_the_same_messages_have_the_same_state_bit_for_bit(seed):
 
 
 def test_odometry_has_the_pose_in_the_world_and_the_twist_in_the_base():
-    model = everything()
+    model, state = MODEL, a_state()
     data = mujoco.MjData(model)
-    state = a_state()
     data.qpos[:], data.qvel[:], data.act[:] = np.split(state, [model.nq, model.nq + model.nv])
     mujoco.mj_forward(model, data)
     odometry = STATES.split(state, Time(sec=3))["odom"]
@@ -270,8 +270,9 @@ def test_what_lacks_a_message_is_left_out_and_never_mixed_with_another_state():
 
 def test_messages_that_never_become_a_state_take_bounded_memory():
     collector = StateCollector(STATES.is_complete)
+    state = a_state()
     for i in range(3000):
-        assert collector.add("odom", sent(i, i)[0][1]) is None
+        assert collector.add("odom", STATES.split(state, stamp_of(i))["odom"]) is None
     assert len(collector._waiting) == 1000
 
 

@@ -19,26 +19,40 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from simulation_interfaces.srv import StepSimulation
 from std_msgs.msg import String
+from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 import vgps_ros.tasks
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    nanoseconds,
+    policy_to_msg,
+    stamp_of,
+    state_to_msg,
+)
 from vgps_ros.messages.names import MJCF
-from vgps_ros.ros_runtime.qos import LATEST, STREAM
+from vgps_ros.ros_runtime.qos import LATCHED, LATEST, STREAM
 from vgps_ros.tasks import Task
 
 T = TypeVar("T")
@@ -46,6 +60,10 @@ T = TypeVar("T")
 EXECUTABLES = Path(__file__).parents[2] / "install" / "vgps_ros" / "lib" / "vgps_ros"
 DOMAINS = range(101, 232)
 ENDING = (signal.SIGINT, signal.SIGTERM)
+# For tests of how a node ends; all nodes take both signals alike.
+EACH_SIGNAL = pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
 START_UP = 10.0  # longest time until a process heeds signals [s]
 PATIENCE = 90.0  # generous: the machine may be busy [s]
 
@@ -209,6 +227,11 @@ class Graph:
     def spin_until_output(self, process: Process, text: str) -> None:
         self.spin_until(lambda: text in process.output, what=f"{process.name} to say '{text}'")
 
+    def ends(self, process: Process, code: int = 0) -> None:
+        """Spins until a process has ended by itself, with an exit code."""
+        self.spin_until(lambda: not process.running, 120.0, f"the end of {process.name}")
+        assert process.wait() == code, process.output
+
     def messages(self, kind: type, topic: str, qos: Any = STREAM) -> list[Any]:
         """Subscribes; the list that it returns grows while the test spins."""
         received: list[Any] = []
@@ -239,6 +262,43 @@ class Graph:
         self.spin_until(future.done, timeout, what=f"the answer of {name}")
         return future.result()
 
+    def step(self, steps: int) -> Any:
+        """Lets a paused simulation do some steps; returns the outcome once they are done."""
+        request = StepSimulation.Request(steps=steps)
+        return self.call(StepSimulation, "simulation/step_simulation", request).result
+
+    def change(self, transition: int) -> bool:
+        """Asks the executor for a transition of its lifecycle; returns whether it did it."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(self.call(ChangeState, "policy_executor/change_state", request).success)
+
+    def publish_policy(self, policy: GaussianPolicy, task: str = "swimmer") -> Any:
+        """Publishes a policy, also for nodes that start later; returns the publisher."""
+        publisher = self.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
+        publisher.publish(policy_to_msg(policy, task, 1, Time()))
+        return publisher
+
+    def record_run(self, steps: int, task: str, *, to_its_end: bool = False, **given: Any) -> Path:
+        """Lets an executor drive its simulation in lock-step, recorded; returns the bag's folder.
+
+        The keyword arguments are parameters of the executor; with `to_its_end` the bag has its last
+        command, too.
+        """
+        recorder = self.start("recorder", output=self.folder / "bag")
+        self.spin_until_output(recorder, "Recording to")
+        self.start("simulation", task=task, start_paused=True)
+        executor = self.start("policy_executor", task=task, **given)
+        for topic, count in (("joint_states", 2), ("joint_command", 2), (MJCF, 1)):
+            heard = partial(self.node.count_subscribers, topic)
+            self.spin_until(lambda n=count, heard=heard: heard() == n, what=f"who hears {topic}")
+        program = self.start("execute_policy", "--task", task, "--steps", str(steps))
+        self.ends(program)
+        if to_its_end:
+            assert executor.end() == 0
+            self.spin_for(0.5)  # until its last command is recorded
+        assert recorder.end(signal.SIGINT) == 0, recorder.output
+        return self.folder / "bag"
+
     def set_parameter(self, node: str, name: str, value: Any) -> SetParametersResult:
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
@@ -260,6 +320,43 @@ class Graph:
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         self._diagnostics.update({status.name: status for status in message.status})
+
+
+class Hardware:
+    """What a controller drives: it sends the states that a test says, and keeps the commands."""
+
+    def __init__(self, graph: Graph, task: Task):
+        self.graph, self.task = graph, task
+        self.commands = graph.messages(JointState, "joint_command")
+        self.states = graph.node.create_publisher(JointState, "joint_states", STREAM)
+
+    def send(self, state: Any, stamp: int = 0) -> None:
+        """Sends a state of a stamp [ns]."""
+        names = self.task.joint_names
+        self.states.publish(state_to_msg(np.array(state), names, stamp_of(stamp)))
+
+    def message(self, state: Any, stamp: int = 0) -> JointState:
+        """Sends a state, again each second as the simulation does, and returns what answers it."""
+        self.commands.clear()
+        due = 0.0
+
+        def answers() -> list[JointState]:
+            nonlocal due
+            if time.monotonic() > due:
+                due = time.monotonic() + 1.0
+                self.send(state, stamp)
+            return [c for c in self.commands if nanoseconds(c.header.stamp) == stamp]
+
+        return self.graph.spin_until(answers, what=f"the answer to the state of {stamp} ns")[0]
+
+    def answer(self, state: Any, stamp: int = 0) -> Array:
+        """Sends a state and returns the controls that answer it, shape (n_u,)."""
+        return command_from_msg(self.message(state, stamp), self.task.controls)
+
+
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """The figures beside a status, by their keys."""
+    return {pair.key: pair.value for pair in status.values}
 
 
 @contextmanager

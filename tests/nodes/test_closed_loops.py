@@ -43,8 +43,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
     graph.spin_until_output(simulation, "The controls are position [rad] now.")
     graph.spin_until(lambda: graph.node.count_subscribers("joint_command") == 3)
     program = graph.start("execute_policy", "--task", task.name, "--steps", str(STEPS))
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
 
     named = [f"{joint}/{gain}" for gain in ("stiffness", "damping") for joint in task.joint_names]

@@ -5,16 +5,13 @@ import numpy as np
 import onnx
 import pytest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from sensor_msgs.msg import JointState
 
 from tests.bags.altered import without
+from tests.nodes.conftest import Hardware
 from tests.nodes.test_onnx_executor import STEPS, drive, motion_of
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.bags.bag_check import check_bag
-from vgps_ros.messages.conversions import command_from_msg, stamp_of, state_to_msg
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.ros_runtime.qos import STREAM
 
 
 @pytest.fixture
@@ -35,7 +32,7 @@ def path(tmp_path):
 def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
     graph, swimmer, path, tmp_path
 ):
-    bag = drive(graph, tmp_path, path, limit=100.0)
+    bag = drive(graph, path, limit=100.0)
     states, controls = motion_of(bag, swimmer)
     driver = swimmer.driver(open_policy(path))
     law = driver.started()
@@ -58,24 +55,13 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
 
 def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
     graph.start("policy_executor", autostart=False, policy_file=path)
-    commands = graph.messages(JointState, "joint_command")
-    states = graph.node.create_publisher(JointState, "joint_states", STREAM)
-
-    def change(transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert graph.call(ChangeState, "policy_executor/change_state", request).success
+    robot = Hardware(graph, swimmer)
 
     def answer(step):
-        commands.clear()
-        stamp = stamp_of(step * 20_000_000)
-        states.publish(state_to_msg(np.ones(10), swimmer.joint_names, stamp))
-        graph.spin_until(lambda: any(command.header.stamp == stamp for command in commands))
-        return command_from_msg(commands[-1], swimmer.controls)
+        return robot.answer(np.ones(10), step * 20_000_000)
 
-    change(Transition.TRANSITION_CONFIGURE)
-    change(Transition.TRANSITION_ACTIVATE)
-    for topic, count in (("joint_states", states.get_subscription_count), ("joint_command", None)):
-        graph.spin_until(count or (lambda t=topic: graph.node.count_publishers(t)))
+    assert graph.change(Transition.TRANSITION_CONFIGURE)
+    assert graph.change(Transition.TRANSITION_ACTIVATE)
     driver = swimmer.driver(open_policy(path))
     inputs = driver.observation(np.ones((1, 10)))
     law = driver.started()
@@ -85,6 +71,6 @@ def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
             np.testing.assert_allclose(answer(step), wanted, rtol=1e-5)
     first = driver.policy.mean(inputs)[0]
     assert np.abs(wanted - first).max() > 0.1
-    change(Transition.TRANSITION_DEACTIVATE)
-    change(Transition.TRANSITION_ACTIVATE)
+    assert graph.change(Transition.TRANSITION_DEACTIVATE)
+    assert graph.change(Transition.TRANSITION_ACTIVATE)
     np.testing.assert_allclose(answer(4), first, rtol=1e-5)

@@ -1,12 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The program `drive`: a course by cmd_vel, whoever takes it, and rest at its end."""
 
-import signal
-
 import pytest
 from geometry_msgs.msg import Twist, TwistStamped
 from rosgraph_msgs.msg import Clock
 
+from tests.nodes.conftest import EACH_SIGNAL
 from vgps_ros.messages.conversions import stamp_of
 
 COURSE = """\
@@ -33,8 +32,7 @@ LEGS = [(0.4, 0.0, 0.5), (0.0, -0.2, 0.0), (0.0, 0.0, 0.0)]
 def test_it_drives_the_legs_and_ends_at_rest(graph, course):
     twists = graph.messages(TwistStamped, "cmd_vel")
     program = graph.start("drive", course, "--rate", "50")
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     assert told(message.twist for message in twists) == LEGS
     assert twists[0].header.stamp.sec
     assert "commanded to rest" in program.output
@@ -44,14 +42,11 @@ def test_unstamped_velocities_come_on_any_topic(graph, course):
     twists = graph.messages(Twist, "robot/cmd")
     arguments = ("--unstamped", "--ros-args", "-r", "cmd_vel:=robot/cmd")
     program = graph.start("drive", course, *arguments)
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     assert told(twists) == LEGS
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@EACH_SIGNAL
 def test_a_signal_ends_it_with_the_robot_at_rest(graph, number):
     twists = graph.messages(TwistStamped, "cmd_vel")
     program = graph.start("drive")
@@ -85,16 +80,13 @@ def test_simulated_time_drives_it_and_a_reset_begins_the_course_again(graph, cou
     newest_at(3.6, LEGS[1])
     assert program.running
     newest_at(4.1, LEGS[2])
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
 
 
 def test_it_says_that_nobody_listens_and_what_is_wrong_with_a_course(graph):
     program = graph.start("drive", "--timeout", "1")
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 1
+    graph.ends(program, 1)
     assert "Waited 1 s, but nobody takes /cmd_vel as TwistStamped" in program.output
     program = graph.start("drive", "figure_of_nine")
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 1
+    graph.ends(program, 1)
     assert "The course 'figure_of_nine' cannot be read" in program.output

@@ -2,24 +2,19 @@
 """The program `execute_policy`, with the real simulation and executor."""
 
 import json
-import signal
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
+from tests.nodes.conftest import EACH_SIGNAL
 from vgps_ros.core.records import Trajectory
-from vgps_ros.messages.conversions import policy_to_msg
-from vgps_ros.ros_runtime.qos import LATCHED
 
 
 def test_its_figures_are_those_of_a_rollout_in_process_each_time(
     graph, swimmer, random_policy, tmp_path
 ):
     policy, steps = random_policy(5), 53
-    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    graph.publish_policy(policy)
     graph.start("simulation")
     graph.start("policy_executor")
     (states,), (controls,) = swimmer.dynamics.execute(
@@ -32,8 +27,7 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
         figures = tmp_path / "figures.json"
         words = ["--steps", str(steps), "--json", str(figures), *course]
         program = graph.start("execute_policy", *words)
-        graph.spin_until(lambda program=program: not program.running)
-        assert program.wait() == 0, program.output
+        graph.ends(program)
         written = json.loads(figures.read_text())
         assert written["cost"] == swimmer.trajectory_cost(rollout)
         assert written["distance"] == distance
@@ -46,8 +40,7 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
 def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy):
     def ends_with(*arguments, code=1):
         program = graph.start("execute_policy", *arguments)
-        graph.spin_until(lambda: not program.running)
-        assert program.wait() == code
+        graph.ends(program, code)
         assert "Traceback" not in program.output
         return program.output
 
@@ -56,14 +49,11 @@ def test_it_ends_with_a_sentence_where_something_is_missing(graph, random_policy
     assert "No simulation is there" in ends_with("--timeout", "1")
     graph.start("simulation")
     assert "No policy came" in ends_with("--timeout", "3")
-    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.publish_policy(random_policy(0))
     assert "Is policy_executor running" in ends_with("--timeout", "3")
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@EACH_SIGNAL
 def test_a_signal_ends_it_with_a_sentence(graph, number):
     program = graph.start("execute_policy")
     graph.spin_until(lambda: "execute_policy" in graph.node.get_node_names())

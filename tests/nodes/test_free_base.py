@@ -68,8 +68,7 @@ def test_it_is_driven_in_lock_step_recorded_checked_and_drawn(
     visualizer = graph.start("visualizer", output=drawn)
     graph.spin_until_output(recorder, "Recording to")
     graph.spin_until_output(visualizer, "Recording what is seen")
-    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(policy, robot.name, 1, Time()))
+    graph.publish_policy(policy, robot.name)
     graph.start("simulation", task=robot.name, start_paused=True)
     graph.start("policy_executor", task=robot.name)
     for topic in (*states.topics, "joint_command", "policy"):
@@ -78,8 +77,7 @@ def test_it_is_driven_in_lock_step_recorded_checked_and_drawn(
     graph.spin_until(lambda: graph.node.count_subscribers("mjcf_description") == 2)
     words = ["--task", robot.name, "--steps", str(STEPS), "--json", str(figures)]
     program = graph.start("execute_policy", *words)
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     assert visualizer.end(signal.SIGINT) == 0, visualizer.output
 

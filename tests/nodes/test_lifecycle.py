@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import GetState
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from tests.nodes.conftest import executed
+from tests.nodes.conftest import Hardware, executed
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.ros_runtime.qos import COMMANDED, LATEST, STREAM
 from vgps_ros.storage.run_folder import save_policy
@@ -53,8 +53,7 @@ class Robot:
         self._states.publish(state_to_msg(self.state, self.task.joint_names, stamp))
 
     def change(self, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.graph.call(ChangeState, "policy_executor/change_state", request).success
+        return self.graph.change(transition)
 
     def is_in(self):
         return self.graph.call(GetState, "policy_executor/get_state").current_state.label
@@ -249,23 +248,17 @@ def test_with_autostart_it_starts_once_and_never_by_itself_again(
     graph, swimmer, random_policy, tmp_path
 ):
     save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
-    commands = graph.messages(JointState, "joint_command")
     executor = graph.start("policy_executor", policy_file=tmp_path / "policy.json")
-    states = graph.publisher(JointState, "joint_states")
-
-    def answered():
-        states.publish(state_to_msg(ONES, swimmer.joint_names, stamp_of(0)))
-        graph.spin_for(0.05)
-        return list(commands)
-
-    graph.spin_until(answered)
+    robot = Hardware(graph, swimmer)
+    robot.answer(ONES)
     for transition in (DEACTIVATE, CLEANUP, CONFIGURE):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert graph.call(ChangeState, "policy_executor/change_state", request).success
+        assert graph.change(transition)
     graph.spin_for(2.0)
-    commands.clear()
+    robot.commands.clear()
     for _ in range(10):
-        assert not answered()
+        robot.send(ONES)
+        graph.spin_for(0.05)
+    assert not robot.commands
     assert executor.running
 
 

@@ -4,7 +4,6 @@
 import math
 import os
 import re
-import signal
 import subprocess
 import sys
 import urllib.request
@@ -18,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import GetSimulationState, StepSimulation
+from simulation_interfaces.srv import GetSimulationState
 from std_msgs.msg import String
 from vgps_msgs.msg import LearningProgress, Signals
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -27,6 +26,7 @@ from websockets.typing import Subprotocol
 from zstandard import ZstdDecompressor
 
 from tests.browser import LACKING, opened
+from tests.nodes.conftest import EACH_SIGNAL
 from tests.nodes.test_simulation import PAUSED, PERIOD, PLAYING
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.conversions import nanoseconds
@@ -44,9 +44,7 @@ def start(graph):
     return live, re.search(r"The page is (\S+)", live.output)[1]
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 def test_it_serves_a_page_to_this_machine_alone_and_ends_cleanly(graph, number):
     live, address = start(graph)
     assert address.startswith("http://127.0.0.1:")
@@ -63,6 +61,12 @@ def test_two_pages_have_ports_of_their_own(graph):
     assert first != second
 
 
+@pytest.fixture(scope="module")
+def page(shared_graph):
+    """A node that some tests share, and its page's address."""
+    return start(shared_graph)
+
+
 def origin_is_refused(address, origin):
     """Returns whether a WebSocket is refused to a page of this origin, or to none if it is None."""
     with suppress(InvalidStatus), connect(address.replace("http", "ws"), origin=origin):
@@ -70,8 +74,8 @@ def origin_is_refused(address, origin):
     return True
 
 
-def test_its_websocket_is_for_its_own_page_alone(graph):
-    _, address = start(graph)
+def test_its_websocket_is_for_its_own_page_alone(page):
+    _, address = page
     own = [address, address.replace("127.0.0.1", "localhost")]
     others = ["http://example.com", "null", None, "http://127.0.0.1:1", f"{address}.example.com"]
     for path in ("", "/stick"):
@@ -79,11 +83,10 @@ def test_its_websocket_is_for_its_own_page_alone(graph):
         assert refused == others, path
 
 
-def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(graph):
-    start(graph)
-    robots = graph.publisher(String, "mjcf_description", LATCHED)
+def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(page, shared_graph):
+    robots = shared_graph.publisher(String, "mjcf_description", LATCHED)
     robots.publish(String(data="<mujoco><worldbody><geom/></mujoco>"))
-    graph.diagnosis("live", ERROR, "Left out a robot: ")
+    shared_graph.diagnosis("live", ERROR, "Left out a robot: ")
 
 
 def test_without_viser_it_names_the_file_that_installs_it(domain_id):
@@ -340,22 +343,22 @@ def test_a_drag_pushes_within_bounds_and_only_while_its_page_lives(graph):
     page.close()
 
 
-def test_what_no_page_would_say_is_not_heard_and_a_flood_ends_its_page(graph):
-    live, address = start(graph)
-    page = Page(address, "/any")
-    buttons = page.heard("GuiButtonGroupMessage", "options", "Play")["uuid"]
-    step = page.heard("GuiNumberMessage", "label", "Steps")["uuid"]
-    page.say("ShareUrlRequest")
-    page.say("ShareUrlDisconnect")
-    page.say("FileTransferStartUpload", source_component_uuid=step, transfer_uuid="x", filename="")
-    page.say("None")
-    page.say("GuiUpdateMessage")
+def test_what_no_page_would_say_is_not_heard_and_a_flood_ends_its_page(page):
+    live, address = page
+    own = Page(address, "/any")
+    buttons = own.heard("GuiButtonGroupMessage", "options", "Play")["uuid"]
+    step = own.heard("GuiNumberMessage", "label", "Steps")["uuid"]
+    own.say("ShareUrlRequest")
+    own.say("ShareUrlDisconnect")
+    own.say("FileTransferStartUpload", source_component_uuid=step, transfer_uuid="x", filename="")
+    own.say("None")
+    own.say("GuiUpdateMessage")
     for uuid in (buttons, step, "none"):
         for name in ("value", "update_cb", "sync_cb", "props", "uuid", "removed", "order", "x"):
             for value in ("Reset", "x", None, -1, [[]], {"a": 1}, math.nan):
-                page.say("GuiUpdateMessage", uuid=uuid, updates={name: value})
-    page.set(buttons, "Reset")
-    page.heard("GuiUpdateMessage", "updates", "There is no simulation named simulation")
+                own.say("GuiUpdateMessage", uuid=uuid, updates={name: value})
+    own.set(buttons, "Reset")
+    own.heard("GuiUpdateMessage", "updates", "There is no simulation named simulation")
     assert "Traceback" not in live.output
     assert "hare" not in live.output  # a share URL
     flood = Page(address)
@@ -368,7 +371,7 @@ def test_what_no_page_would_say_is_not_heard_and_a_flood_ends_its_page(graph):
     assert live.running
     assert "Traceback" not in live.output
     late.close()
-    page.close()
+    own.close()
 
 
 @pytest.mark.slow
@@ -429,8 +432,7 @@ def test_the_page_clicked_through_in_a_browser(graph, tmp_path):
         )
         assert pushes[-1].header.frame_id == "middle"
         # The mouse holds the robot, so the test itself asks for the step.
-        steps = StepSimulation.Request(steps=1)
-        assert graph.call(StepSimulation, "simulation/step_simulation", steps).result.result == 1
+        assert graph.step(1).result == 1
         page.mouse.up()
         graph.spin_until(no_more_pushes, what="the end of the push")
         pushed = states[-1]

@@ -66,8 +66,7 @@ class Training:
 
     def outcome(self):
         graph, program = self.graph, self.program
-        graph.spin_until(lambda: not program.running, timeout=120, what="the end of the training")
-        assert program.wait() == 0, program.output
+        graph.ends(program)
         result = json.loads((self.folder / "out" / "result.json").read_text())
         return without_times(result["iterations"]), (
             self.folder / "out" / "policy.json"

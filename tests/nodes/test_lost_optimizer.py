@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from vgps_msgs.msg import OptimizerIteration
 
+from tests.nodes.conftest import EACH_SIGNAL
 from tests.nodes.test_training import SHORT, parameters, same_bits, start_training, train_in_process
 from vgps_ros.storage.run_folder import load_policy
 
@@ -70,9 +71,7 @@ def test_one_that_is_killed_and_back_at_once_is_asked_again(training, expected):
     assert training.loses_a_solve()
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 def test_one_that_is_ended_in_a_solve_hands_it_back(shared_graph, training, expected, number):
     assert training.optimizer.end(number) == 0
     shared_graph.spin_until(training.loses_a_solve, what="the learner to miss it")

@@ -17,7 +17,6 @@ import pytest
 from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from lifecycle_msgs.msg import Transition
@@ -128,19 +127,6 @@ NEXT = OptimizeTrajectory.Request(
     policy=[POLICY_MESSAGE],
 )
 PROGRESS = LearningProgress(task="rotor", method="vgps", iteration=1, iterations=2, alpha=0.5)
-DIAGNOSIS = DiagnosticArray(
-    status=[
-        DiagnosticStatus(
-            name="/policy_executor",
-            message="Running.",
-            hardware_id="vgps_ros",
-            values=[
-                KeyValue(key="instance", value="1-here-1"),
-                KeyValue(key="owns", value="/joint_command"),
-            ],
-        )
-    ]
-)
 PLAN = Plan(task="rotor", time_step=0.02, cost=1.0, trajectory=DISTRIBUTION.mean)
 DESCRIPTION = String(data=urdf(ROTOR.dynamics.model))
 EVENT = ParameterEvent(
@@ -357,7 +343,6 @@ TOPICS = {
     "learning_progress": (LearningProgress, PROGRESS, STREAM, ("visualizer",)),
     "mjcf_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
     "robot_description": (String, DESCRIPTION, LATCHED, ("visualizer",)),
-    "/diagnostics": (DiagnosticArray, DIAGNOSIS, STREAM, ()),
     "/parameter_events": (ParameterEvent, EVENT, STREAM, ("recorder",)),
 }
 

@@ -11,16 +11,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu, JointState
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals
 
 from tests.nodes.conftest import executed
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.bodies import product
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds, policy_to_msg, stamp_of
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of
 from vgps_ros.messages.robot_state import JOINTS, NewestMeasurements, StateMessages
-from vgps_ros.ros_runtime.qos import LATCHED, STREAM
+from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
@@ -68,8 +67,7 @@ class Robot:
         qos = qos_profile_sensor_data if parameters.get("state_qos") else STREAM
         self.joints = graph.publisher(JointState, "joint_states", qos)
         self.base = graph.publisher(base, name, qos)
-        policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-        policies.publish(policy_to_msg(self.policy, task.name, 1, Time()))
+        graph.publish_policy(self.policy, task.name)
         graph.diagnosis("policy_executor", OK, f"Waiting for {name} and joint_states")
         self.sent: dict[str, dict[int, object]] = {JOINTS: {}, name: {}}
 
@@ -295,8 +293,7 @@ def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torque
         graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
     graph.spin_for(1.0)
     program = graph.start("execute_policy", "--task", blind.name, "--steps", "40")
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     graph.spin_for(1.2)
     assert recorder.end() == 0, recorder.output
     found = check_bag(tmp_path / "bag")

@@ -1,14 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A policy of ours that remembers former steps drives through the graph, and is checked."""
 
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 from tests.bags.altered import without
 from tests.nodes.conftest import remember
@@ -16,9 +13,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import episodes
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import policy_to_msg
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
@@ -45,19 +40,8 @@ def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
 ):
     path, told = tmp_path / "policy.json", task.name
     save_policy(policy, told, path)
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
-    graph.start("simulation", task=told, start_paused=True)
-    graph.start("policy_executor", task=told, policy_file=path, stochastic=stochastic, seed=3)
-    for topic in ("joint_states", "joint_command"):
-        count = graph.node.count_subscribers
-        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
-    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 1)
-    program = graph.start("execute_policy", "--task", told, "--steps", str(STEPS))
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
-    assert recorder.end(signal.SIGINT) == 0, recorder.output
-    bag = tmp_path / "bag"
+    given = {"policy_file": path, "stochastic": stochastic, "seed": 3}
+    bag = graph.record_run(STEPS, told, **given)
     with BagReader(bag) as reader:
         episode = episodes(reader, task.dynamics.model)[-1]
     if not stochastic:
@@ -82,6 +66,5 @@ def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
 
 def test_mpc_refuses_such_a_policy(graph, task, policy):
     graph.start("mpc", task=task.name)
-    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(policy, task.name, 1, Time()))
+    graph.publish_policy(policy, task.name)
     graph.diagnosis("mpc", DiagnosticStatus.ERROR, "it remembers former steps")

@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import Plan as PlanMsg
 
-from tests.nodes.conftest import PATIENCE
+from tests.nodes.conftest import PATIENCE, Hardware, values_of
 from vgps_ros.messages.conversions import (
-    command_from_msg,
     nanoseconds,
-    stamp_of,
     state_from_msg,
-    state_to_msg,
     trajectory_from_msg,
 )
 from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner
@@ -34,7 +30,7 @@ def test_lock_step_through_two_processes_equals_the_same_loop_in_process(graph):
     graph.diagnosis("mpc", OK, "Waiting for joint_states")
     graph.start("simulation", start_paused=True, wait_timeout=PATIENCE)
     for _ in range(0, steps, 5):  # a few at a time: this process must keep up
-        graph.call(StepSimulation, "simulation/step_simulation", StepSimulation.Request(steps=5))
+        graph.step(5)
     states = {}
 
     def are_there():
@@ -89,7 +85,7 @@ def test_a_planner_that_is_killed_leaves_the_simulation_with_no_torques(graph):
     commands = graph.messages(JointState, "joint_command")
     states = graph.messages(JointState, "joint_states")
     graph.spin_until(lambda: len(commands) > 20, what="torques")
-    values = {v.key: v.value for v in graph.diagnosis("mpc", OK, "Running.").values}
+    values = values_of(graph.diagnosis("mpc", OK, "Running."))
     assert {"plan age", "plan cost", "plan duration", "missed deadlines"} <= values.keys()
     planner.kill()
     graph.diagnosis("simulation", ERROR, "No joint_command for 0.3 s, so the torques are zero")
@@ -102,16 +98,11 @@ def test_a_planner_that_is_killed_leaves_the_simulation_with_no_torques(graph):
 def test_a_plan_that_diverges_ends_in_the_safe_action_and_a_sound_state_drives_again(graph):
     task = make_task("swimmer")
     graph.start("mpc", safe_action="zero", plan_age_limit=0.06)
-    commands = graph.messages(JointState, "joint_command")
-    states = graph.publisher(JointState, "joint_states")
+    robot = Hardware(graph, task)
     graph.diagnosis("mpc", OK, "Waiting for joint_states")
 
     def answer(step, state):
-        stamp = stamp_of(step * PERIOD)
-        states.publish(state_to_msg(state, task.joint_names, stamp))
-        found = lambda: [c for c in commands if c.header.stamp == stamp]  # noqa: E731
-        graph.spin_until(found, what=f"the answer to state {step}")
-        return command_from_msg(found()[0], task.controls)
+        return robot.answer(state, step * PERIOD)
 
     assert answer(0, task.initial_state).any()
     wild = np.full(10, 9.9e3)

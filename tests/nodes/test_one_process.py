@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import pytest
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import StepSimulation
 
 from tests.nodes.test_namespaces import OWN_TOPICS, within
 from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
@@ -17,7 +15,7 @@ from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
 
 ROBOT = ("simulation", "policy_executor")
-STEPS = StepSimulation.Request(steps=20)
+STEPS = 20
 
 
 def test_all_nodes_of_a_training_in_one_process_learn_the_same_bits(graph, tmp_path):
@@ -52,19 +50,16 @@ def test_a_robot_moves_in_one_process_bit_for_bit_as_in_two(graph, random_policy
         names = ROBOT if executables == ("node",) else ()
         processes = [graph.start(executable, *names, *ros) for executable in executables]
         states.clear()
-        assert not graph.call(
-            StepSimulation, "simulation/step_simulation", STEPS
-        ).result.error_message
-        graph.spin_until(lambda at=states: len({s.header.stamp.nanosec for s in at}) > STEPS.steps)
+        assert not graph.step(STEPS).error_message
+        graph.spin_until(lambda at=states: len({s.header.stamp.nanosec for s in at}) > STEPS)
         by_stamp = {(s.header.stamp.sec, s.header.stamp.nanosec): s for s in states}
         runs.append({stamp: (s.position, s.velocity) for stamp, s in by_stamp.items()})
-        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
         commands.clear()
-        assert graph.call(ChangeState, "policy_executor/change_state", request).success
+        assert graph.change(Transition.TRANSITION_DEACTIVATE)
         graph.spin_until(lambda: commands)
         assert not any(commands[-1].effort)
         assert [process.end() for process in processes] == [0] * len(processes)
-    assert len(runs[0]) == STEPS.steps + 1
+    assert len(runs[0]) == STEPS + 1
     assert runs[0] == runs[1]
 
 

@@ -1,8 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Policies in ONNX files drive the robot through the graph, and their bags are checked."""
 
-import signal
-
 import numpy as np
 import onnx
 import pytest
@@ -10,6 +8,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
+from tests.nodes.conftest import values_of
 from tests.onnx_models import elu_layers, elu_model, exported
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
@@ -21,22 +20,10 @@ from vgps_ros.ros_runtime.qos import LATCHED
 STEPS = 60
 
 
-def drive(graph, folder, policy, limit):
+def drive(graph, policy, limit):
     """Lets the policy of a file drive the swimmer, with narrow limits; returns the bag."""
-    recorder = graph.start("recorder", output=folder / "bag")
-    graph.spin_until_output(recorder, "Recording to")
-    graph.start("simulation", start_paused=True)
-    limits = [limit, limit]
-    graph.start("policy_executor", policy_file=policy, torque_limits=limits, safe_action="damping")
-    for topic in ("joint_states", "joint_command"):
-        count = graph.node.count_subscribers
-        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
-    graph.spin_until(lambda: graph.node.count_subscribers("robot_description") == 1)
-    program = graph.start("execute_policy", "--steps", str(STEPS))
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
-    assert recorder.end(signal.SIGINT) == 0, recorder.output
-    return folder / "bag"
+    given = {"torque_limits": [limit, limit], "safe_action": "damping"}
+    return graph.record_run(STEPS, "swimmer", policy_file=policy, **given)
 
 
 def motion_of(bag_path, task):
@@ -59,7 +46,7 @@ def test_our_own_file_drives_to_the_same_bits_as_the_policy(
 ):
     policy = random_policy(5)
     path = exported(policy, swimmer, tmp_path, "--precision", "float64")
-    bag = drive(graph, tmp_path, path, limit=1.5)
+    bag = drive(graph, path, limit=1.5)
     states, controls = motion_of(bag, swimmer)
     expected = rollout(swimmer, lambda x: policy.mean(swimmer.observation(x)), 1.5)
     np.testing.assert_allclose(controls, expected.controls, rtol=1e-12, atol=1e-12)
@@ -92,7 +79,7 @@ def test_a_network_of_others_drives_within_the_limits_and_its_bag_is_checked(
     graph, swimmer, foreign, tmp_path
 ):
     path = foreign("policy.onnx")
-    bag = drive(graph, tmp_path, path, limit=0.55)
+    bag = drive(graph, path, limit=0.55)
     states, controls = motion_of(bag, swimmer)
     expected = rollout(swimmer, swimmer.driver(open_policy(path)).mean, 0.55)
     np.testing.assert_allclose(controls, expected.controls, rtol=1e-6, atol=1e-6)
@@ -119,13 +106,12 @@ def test_a_wrong_file_ends_the_start_with_a_sentence(graph, foreign, tmp_path):
 def test_a_policy_of_the_topic_takes_over_from_the_file(graph, swimmer, foreign, random_policy):
     graph.start("policy_executor", policy_file=foreign("policy.onnx"))
     status = graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
-    values = {pair.key: pair.value for pair in status.values}
-    assert values["policy of iteration"] == "0"
+    assert values_of(status)["policy of iteration"] == "0"
     policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
     policies.publish(policy_to_msg(random_policy(1), "swimmer", 7, Time()))
 
     def takes_over():
         status = graph.diagnosis("policy_executor", DiagnosticStatus.OK)
-        return {pair.key: pair.value for pair in status.values}["policy of iteration"] == "7"
+        return values_of(status)["policy of iteration"] == "7"
 
     graph.spin_until(takes_over)

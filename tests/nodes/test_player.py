@@ -2,7 +2,6 @@
 """The player: what was recorded comes back, byte for byte, in order and in time."""
 
 import re
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -35,6 +34,7 @@ from std_msgs.msg import String
 from vgps_msgs.msg import GaussianPolicy, RobotModel, TrajectoryDistribution
 
 from tests.bags.altered import SAMPLE
+from tests.nodes.conftest import EACH_SIGNAL, values_of
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
 from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg, stamp_of
 from vgps_ros.nodes.recorder import profile_in_bag
@@ -170,16 +170,6 @@ def test_ten_times_as_fast_nothing_is_lost(graph, make_bag):
     assert seconds(received) == list(range(4000))
 
 
-def test_a_loop_plays_from_the_offset_until_it_is_ended(graph, make_bag):
-    received = listen(graph, "/joint_states")
-    player = graph.start(
-        "player", bag=make_bag(states(0.0, 0.1, 0.2)), loop=True, start_offset=0.05
-    )
-    graph.spin_until(lambda: len(received) >= 7, what="seven messages")
-    assert player.end(signal.SIGINT) == 0, player.output
-    assert seconds(received)[:7] == [1, 2, 1, 2, 1, 2, 1]
-
-
 def test_topics_are_chosen_by_pattern_and_those_left_out_are_named(graph, make_bag):
     rows = [*states(0.0, 0.1), (0.0, "/policy", policy()), (0.1, "/weak", WEAK)]
     received = listen(graph, "/joint_states", "/policy", "/weak")
@@ -206,12 +196,11 @@ def test_services_pause_step_and_resume(graph, make_bag):
     graph.spin_until(lambda: len(received) == 3, what="the third message")
     ask(graph, Pause)
     status = graph.diagnosis("player", DiagnosticStatus.OK)
-    values = {entry.key: entry.value for entry in status.values}
+    values = values_of(status)
     assert values["paused"] == "True"
     assert values["messages"] == "3"
     assert ask(graph, PlayNext).success
-    graph.spin_until(lambda: not player.running, what="the player to end")
-    assert player.wait() == 0, player.output
+    graph.ends(player)
     assert seconds(received) == [0, 1, 2, 3]
 
 
@@ -238,8 +227,7 @@ def test_it_seeks_and_changes_its_rate_and_the_clock_follows(graph, make_bag):
     graph.spin_for(0.3)
     clocks.clear()
     ask(graph, Resume)
-    graph.spin_until(lambda: not player.running, what="the player to end")
-    assert player.wait() == 0, player.output
+    graph.ends(player)
     graph.spin_for(0.3)
     assert seconds(received) == [50, 51, 52, 0, *range(90, 101)]
     ticks = [tick.clock.sec + 1e-9 * tick.clock.nanosec - START * 1e-9 for tick in clocks]
@@ -311,9 +299,7 @@ def test_messages_of_an_older_definition_are_played_as_those_of_today(graph):
     assert policies[-1].robot == RobotModel()
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 @pytest.mark.parametrize("doing", ["playing", "paused", "in the delay"])
 def test_signals_end_it_whatever_it_is_doing(graph, make_bag, number, doing):
     bag = make_bag(states(*np.arange(3000) / 10))
@@ -349,14 +335,9 @@ def bad_bag(make_bag: Make, tmp_path: Path, what: str) -> Path:
     ("what", "parameters", "sentence"),
     [
         ("nothing", {}, "is not a bag"),
-        pytest.param("an empty folder", {}, "bad'", marks=pytest.mark.slow),
         ("no messages", {}, "has no messages to play"),
         ("a bag", {"include": "[policy]"}, "is left to play; it has /joint_states"),
-        pytest.param(
-            *("a bag", {"include": "['(']"}, "must be a regular expression"),
-            marks=pytest.mark.slow,
-        ),
-        pytest.param("a bag", {"rate": 0.001}, "rate", marks=pytest.mark.slow),
+        ("a bag", {"include": "['(']"}, "must be a regular expression"),
         ("a bag", {"start_offset": 7.0, "delay": 0.0}, "start_offset is 7 s, but the bag is only"),
     ],
 )
@@ -386,8 +367,7 @@ def test_of_a_bag_damaged_in_the_middle_all_that_is_whole_is_played(graph, make_
     file.write_bytes(content)
     received = listen(graph, "/joint_states")
     player = graph.start("player", bag=bag)
-    graph.spin_until(lambda: not player.running, what="the player to end")
-    assert player.wait() == 0, player.output
+    graph.ends(player)
     assert "Does not play what is damaged: " in player.output
     lost = re.search(r"is damaged, with messages from (\d+\.\d+) to (\d+\.\d+) s", player.output)
     assert 0.0 < float(lost[2]) - float(lost[1]) < 1.0

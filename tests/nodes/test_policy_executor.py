@@ -1,24 +1,20 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The node `policy_executor`, alone and with the real simulation."""
 
-import signal
-
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import StepSimulation
 from std_msgs.msg import Float64MultiArray
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import RobotModel
 
 from tests.messages.test_robot_state import measured
-from tests.nodes.conftest import PATIENCE, executed
+from tests.nodes.conftest import EACH_SIGNAL, PATIENCE, Hardware, executed
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.messages.conversions import (
     command_from_msg,
@@ -38,38 +34,18 @@ ONES = np.ones(10)
 READ = np.ones(9)  # what the policy reads of them
 
 
-class Controller:
+class Controller(Hardware):
     """The executor as a robot sees it."""
 
     def __init__(self, graph, task):
-        self.graph = graph
-        self.task = task
-        self.commands = graph.messages(JointState, "joint_command")
+        super().__init__(graph, task)
         self.policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-        self.states = graph.publisher(JointState, "joint_states")
-        graph.spin_until(lambda: graph.node.count_publishers("joint_command"))
+        graph.spin_until(self.states.get_subscription_count)
 
-    def follow(self, policy, iteration=1):
+    def follow(self, policy):
         """Publishes a policy and waits until it drives."""
-        self.policies.publish(policy_to_msg(policy, self.task.name, iteration, Time()))
+        self.policies.publish(policy_to_msg(policy, self.task.name, 1, Time()))
         self.graph.spin_until(lambda: np.array_equal(self.answer(ONES), executed(policy, READ)))
-
-    def send(self, state, stamp=0, names=None):
-        names = self.task.joint_names if names is None else names
-        self.commands.clear()
-        self.states.publish(state_to_msg(np.array(state), names, stamp_of(stamp)))
-
-    def answer(self, state, stamp=0):
-        """Sends a state and returns the torques that answer it."""
-        self.send(state, stamp)
-        answered = self.graph.spin_until(lambda: list(self.commands), what="an answer")
-        assert nanoseconds(answered[-1].header.stamp) == stamp
-        return command_from_msg(answered[-1], self.task.controls)
-
-    def is_silent(self, state):
-        self.send(state)
-        self.graph.spin_for(0.5)
-        return not self.commands
 
 
 @pytest.fixture(scope="module")
@@ -90,13 +66,6 @@ def controller(shared_controller, process, random_policy):
     shared_controller.follow(random_policy(0))
     yield shared_controller
     assert process.running
-
-
-def test_a_new_policy_drives_without_a_restart(controller, random_policy):
-    for seed in (1, 2):
-        policy = random_policy(seed)
-        controller.follow(policy)
-        np.testing.assert_array_equal(controller.answer(0.1 * ONES), executed(policy, 0.1 * READ))
 
 
 @pytest.mark.parametrize(
@@ -126,13 +95,6 @@ def test_an_invalid_policy_is_refused_and_the_old_one_stays(
     np.testing.assert_array_equal(controller.answer(ONES), executed(random_policy(0), READ))
 
 
-def test_after_a_fault_it_reports_that_all_is_well(controller):
-    controller.send([np.nan] * 10)
-    controller.graph.diagnosis("policy_executor", DiagnosticStatus.ERROR)
-    controller.answer(ONES)
-    controller.graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Running")
-
-
 def test_noise_depends_on_the_seed_and_the_time_only(controller, random_policy):
     graph, policy = controller.graph, random_policy(0)
     assert graph.set_parameter("policy_executor", "stochastic", True).successful
@@ -150,87 +112,42 @@ def test_noise_depends_on_the_seed_and_the_time_only(controller, random_policy):
 
 
 def test_deactivated_it_gives_no_torques_and_keeps_taking_policies(controller, random_policy):
-    def change(transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return controller.graph.call(ChangeState, "policy_executor/change_state", request).success
-
-    assert change(Transition.TRANSITION_DEACTIVATE)
-    assert controller.is_silent(ONES)
+    assert controller.graph.change(Transition.TRANSITION_DEACTIVATE)
+    controller.commands.clear()
+    controller.send(ONES)
+    controller.graph.spin_for(0.5)
+    assert not controller.commands
     controller.policies.publish(policy_to_msg(random_policy(1), "swimmer", 2, Time()))
     controller.graph.spin_for(0.3)
-    assert change(Transition.TRANSITION_ACTIVATE)
+    assert controller.graph.change(Transition.TRANSITION_ACTIVATE)
     np.testing.assert_array_equal(controller.answer(ONES), executed(random_policy(1), READ))
 
 
-def test_alone_it_says_once_what_it_waits_for_and_then_reports_an_error(graph):
-    process = graph.start("policy_executor", wait_timeout=0.5)
-    graph.spin_until_output(process, "Waiting for policy from policy_learner.")
-    graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, "Still waiting for policy")
-    graph.spin_for(1.5)
-    assert process.output.count("Waiting for policy") == 1
-    assert process.output.count("Still waiting for policy") == 1
-
-
 def test_a_driver_of_best_effort_is_named_with_what_to_set(graph, swimmer, random_policy):
-    process = graph.start("policy_executor")
-    states = graph.node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
-    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.start("policy_executor")
+    graph.node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
+    graph.publish_policy(random_policy(0))
     graph.diagnosis(
         *("policy_executor", DiagnosticStatus.ERROR),
         "/test sends /joint_states by best effort, but this node takes it reliably only, so that "
         "nothing arrives; start it with state_qos:=sensor_data.",
     )
-    assert process.end() == 0
-    graph.start("policy_executor", state_qos="sensor_data")
-    commands = graph.messages(JointState, "joint_command")
-    graph.diagnosis("policy_executor", DiagnosticStatus.OK, "from the robot's drivers")
-
-    def answered():
-        states.publish(
-            state_to_msg(ONES, swimmer.joint_names, graph.node.get_clock().now().to_msg())
-        )
-        graph.spin_for(0.05)
-        return commands
-
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
-    graph.spin_until(answered)
-
-
-def test_without_autostart_it_waits_for_its_lifecycle(graph, swimmer, random_policy):
-    process = graph.start("policy_executor", autostart=False)
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
-    assert graph.call(ChangeState, "policy_executor/change_state", request).success
-    controller = Controller(graph, swimmer)
-    message = policy_to_msg(random_policy(0), "swimmer", 1, Time())
-    controller.policies.publish(message)
-    assert controller.is_silent(ONES)
-    assert process.end(signal.SIGTERM) == 0
 
 
 def test_torques_go_to_ros2_control_as_a_plain_array(graph, swimmer, random_policy):
     graph.start("policy_executor", command_type="float64_multi_array")
-    commands = graph.messages(Float64MultiArray, "commands")
-    policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-    states = graph.publisher(JointState, "joint_states")
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
-
-    def answered():
-        states.publish(state_to_msg(ONES, swimmer.joint_names, Time()))
-        graph.spin_for(0.05)
-        return commands
-
-    graph.spin_until(answered)
-    np.testing.assert_array_equal(commands[-1].data, executed(random_policy(0), READ))
+    robot, policy = Hardware(graph, swimmer), random_policy(0)
+    robot.commands = graph.messages(Float64MultiArray, "commands")
+    graph.publish_policy(policy)
+    graph.spin_until(lambda: robot.send(ONES) or graph.spin_for(0.05) or robot.commands)
+    np.testing.assert_array_equal(robot.commands[-1].data, executed(policy, READ))
 
 
 @pytest.mark.parametrize(
     ("parameters", "sentences"),
     [
         ({"task": "crawler"}, ["crawler", "swimmer"]),
-        pytest.param({"command_type": "wrench"}, ["is 'wrench'"], marks=pytest.mark.slow),
         ({"seed": 1.5}, ["seed"]),
-        pytest.param({"stochastic": 1}, ["stochastic"], marks=pytest.mark.slow),
     ],
 )
 def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sentences):
@@ -240,19 +157,15 @@ def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sen
     assert "Traceback" not in process.output
 
 
-@pytest.mark.parametrize("stochastic", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_lock_step_through_two_processes_equals_a_rollout_in_process(
-    graph, swimmer, random_policy, stochastic
-):
+def test_lock_step_through_two_processes_equals_a_rollout_in_process(graph, swimmer, random_policy):
     horizon, policy = 60, random_policy(4)
     start = np.linspace(-0.3, 0.3, 10)
     graph.start(
         "simulation", initial_state=start.tolist(), start_paused=True, wait_timeout=PATIENCE
     )
-    graph.start("policy_executor", stochastic=stochastic, seed=2)
+    graph.start("policy_executor", stochastic=True, seed=2)
     received = graph.messages(JointState, "joint_states")
-    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(policy, "swimmer", 1, Time()))
+    graph.publish_policy(policy)
 
     def states():
         return {nanoseconds(s.header.stamp) // PERIOD: s for s in received}
@@ -260,14 +173,13 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(
     graph.spin_until(states)
     # A few at a time: this process must keep up, or messages are lost.
     for step in range(0, horizon, 5):
-        request = StepSimulation.Request(steps=5)
-        graph.call(StepSimulation, "simulation/step_simulation", request)
+        graph.step(5)
         graph.spin_until(lambda step=step: step + 5 in states())
 
     def law(t, x):
         noise = generator(2, Stream.EXECUTION, t * PERIOD).standard_normal(2)
         mean = executed(policy, swimmer.observation(x)[0])
-        return mean[None] + stochastic * policy.noise_std * noise
+        return mean[None] + policy.noise_std * noise
 
     in_process = swimmer.dynamics.rollout(start, law, horizon)
     assert len(states()) == horizon + 1
@@ -276,28 +188,15 @@ def test_lock_step_through_two_processes_equals_a_rollout_in_process(
         np.testing.assert_array_equal(state, in_process.states[t])
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 def test_signals_end_a_running_graph_with_code_0(graph, random_policy, number):
     simulation, executor = graph.start("simulation"), graph.start("policy_executor")
     states = graph.messages(JointState, "joint_states")
-    policies = graph.node.create_publisher(GaussianPolicyMsg, "policy", LATCHED)
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.publish_policy(random_policy(0))
     graph.spin_until(lambda: len(states) > 100)
     for process in (simulation, executor):
         process.send(number)
         assert process.end(number) == 0, process.output
-
-
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
-def test_a_second_signal_does_no_harm(graph, number):
-    process = graph.start("policy_executor")
-    graph.spin_until_output(process, "Waiting for joint_states")
-    process.send(number)
-    assert process.end(number) == 0, process.output
 
 
 def test_a_policy_from_a_file_drives_and_is_published(graph, swimmer, random_policy, tmp_path):

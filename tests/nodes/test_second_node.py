@@ -10,9 +10,6 @@ from simulation_interfaces.srv import GetSimulationState
     ("first", "second", "topic"),
     [
         pytest.param(*("policy_learner",) * 2, "learning_progress", marks=pytest.mark.slow),
-        pytest.param(
-            *("policy_executor", "demonstration", "joint_command"), marks=pytest.mark.slow
-        ),
         ("mpc", "policy_executor", "joint_command"),
     ],
 )

@@ -3,14 +3,12 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
+from tests.nodes.conftest import Hardware
 from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
@@ -19,12 +17,8 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import (
     command_from_msg,
     command_to_msg,
-    policy_to_msg,
-    stamp_of,
     state_from_msg,
-    state_to_msg,
 )
-from vgps_ros.ros_runtime.qos import LATCHED
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
@@ -64,66 +58,45 @@ def test_in_real_time_servos_hold_the_arm_without_a_command_and_after_one(graph,
     assert np.ptp(found[-30:], axis=0).max() < 0.02  # it stays
 
 
-class Driven:
-    """An executor, with a linear policy of constant outputs."""
+def driven(graph, task, output, **parameters):
+    """The hardware of an executor with a linear policy of constant outputs."""
+    graph.start("policy_executor", task=task.name, **parameters)
+    shape = Architecture(task.observation.names, (), len(output))
+    count = shape.num_parameters - len(output)
+    policy = GaussianPolicy(shape, [*np.zeros(count), *output], np.ones(len(output)))
+    graph.publish_policy(policy, task.name)
+    graph.diagnosis("policy_executor", OK, "Waiting for joint_states")
+    return Hardware(graph, task)
 
-    def __init__(self, graph, task, output, **parameters):
-        self.graph, self.task = graph, task
-        graph.start("policy_executor", task=task.name, **parameters)
-        self.states = graph.publisher(JointState, "joint_states")
-        shape = Architecture(task.observation.names, (), len(output))
-        count = shape.num_parameters - len(output)
-        policy = GaussianPolicy(shape, [*np.zeros(count), *output], np.ones(len(output)))
-        policies = graph.publisher(GaussianPolicyMsg, "policy", LATCHED)
-        policies.publish(policy_to_msg(policy, task.name, 1, Time()))
-        graph.diagnosis("policy_executor", OK, "Waiting for joint_states")
-        self.step = 0
 
-    def answer(self, state, messages):
-        """The first message that comes after a state was sent."""
-        messages.clear()
-        self.step += 1
-        stamp = stamp_of(self.step * PERIOD)
-        message = state_to_msg(np.array(state), self.task.joint_names, stamp)
-
-        def comes():
-            self.states.publish(message)
-            self.graph.spin_for(0.05)
-            return messages
-
-        return self.graph.spin_until(comes, what="a command")[0]
-
-    def stop(self):
-        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
-        assert self.graph.call(ChangeState, "policy_executor/change_state", request).success
+def last_of(robot):
+    """Deactivates the executor; returns its last command."""
+    robot.commands.clear()
+    assert robot.graph.change(Transition.TRANSITION_DEACTIVATE)
+    robot.graph.spin_until(lambda: robot.commands, what="the last command")
+    return robot.commands[-1]
 
 
 def test_an_executor_sends_servos_targets_and_leaves_them_at_the_measured_pose(graph, tmp_path):
     task = make_task(write_arm(tmp_path, SERVOS))
-    commands = graph.messages(JointState, "joint_command")
-    arm = Driven(graph, task, [0.4, -0.6])
-    message = arm.answer([-0.7, 0.5, 0.1, 0.2], commands)
+    arm = driven(graph, task, [0.4, -0.6])
+    message = arm.message([-0.7, 0.5, 0.1, 0.2], PERIOD)
     assert list(message.name) == ["elbow", "shoulder"]
     assert (list(message.position), list(message.effort)) == ([0.4, -0.6], [])
-    commands.clear()
-    arm.stop()
-    graph.spin_until(lambda: commands, what="the last command")
-    assert list(commands[-1].position) == [0.5, -0.7]
+    assert list(last_of(arm).position) == [0.5, -0.7]
 
 
 def test_a_geared_motors_command_is_the_torque_on_its_joint(graph, tmp_path):
     task = make_task(write_arm(tmp_path, GEARED))
-    commands = graph.messages(JointState, "joint_command")
-    rod = Driven(graph, task, [0.5], safe_action="damping", damping=2.0, state_timeout=1000.0)
-    message = rod.answer([-0.7, 3.0], commands)
+    rod = driven(graph, task, [0.5], safe_action="damping", damping=2.0, state_timeout=1000.0)
+    message = rod.message([-0.7, 3.0], PERIOD)
     assert (list(message.position), list(message.effort)) == ([], [25.0])
     assert command_from_msg(message, task.controls).tolist() == [0.5]
-    bad = rod.answer([np.nan, 3.0], commands)
-    assert list(bad.effort) == [-2.0 * 3.0]
-    commands.clear()
-    rod.stop()
-    graph.spin_until(lambda: commands, what="the last command")
-    assert list(commands[-1].effort) == [0.0]
+    rod.commands.clear()
+    rod.send([np.nan, 3.0], 2 * PERIOD)
+    graph.spin_until(lambda: rod.commands, what="the safe action")
+    assert list(rod.commands[-1].effort) == [-2.0 * 3.0]
+    assert list(last_of(rod).effort) == [0.0]
 
 
 @pytest.mark.slow
@@ -131,13 +104,14 @@ def test_forward_controllers_of_ros2_control_get_what_their_interfaces_are(graph
     task = make_task(write_arm(tmp_path, SERVOS))
     of_elbow = graph.messages(Float64MultiArray, "elbow/commands")
     of_shoulder = graph.messages(Float64MultiArray, "shoulder/commands")
-    arm = Driven(
+    arm = driven(
         *(graph, task, [0.4, -0.6]),
         command_type="float64_multi_array",
         command_interfaces="position,velocity,effort,stiffness,damping",
     )
-    message = arm.answer([-0.7, 0.5, 0.0, 0.0], of_elbow)
-    assert list(message.data) == [0.4, 0.0, 0.0, 60.0, 0.0]
+    state = [-0.7, 0.5, 0.0, 0.0]
+    graph.spin_until(lambda: arm.send(state, PERIOD) or graph.spin_for(0.05) or of_elbow)
+    assert list(of_elbow[0].data) == [0.4, 0.0, 0.0, 60.0, 0.0]
     graph.spin_until(lambda: of_shoulder)
     assert list(of_shoulder[0].data) == [-0.6, 0.0, 0.0, 120.0, 0.0]
 
@@ -153,26 +127,13 @@ def test_an_interface_that_the_controls_are_not_is_refused(graph, tmp_path):
 def test_a_bag_of_such_a_robot_is_checked_to_the_bit_with_its_last_command(mjcf, graph, tmp_path):
     task = make_task(write_arm(tmp_path, mjcf))
     n_u = len(task.controls.names)
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
     shape = Architecture(task.observation.names, (), n_u)
     rng = np.random.default_rng(2)
     policy = GaussianPolicy(shape, 0.3 * rng.standard_normal(shape.num_parameters), np.ones(n_u))
     save_policy(policy, task.name, tmp_path / "policy.json")
-    graph.start("simulation", task=task.name, start_paused=True)
     limits = {"torque_limits": [20.0] * n_u, "torque_rate_limit": 300.0}
-    executor = graph.start(
-        "policy_executor", task=task.name, policy_file=tmp_path / "policy.json", **limits
-    )
-    for topic in ("joint_states", "joint_command"):
-        count = graph.node.count_subscribers
-        graph.spin_until(lambda t=topic, n=count: n(t) == 2, what=f"listeners of {topic}")
-    program = graph.start("execute_policy", "--task", task.name, "--steps", "40")
-    graph.spin_until(lambda: not program.running)
-    assert program.wait() == 0, program.output
-    assert executor.end() == 0
-    graph.spin_for(0.5)  # until its last command is recorded
-    assert recorder.end() == 0
+    given = {"policy_file": tmp_path / "policy.json", **limits}
+    graph.record_run(40, task.name, to_its_end=True, **given)
     with BagReader(tmp_path / "bag") as bag:
         episode = episodes(bag, task.dynamics.model)[-1]
         commands = [m for _, m in bag.decoded(bag.needed_topic("joint_command"))]

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The node `simulation`, driven by the test in the executor's place."""
 
-import signal
 import time
 
 import numpy as np
@@ -17,7 +16,7 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 
-from tests.nodes.conftest import PATIENCE
+from tests.nodes.conftest import EACH_SIGNAL, PATIENCE, values_of
 from vgps_ros.messages.conversions import nanoseconds, pack, state_from_msg
 from vgps_ros.ros_runtime.qos import STREAM
 
@@ -245,10 +244,7 @@ def test_a_wrong_parameter_is_refused_while_it_runs(robot, name, wrong, sentence
 @pytest.mark.parametrize(
     ("parameters", "sentences"),
     [
-        pytest.param({"task": "crawler"}, ["crawler", "swimmer"], marks=pytest.mark.slow),
         ({"mode": "fast"}, ["mode is 'fast'", "lock_step, real_time"]),
-        pytest.param({"mode": 3}, ["mode"], marks=pytest.mark.slow),
-        pytest.param({"real_time_factor": -1.0}, ["real_time_factor"], marks=pytest.mark.slow),
         ({"initial_state": [0.5]}, ["initial_state has 1 values"]),
     ],
 )
@@ -288,7 +284,7 @@ def test_in_real_time_a_torque_that_is_held_too_long_is_an_error(graph, swimmer)
     first = len(robot.states)
     graph.spin_until(lambda: len(robot.states) > first + 100)
     status = graph.diagnosis("simulation", DiagnosticStatus.ERROR, sentence)
-    values = {value.key: value.value for value in status.values}
+    values = values_of(status)
     held, steps = map(int, values["overruns"].split(" of "))
     assert 60 < held <= steps
     assert "steps" in values["command age"]
@@ -329,15 +325,11 @@ def test_in_real_time_an_old_command_is_refused_also_after_a_reset(graph, swimme
         assert not moves()
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
-@pytest.mark.parametrize("twice", [False, True])
-def test_a_signal_ends_it_with_code_0_even_while_it_steps(graph, number, twice):
+@EACH_SIGNAL
+def test_two_signals_end_it_with_code_0_even_while_it_steps(graph, number):
     process = graph.start("simulation", start_paused=True)
     request = StepSimulation.Request(steps=5)
     graph.call_async(StepSimulation, "simulation/step_simulation", request)
     graph.spin_for(0.2)
-    if twice:
-        process.send(number)
+    process.send(number)
     assert process.end(number) == 0, process.output

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A client of the ROS standard simulation_interfaces, which knows nothing but its types."""
 
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from simulation_interfaces import srv
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import SimulatorFeatures
 
+from tests.nodes.conftest import EACH_SIGNAL
 from tests.nodes.simulation_calls import FAILED, LISTS, OK, ROBOT, ROWS, SET, STATES, at, to
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds, state_from_msg
 from vgps_ros.ros_runtime.qos import STREAM
@@ -264,9 +264,7 @@ def test_to_quit_ends_the_node_well_and_its_goal_too(alone):
     assert "Traceback" not in process.output
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 def test_a_signal_ends_it_with_code_0_while_a_goal_is_at_work(graph, number):
     process = graph.start("simulation", start_paused=True)
     Client(graph, "").goal(5)

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import Signals as SignalsMsg
 
-from tests.nodes.conftest import executed
+from tests.nodes.conftest import executed, values_of
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import nanoseconds, policy_to_msg, stamp_of, state_to_msg
 from vgps_ros.ros_runtime.qos import LATCHED
@@ -99,7 +99,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     assert graph.set_parameter("policy_executor", "command_timeout", 0.01).successful
     assert not graph.set_parameter("policy_executor", "commands.lowest", [-9.0, 0.0]).successful
     check(1, 0.0, 0.0)
-    values = {v.key: v.value for v in graph.diagnosis("policy_executor", OK).values}
+    values = values_of(graph.diagnosis("policy_executor", OK))
     assert values["command angle"] == "0 rad"
 
 

@@ -115,12 +115,10 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
 
 
-@pytest.mark.parametrize("history", [0, 2])
-def test_commands_and_a_clock_reach_the_optimizer_and_situations_are_renewed(
-    graph, told, tmp_path, history
+def test_commands_clock_and_memory_reach_the_optimizer_and_situations_are_renewed(
+    graph, told, tmp_path
 ):
-    if history:
-        remember(Path(told), history)
+    remember(Path(told), 2)
     task = make_task(told)  # with seed 1 the new situations have solutions
     settings = replace(
         search_settings(task),
@@ -161,8 +159,7 @@ def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
         for name in ("optimizer_a", "optimizer_b")
     }
     program = start_training(graph, settings, 3, tmp_path / "out")
-    graph.spin_until(lambda: not program.running, timeout=120, what="the end of the training")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
 
     indices = [{message.trajectory_index for message in log} for log in solved.values()]
     assert all(indices)

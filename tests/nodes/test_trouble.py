@@ -10,6 +10,7 @@ from simulation_interfaces.srv import StepSimulation
 from vgps_msgs.msg import SolveStatus, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
+from tests.nodes.conftest import values_of
 from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import command_to_msg, outcome_of, pack, stamp_of
@@ -77,8 +78,7 @@ def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):
     commands.publish(command_to_msg(torques, swimmer.controls, stamp_of(0)))
     graph.spin_until(step.done)
     status = graph.diagnosis("simulation", DiagnosticStatus.ERROR, "diverged")
-    values = {value.key: value.value for value in status.values}
-    assert values["MuJoCo warnings"] == "bad acceleration (1)"
+    assert values_of(status)["MuJoCo warnings"] == "bad acceleration (1)"
     graph.spin_until_output(node, "MuJoCo warns of bad acceleration (1)")
 
 

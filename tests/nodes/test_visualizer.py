@@ -13,22 +13,20 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
-from simulation_interfaces.srv import ResetSimulation, StepSimulation
+from simulation_interfaces.srv import ResetSimulation
 from vgps_msgs.msg import (
-    GaussianPolicy,
     LearningProgress,
     OptimizerIteration,
     TrajectoryDistribution,
 )
 
-from tests.nodes.conftest import PATIENCE
+from tests.nodes.conftest import EACH_SIGNAL, PATIENCE
 from vgps_ros.core.records import LinearDynamics, Trajectory
 from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
 from vgps_ros.messages.conversions import (
     distribution_to_msg,
     nanoseconds,
     pack,
-    policy_to_msg,
     stamp_of,
     state_to_msg,
 )
@@ -73,23 +71,13 @@ def test_states_and_progress_are_recorded_and_bad_states_left_out(graph, swimmer
     assert rows(tmp_path / "run.rrd", "/learning/ddp_cost") == 0
 
 
-@pytest.mark.parametrize(
-    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
-)
+@EACH_SIGNAL
 def test_two_signals_at_once_end_it_with_a_whole_file(graph, tmp_path, number):
     visualizer = start(graph, tmp_path / "run.rrd")
     visualizer.send(number)
     visualizer.send(number)
     assert visualizer.wait() == 0, visualizer.output
     assert RrdReader(tmp_path / "run.rrd").recordings()
-
-
-def test_an_existing_file_is_refused_and_left_alone(graph, tmp_path):
-    (tmp_path / "run.rrd").write_text("mine")
-    visualizer = graph.start("visualizer", output=tmp_path / "run.rrd")
-    assert visualizer.wait() == 1
-    assert "exists already; name another file" in visualizer.output
-    assert (tmp_path / "run.rrd").read_text() == "mine"
 
 
 def solution(swimmer, iteration: int) -> TrajectoryDistribution:
@@ -113,8 +101,7 @@ def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_
         solver = graph.publisher(OptimizerIteration, f"{name}/iterations", STREAM)
         for i in range(3):
             solver.publish(OptimizerIteration(iteration=i, cost=100.0 / (i + 1)))
-    policies = graph.publisher(GaussianPolicy, "policy", LATCHED)
-    policies.publish(policy_to_msg(random_policy(0), "swimmer", 1, Time()))
+    graph.publish_policy(random_policy(0))
     solutions = graph.publisher(TrajectoryDistribution, "trajectory_distribution", LATCHED)
     wrong = solution(swimmer, iteration=1)
     wrong.state_covariances = pack(np.zeros(3))
@@ -173,11 +160,10 @@ def test_live_and_from_the_bag_the_recording_is_the_same(graph, random_policy, t
     graph.spin_until(lambda: {"recorder", "visualizer"} <= listeners())
     graph.spin_for(1.0)  # until the executor knows of them as well
     states = graph.messages(JointState, "joint_states")
-    request = StepSimulation.Request(steps=100)
-    graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.step(100)
     graph.spin_until(lambda: nanoseconds(states[-1].header.stamp) == 100 * 20_000_000)
     graph.call(ResetSimulation, "simulation/reset_simulation")
-    graph.call(StepSimulation, "simulation/step_simulation", request)
+    graph.step(100)
     # The one would repeat its torques, the other its state, while the two end.
     assert executor.end() == simulation.end() == 0
     graph.spin_for(0.5)

@@ -54,20 +54,6 @@ def driven(graph, swimmer, random_policy, tmp_path):
     return bus, executor
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_controller_that_is_ended_leaves_zero_torque(graph, driven, number):
-    bus, executor = driven
-    assert executor.end(number) == 0
-    graph.spin_until(lambda: not bus.held.any(), what="zero torque")
-
-
-def test_without_a_watchdog_a_killed_controller_leaves_its_last_torque(graph, driven):
-    bus, executor = driven
-    executor.kill()
-    graph.spin_for(2.0)
-    assert bus.held.any()
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_watchdog_sends_zero_torque_where_a_controller_is_killed_or_hangs(
     graph, driven, number

@@ -3,6 +3,7 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -36,18 +37,28 @@ FALLEN = "fallen: [{sensor: x/velocity, beyond: 1.0}]\n"
 
 
 @pytest.fixture
-def evaluated(tmp_path):
-    def run(*arguments, fallen=FALLEN):
+def judged(tmp_path):
+    """Returns a function that evaluates a linear policy of the sled, with a task's text."""
+
+    def run(text, weights, seconds, *arguments):
         (tmp_path / "sled.xml").write_text(SLED)
-        (tmp_path / "task.yaml").write_text(TASK + fallen)
+        (tmp_path / "task.yaml").write_text(text)
         task = make_task(str(tmp_path))
         shape = Architecture(task.observation.names, (), 1)
-        policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
+        policy = GaussianPolicy(shape, np.array(weights), np.ones(1))
         save_policy(policy, task.name, tmp_path / "policy.json")
         output = tmp_path / "evaluation.json"
-        given = ["--rollouts", "6", "--seconds", "2", "--perturbation", "0", *arguments]
+        given = ["--rollouts", "6", "--seconds", seconds, "--perturbation", "0", *arguments]
         vgps(["evaluate", str(tmp_path / "policy.json"), "--json", str(output), *given])
-        return json.loads(output.read_text())["robustness"]
+        return json.loads(output.read_text())
+
+    return run
+
+
+@pytest.fixture
+def evaluated(judged):
+    def run(*arguments, fallen=FALLEN):
+        return judged(TASK + fallen, [0.0] * 3, "2", *arguments)["robustness"]
 
     return run
 
@@ -113,20 +124,9 @@ fallen: [{sensor: x/velocity, beyond: 1.5}]
 
 
 @pytest.fixture
-def commanded(tmp_path):
-    def run(*arguments, text=COMMANDED):
-        (tmp_path / "sled.xml").write_text(SLED)
-        (tmp_path / "task.yaml").write_text(TASK.replace("cost: [{sensor: x/velocity}]\n", text))
-        task = make_task(str(tmp_path))
-        shape = Architecture(task.observation.names, (), 1)
-        policy = GaussianPolicy(shape, np.array([-50.0, 50.0, 0.0]), np.ones(1))
-        save_policy(policy, task.name, tmp_path / "policy.json")
-        output = tmp_path / "evaluation.json"
-        given = ["--rollouts", "6", "--seconds", "4", "--perturbation", "0", *arguments]
-        vgps(["evaluate", str(tmp_path / "policy.json"), "--json", str(output), *given])
-        return json.loads(output.read_text())
-
-    return run
+def commanded(judged):
+    text = TASK.replace("cost: [{sensor: x/velocity}]\n", COMMANDED)
+    return partial(judged, text, [-50.0, 50.0, 0.0], "4")
 
 
 def test_a_robot_with_commands_is_judged_at_each_and_under_usual_disturbances(commanded, capsys):

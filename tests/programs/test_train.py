@@ -145,21 +145,6 @@ def test_help_tells_what_each_setting_does_and_its_range(capsys):
     assert f"{option}45" in walker
 
 
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        ("not json", "is not a readable policy file"),
-        ("{}", "is not a policy of vgps_ros ('observed')"),
-        ("[1]", "is not a policy of vgps_ros"),
-    ],
-)
-def test_a_file_that_is_no_policy_is_refused(tmp_path, content, sentence):
-    (tmp_path / "policy.json").write_text(content)
-    with pytest.raises(ValueError, match="policy") as error:
-        load_policy(tmp_path / "policy.json")
-    assert sentence in str(error.value)
-
-
 ROTOR = ["--task", "rotor", "--hidden-units", "3", "--evaluation-rollouts", "4"]
 
 

@@ -114,11 +114,6 @@ def test_learning_curve_of_an_older_result_has_no_bound(result):
     assert not any("bound" in label for label in labels)
 
 
-def test_learning_curve_is_written_as_a_picture(result, tmp_path):
-    save(learning_curve(result), tmp_path / "curve.png")
-    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.fixture
 def run(swimmer, states):
     """A run with a motion, and a q whose deviation grows with time."""
