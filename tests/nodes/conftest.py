@@ -278,14 +278,19 @@ class Graph:
         publisher.publish(policy_to_msg(policy, task, 1, Time()))
         return publisher
 
+    def record(self, **parameters: Any) -> Process:
+        """Starts a recorder of the folder `bag`, and returns it once it records."""
+        recorder = self.start("recorder", output=self.folder / "bag", **parameters)
+        self.spin_until_output(recorder, "Recording to")
+        return recorder
+
     def record_run(self, steps: int, task: str, *, to_its_end: bool = False, **given: Any) -> Path:
         """Lets an executor drive its simulation in lock-step, recorded; returns the bag's folder.
 
         The keyword arguments are parameters of the executor; with `to_its_end` the bag has its last
         command, too.
         """
-        recorder = self.start("recorder", output=self.folder / "bag")
-        self.spin_until_output(recorder, "Recording to")
+        recorder = self.record()
         self.start("simulation", task=task, start_paused=True)
         executor = self.start("policy_executor", task=task, **given)
         for topic, count in (("joint_states", 2), ("joint_command", 2), (MJCF, 1)):

@@ -34,8 +34,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
         "joint_damping": "3.0",
     }
     onnx.save(elu_model([(np.zeros((2, len(names))), np.zeros(2))], says), path)
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     commands = graph.messages(JointState, "joint_command")
     gains = graph.messages(Signals, "joint_gains", LATEST)
     simulation = graph.start("simulation", task=task.name, start_paused=True)

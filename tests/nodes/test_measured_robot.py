@@ -81,17 +81,15 @@ class Robot:
         deviation = 0.1 * rng.standard_normal(space.tangent_dim)
         return space.add(self.task.initial_state, deviation)
 
+    def send_of_state(self, topic, at):
+        states = StateMessages(state_layout(self.task.dynamics.model))
+        self.send(topic, states.split(self.state(at), stamp_of(at))[topic])
+
     def send_joints(self, at):
-        messages = StateMessages(state_layout(self.task.dynamics.model)).split(
-            self.state(at), stamp_of(at)
-        )
-        self.send(JOINTS, messages[JOINTS])
+        self.send_of_state(JOINTS, at)
 
     def send_odometry(self, at):
-        messages = StateMessages(state_layout(self.task.dynamics.model)).split(
-            self.state(at), stamp_of(at)
-        )
-        self.send("odom", messages["odom"])
+        self.send_of_state("odom", at)
 
     def send_imu(self, at, frame="imu", turn=(1.0, 0.0, 0.0, 0.0)):
         x = self.state(at)
@@ -283,8 +281,7 @@ def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torque
     graph, blind, tmp_path, noise
 ):
     save_policy(a_policy(blind), blind.name, tmp_path / "policy.json")
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     graph.start("policy_executor", task=blind.name, policy_file=tmp_path / "policy.json")
     graph.start("simulation", task=blind.name, start_paused=True, imu_noise=list(noise), seed=3)
     imus, odometry = graph.messages(Imu, "imu"), graph.messages(Odometry, "odom")

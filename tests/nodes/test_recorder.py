@@ -62,8 +62,7 @@ def rows(path: Path) -> dict[str, list[bytes]]:
 
 
 def test_bags_hold_what_was_published_and_independent_readers_agree(graph, tmp_path):
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     # Both topics appear after the recorder; the policy was latched before it was found.
     latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
     latched.publish(policy())
@@ -107,8 +106,7 @@ def test_of_a_run_in_lock_step_nothing_is_lost_on_a_busy_machine(graph, random_p
     save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
     graph.start("simulation", start_paused=True)
     graph.start("policy_executor", policy_file=tmp_path / "policy.json")
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     graph.spin_until(lambda: graph.node.count_publishers("/joint_command"), what="the executor")
     graph.spin_for(1.0)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(6)]
@@ -133,8 +131,7 @@ def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
     latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
     for _ in range(3 * LATCHED.depth):  # it keeps the last ones: the others are not lost
         latched.publish(policy())
-    recorder = graph.start("recorder", output=tmp_path / "bag", exclude=["/rosout"])
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record(exclude=["/rosout"])
     stream = graph.publisher(JointState, "joint_states", STREAM)
     graph.diagnosis("recorder", DiagnosticStatus.OK, "Running")
     recorder.send(signal.SIGSTOP)
@@ -155,17 +152,15 @@ def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
     assert len(recorded["/policy"]) == LATCHED.depth
 
 
-def test_a_later_publisher_that_offers_less_is_told_of(graph, tmp_path):
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+def test_a_later_publisher_that_offers_less_is_told_of(graph):
+    graph.record()
     graph.publisher(JointState, "joint_states", STREAM)
     graph.node.create_publisher(JointState, "joint_states", NEWEST_OF_SENSORS)  # best effort
     graph.diagnosis("recorder", DiagnosticStatus.WARN, "Does not record all of /joint_states")
 
 
 def test_topics_are_chosen_by_pattern(graph, tmp_path):
-    recorder = graph.start("recorder", output=tmp_path / "bag", include="[joint]", exclude="[_b$]")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record(include="[joint]", exclude="[_b$]")
     wanted = graph.publisher(JointState, "joint_a", STREAM)
     for topic in ("joint_b", "other"):
         graph.node.create_publisher(JointState, topic, STREAM).publish(joint_state(0))
@@ -177,8 +172,7 @@ def test_topics_are_chosen_by_pattern(graph, tmp_path):
 
 @EACH_SIGNAL
 def test_two_signals_at_once_end_it_with_a_whole_bag(graph, tmp_path, number):
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     graph.spin_for(1.5)
     recorder.send(number)
     recorder.send(number)
@@ -188,8 +182,7 @@ def test_two_signals_at_once_end_it_with_a_whole_bag(graph, tmp_path, number):
 
 
 def test_what_came_a_second_ago_is_in_the_file_before_the_recorder_ends(graph, tmp_path):
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     stream = graph.publisher(JointState, "joint_states", STREAM)
     for i in range(50):
         stream.publish(joint_state(i))
@@ -217,8 +210,7 @@ def test_a_topic_of_unknown_type_is_named_and_recorded_once_the_type_is_known(
     kept = [p for p in prefixes if p != known]
     monkeypatch.setenv("AMENT_PREFIX_PATH", ":".join([*kept, str(tmp_path)]))
     graph = request.getfixturevalue("graph")
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     latched = graph.node.create_publisher(GaussianPolicy, "policy", LATCHED)
     latched.publish(policy())
     graph.publisher(JointState, "joint_states", STREAM).publish(joint_state(7))
@@ -279,8 +271,7 @@ def test_files_split_and_are_compressed_as_parameters_say(graph, tmp_path):
 
 
 def test_recording_pauses_and_goes_on_by_service(graph, tmp_path):
-    recorder = graph.start("recorder", output=tmp_path / "bag", include="[joint_states]")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record(include="[joint_states]")
     stream = graph.publisher(JointState, "joint_states", STREAM)
     paused = []
     for i, kind in enumerate([Resume, Pause, Pause, Resume]):
@@ -300,8 +291,7 @@ def test_recording_pauses_and_goes_on_by_service(graph, tmp_path):
 
 def test_the_bag_says_with_which_parameters_and_versions_its_nodes_ran(graph, tmp_path):
     graph.start("policy_executor", seed=17, autostart=False)
-    recorder = graph.start("recorder", output=tmp_path / "bag")
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     assert graph.set_parameter("policy_executor", "stochastic", True).successful
 
     def parameters() -> dict:

@@ -21,8 +21,6 @@ from vgps_msgs.msg import (
 )
 
 from tests.nodes.conftest import EACH_SIGNAL, PATIENCE
-from vgps_ros.core.records import LinearDynamics, Trajectory
-from vgps_ros.core.records import TrajectoryDistribution as GaussianTrajectory
 from vgps_ros.messages.conversions import (
     distribution_to_msg,
     nanoseconds,
@@ -80,21 +78,9 @@ def test_two_signals_at_once_end_it_with_a_whole_file(graph, tmp_path, number):
     assert RrdReader(tmp_path / "run.rrd").recordings()
 
 
-def solution(swimmer, iteration: int) -> TrajectoryDistribution:
-    T, n_x, n_u = 4, 10, 2
-    covariances = np.tile(0.01 * np.eye(n_x), (T + 1, 1, 1))
-    q = GaussianTrajectory(
-        mean=Trajectory(np.zeros((T + 1, n_x)), np.zeros((T, n_u))),
-        gains=np.zeros((T, n_u, n_x)),
-        control_covariances=np.tile(np.eye(n_u), (T, 1, 1)),
-        linear_dynamics=LinearDynamics(np.zeros((T, n_x, n_x)), np.zeros((T, n_x, n_u))),
-        state_covariances=covariances,
-        context=np.empty((T, 0)),
-    )
-    return distribution_to_msg(q, swimmer.deployment, 0, iteration, Time())
-
-
-def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_policy, tmp_path):
+def test_what_optimizers_and_the_learner_say_is_recorded(
+    graph, swimmer, random_policy, random_distribution, tmp_path
+):
     visualizer = start(graph, tmp_path / "run.rrd")
     # Two optimizers that appear later, under names of their own.
     for name in ("first", "second"):
@@ -103,11 +89,12 @@ def test_what_optimizers_and_the_learner_say_is_recorded(graph, swimmer, random_
             solver.publish(OptimizerIteration(iteration=i, cost=100.0 / (i + 1)))
     graph.publish_policy(random_policy(0))
     solutions = graph.publisher(TrajectoryDistribution, "trajectory_distribution", LATCHED)
-    wrong = solution(swimmer, iteration=1)
+    q = random_distribution(horizon=4, n_x=10, n_u=2)
+    wrong = distribution_to_msg(q, swimmer.deployment, 0, 1, Time())
     wrong.state_covariances = pack(np.zeros(3))
     solutions.publish(wrong)
     graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "state_covariances has 3 values")
-    solutions.publish(solution(swimmer, iteration=0))
+    solutions.publish(distribution_to_msg(q, swimmer.deployment, 0, 0, Time()))
     graph.diagnosis("visualizer", DiagnosticStatus.OK)  # it has come
     assert visualizer.end(signal.SIGINT) == 0, visualizer.output
     path = tmp_path / "run.rrd"

@@ -261,16 +261,3 @@ def test_the_feedback_of_the_nearest_distribution_is_the_safe_action(marginals):
     step = marginals.nearest(STATE).step
     expected = np.clip(marginals.feedback(STATE, step), *np.outer([-1.0, 1.0], LIMITS))
     assert robot.send(-1) == (expected.tolist(), 0)
-
-
-@pytest.mark.parametrize(
-    ("settings", "needs"),
-    [
-        ({}, False),
-        ({"safe_action": "feedback"}, True),
-        ({"distance_warning": 1.0}, True),
-        ({"distance_limit": 1.0}, True),
-    ],
-)
-def test_settings_tell_whether_they_need_a_distribution(settings, needs):
-    assert SafetySettings(**settings).needs_distribution is needs
