@@ -78,8 +78,12 @@ def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]] | None:
     Raises:
         InvalidInputError: `metadata.yaml` is of a bag that is not read here.
     """
+    path = folder / FILE_NAME
+    if not path.is_file() or path.stat().st_size > _LARGEST:
+        return None
     try:
-        information = _information(folder)
+        content: Any = read_yaml(path.read_text(errors="replace"), f"'{path}'")
+        information = content["rosbag2_bagfile_information"]
         storage, mode = information["storage_identifier"], information["compression_mode"]
         names = [Path(str(name)).name for name in information["relative_file_paths"]]
         topics = [each["topic_metadata"] for each in information["topics_with_message_count"]]
@@ -92,20 +96,6 @@ def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]] | None:
             f"compression mode {mode!r}, and only mcap with compressed chunks is read."
         )
     return names, hashes
-
-
-def _information(folder: Path) -> Any:
-    """Returns the description in `metadata.yaml`, which may hold anything.
-
-    Raises:
-        InvalidInputError: there is no such file, it is too large, or it is not YAML.
-        KeyError, TypeError: it holds no description of a bag.
-    """
-    path = folder / FILE_NAME
-    if not path.is_file() or path.stat().st_size > _LARGEST:
-        raise InvalidInputError(f"'{path}' is not a file of at most {_LARGEST} bytes.")
-    content: Any = read_yaml(path.read_text(errors="replace"), f"'{path}'")
-    return content["rosbag2_bagfile_information"]
 
 
 def write_metadata(folder: Path, information: str) -> None:
