@@ -70,7 +70,7 @@ def _try_disturbances(
         seconds = min(seconds, LONGEST_TRIAL)
     elif not isinstance(driver.policy, GaussianPolicy):
         raise InvalidInputError(
-            f"--{_flag(next(iter(values)))} needs a policy of vgps_ros, but this is a third-party "
+            f"--{next(iter(values)).replace('_', '-')} needs a policy of vgps_ros, but this is a third-party "
             "ONNX policy; leave it out."
         )
     steps = max(1, round(seconds / task.dynamics.time_step))
@@ -88,10 +88,6 @@ def _try_disturbances(
         check_push_ends(settings, seconds, "a rollout", "--push-duration", "lengthen --seconds")
     trial = Trial(starts, commands, noise, phases=first_phases(len(starts)))
     return robustness(task, driver, trial, values, arguments.seed, settings)
-
-
-def _flag(name: str) -> str:
-    return name.replace("_", "-")
 
 
 def _show(result: dict[str, Any], *, can_fall: bool) -> None:
