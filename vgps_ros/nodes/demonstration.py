@@ -43,21 +43,17 @@ class DemonstrationNode(Node):
         if stamp == self._stamp:  # the gait must not go on twice
             self._commands.publish(self._answer)
             return
-        try:
+        with self._health.judging("state", "Gave no torques"):
             state = state_from_msg(message, self._task.joint_names)
             if (largest := np.abs(state).max()) > DIVERGENCE_BOUND:
                 raise InvalidInputError(
                     f"the state has a value of {largest:g}, but beyond {DIVERGENCE_BOUND:g} it has "
                     "diverged; reset the simulation."
                 )
-        except InvalidInputError as error:
-            self._health.report("state", error=f"Gave no torques: {error}")
-            return
-        self._health.clear("state")
-        torques = self._controller.torques(state, self._loads(state))
-        self._stamp = stamp
-        self._answer = command_to_msg(torques, self._task.controls, message.header.stamp)
-        self._commands.publish(self._answer)
+            torques = self._controller.torques(state, self._loads(state))
+            self._stamp = stamp
+            self._answer = command_to_msg(torques, self._task.controls, message.header.stamp)
+            self._commands.publish(self._answer)
 
 
 NODE = Runnable(DemonstrationNode)

@@ -91,7 +91,6 @@ class Instructions:
     def __init__(self, node: Node, signals: Signals, base_frame: str):
         self.commands, self.phase = signals.rest, 0.0
         self._node, self._signals = node, signals
-        self._health: Health | None = None
         self._names = [command.name for command in signals.commands]
         self._given = signals.rest.copy()
         self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
@@ -109,7 +108,7 @@ class Instructions:
             self._subscribe(kind, CMD_VEL, read)
 
     def report_to(self, health: Health) -> None:
-        """Sets the diagnostics on which commands stand."""
+        """Sets the diagnostics on which commands stand, before any message comes."""
         self._health = health
 
     def at(self, stamp: int) -> Array:
@@ -121,10 +120,9 @@ class Instructions:
         is_fresh = (age >= 0.0) & (age <= self._timeout)
         self.commands = np.where(is_fresh, self._given, signals.rest)
         self.phase = signals.phase_at(stamp)
-        if self._health:
-            for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
-                said = f"{number:.3g} {command.unit}".rstrip()
-                self._health.set_value(f"{COMMAND} {command.name}", said)
+        for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
+            said = f"{number:.3g} {command.unit}".rstrip()
+            self._health.set_value(f"{COMMAND} {command.name}", said)
         return signals.context(self.commands, np.array(self.phase))
 
     def ahead(self, steps: int) -> Array:
@@ -150,9 +148,10 @@ class Instructions:
             try:
                 clamped = self._take(values_of(message))
             except InvalidInputError as error:
-                self._report(topic, error=f"Refused a {topic}; any before it stays: {error}")
+                sentence = f"Refused a {topic}; any before it stays: {error}"
+                self._health.report(topic, error=sentence)
             else:
-                self._report(topic, warning=clamped)
+                self._health.report(topic, warning=clamped)
 
         self._node.create_subscription(kind, topic, take, COMMANDED)
 
@@ -162,7 +161,3 @@ class Instructions:
         for i, number in taken.items():
             self._given[i], self._received[i] = number, self._node.get_clock().now().nanoseconds
         return f"Clamped what was commanded: {'; '.join(said)}." if said else ""
-
-    def _report(self, about: str, *, error: str = "", warning: str = "") -> None:
-        if self._health:
-            self._health.report(about, error=error, warning=warning)

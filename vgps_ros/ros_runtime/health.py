@@ -4,13 +4,14 @@
 import platform
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from operator import itemgetter
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from vgps_ros.core.errors import VgpsError
+from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
 from vgps_ros.ros_runtime.qos import STREAM, is_lively
@@ -110,6 +111,16 @@ class Health:
         if before != level:
             self._log(about)
             self.publish()
+
+    @contextmanager
+    def judging(self, about: str, refusal: str) -> Iterator[None]:
+        """Reports what the statements within refuse, after some words, or that all is well."""
+        try:
+            yield
+        except InvalidInputError as error:
+            self.report(about, error=f"{refusal}: {error}")
+        else:
+            self.clear(about)
 
     def clear(self, *abouts: str) -> None:
         """Reports that faults are over; /diagnostics shows each once, however short it was."""

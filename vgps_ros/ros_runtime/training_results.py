@@ -108,7 +108,8 @@ class TrainingResults:
         self._health.stop_waiting(_POLICY, _DISTRIBUTION)
 
     def _take_policy(self, message: GaussianPolicyMsg) -> None:
-        try:
+        kept = "the one before stays" if self.policy else "there is none before it"
+        with self._health.judging("policy", f"Refused a policy, and {kept}"):
             one_of("the policy's task", message.task, [self._robot.name])
             check_robot("it", message.robot, robot_of(self._robot))
             if self.controls is not self._robot.controls:
@@ -124,25 +125,17 @@ class TrainingResults:
                     "last_action and history of the task, or execute it by policy_executor."
                 )
             self._drive_by(driver, message.iteration)
-        except InvalidInputError as error:
-            kept = "the one before stays" if self.policy else "there is none before it"
-            self._health.report("policy", error=f"Refused a policy, and {kept}: {error}")
 
     def _drive_by(self, driver: Driver, iteration: int) -> None:
         self.policy, self.observation = ExecutedPolicy(driver.policy), driver.observation
         self._health.arrived(_POLICY)
-        self._health.clear("policy")
         self._health.set_value(POLICY_OF_ITERATION, iteration)
 
     def _take_distribution(self, message: TrajectoryDistributionMsg) -> None:
-        try:
+        refusal = "Refused a trajectory_distribution; any before it stays"
+        with self._health.judging("distribution", refusal):
             check_robot("it", message.mean.robot, robot_of(self._robot))
             self._prepare(message.trajectory_index, distribution_from_msg(message), message.task)
-        except InvalidInputError as error:
-            sentence = f"Refused a trajectory_distribution; any before it stays: {error}"
-            self._health.report("distribution", error=sentence)
-        else:
-            self._health.clear("distribution")
 
     def _publish_policy(self, path: Path) -> None:
         file = open_policy(path)

@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from vgps_msgs.msg import LearningProgress
 from vgps_msgs.msg import Signals as SignalsMsg
 
-from vgps_ros.core.errors import InvalidInputError, VgpsError
+from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
     nanoseconds,
@@ -102,12 +102,8 @@ class Live(Node):
         """Shows the newest state, and does what the visitor wants."""
         if self._newest and self._states:
             messages, self._newest = self._newest, None
-            try:
+            with self._health.judging("state", "Left out a state"):
                 self.page.show_state(self._states.join(messages))
-            except InvalidInputError as error:
-                self._health.report("state", error=f"Left out a state: {error}")
-            else:
-                self._health.clear("state")
                 self._time = f"{nanoseconds(messages[JOINTS].header.stamp) * 1e-9:.2f} s"
         try:
             while self.page.wishes:
@@ -143,27 +139,19 @@ class Live(Node):
     def _take_robot(self, message: String) -> None:
         if self._states is not None:
             return  # several nodes publish the same description
-        try:
+        with self._health.judging("robot", "Left out a robot"):
             model = compile_model(message.data)
             self._states = states = StateMessages(state_layout(model))
-        except InvalidInputError as error:
-            self._health.report("robot", error=f"Left out a robot: {error}")
-            return
-        self._health.clear("robot")
-        self._health.arrived(f"{MJCF} from simulation")
-        self.page.show_robot(model)
-        states.subscribe(self.create_subscription, self._take_state, NEWEST)
+            self._health.arrived(f"{MJCF} from simulation")
+            self.page.show_robot(model)
+            states.subscribe(self.create_subscription, self._take_state, NEWEST)
 
     def _take_state(self, messages: dict[str, Any]) -> None:
         self._newest = messages
 
     def _take_context(self, message: SignalsMsg) -> None:
-        try:
+        with self._health.judging("context", "Left out a context"):
             self.page.used = signals_from_msg(message)
-        except InvalidInputError as error:
-            self._health.report("context", error=f"Left out a context: {error}")
-        else:
-            self._health.clear("context")
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -213,28 +213,20 @@ class SimulationNode(Node):
     def _take_gains(self, message: SignalsMsg) -> None:
         """Lets the joints close loops of positions, at the rate of the simulator."""
         own = self._task.controls
-        try:
+        with self._health.judging("gains", f"Ignored {GAINS}"):
             gains = gains_from_msg(message, own)
             if np.array_equal(gains, (own.stiffness, own.damping)):
                 return
             self._task = in_closed_loops(self._motors, *gains)
-        except InvalidInputError as error:
-            self._health.report("gains", error=f"Ignored {GAINS}: {error}")
-            return
-        self._health.clear("gains")
-        self._warned = self._task.dynamics.warnings()
-        self.robot.close_loops(self._task)
-        self._held, self._is_left_alone = self.robot.resting(), True
-        self.get_logger().info(f"The controls are {self._task.controls.label()} now.")
+            self._warned = self._task.dynamics.warnings()
+            self.robot.close_loops(self._task)
+            self._held, self._is_left_alone = self.robot.resting(), True
+            self.get_logger().info(f"The controls are {self._task.controls.label()} now.")
 
     def _take_push(self, message: WrenchStamped) -> None:
-        try:
+        with self._health.judging("push", "Ignored a push"):
             wrench = wrench_from_msg(message.wrench)
             self.robot.push(message.header.frame_id, wrench, value(self, PUSH_DURATION))
-        except InvalidInputError as error:
-            self._health.report("push", error=f"Ignored a push: {error}")
-        else:
-            self._health.clear("push")
 
     def _step_in_real_time(self) -> None:
         if not self.control.running:
