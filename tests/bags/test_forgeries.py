@@ -266,10 +266,10 @@ WRONG = {
     "efforts changed": (other_efforts, "tell efforts that are not those of their controls"),
     "a push that excuses": (excused_by_a_push, FOLLOW),
 }
-NAMED = {
+MISSING = {
     "five seconds cut out": (lambda: cut_out(False), "were not recorded, or were cut out"),
 }
-SAID = {
+NOT_PROVED = {
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),
     "simulated elsewhere": (lambda: told(simulated()), "a simulation that was computed elsewhere"),
@@ -286,28 +286,14 @@ def other_commit(text):
     return text.replace("commit: 4", "commit: 5")
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_a_forgery_is_found(tmp_path, name):
-    forge, sentence = WRONG[name]
+@pytest.mark.parametrize("name", [*WRONG, *MISSING, *NOT_PROVED])
+def test_a_forgery_is_found_or_what_is_missing_or_not_proved_is_named(tmp_path, name):
+    forge, sentence = (WRONG | MISSING | NOT_PROVED)[name]
     found = checked(tmp_path, forge())
-    assert any(re.search(sentence, words) for words in found.wrong), found
-
-
-@pytest.mark.parametrize("name", NAMED)
-def test_what_is_missing_is_named(tmp_path, name):
-    forge, sentence = NAMED[name]
-    found = checked(tmp_path, forge())
-    assert not found.wrong
-    assert any(sentence in words for words in found.missing), found
-
-
-@pytest.mark.parametrize("name", SAID)
-def test_what_cannot_be_found_is_said_not_to_be_proved(tmp_path, name):
-    forge, sentence = SAID[name]
-    found = checked(tmp_path, forge())
-    assert not found.wrong
-    assert not found.missing
-    assert any(sentence in words for words in [*found.unproved, UNPROVED])
+    places = [found.wrong, found.missing, [*found.unproved, UNPROVED]]
+    place = [name in kind for kind in (WRONG, MISSING, NOT_PROVED)].index(True)
+    assert not any(places[:place])
+    assert any(re.search(sentence, words) for words in places[place]), found
 
 
 def test_steps_under_a_push_that_the_bag_holds_are_proved(tmp_path):

@@ -292,7 +292,8 @@ class Graph:
         """
         recorder = self.record()
         self.start("simulation", task=task, start_paused=True)
-        executor = self.start("policy_executor", task=task, **given)
+        patient = {"state_timeout": 60.0}  # the machine may be busy
+        executor = self.start("policy_executor", task=task, **patient, **given)
         for topic, count in (("joint_states", 2), ("joint_command", 2), (MJCF, 1)):
             heard = partial(self.node.count_subscribers, topic)
             self.spin_until(lambda n=count, heard=heard: heard() == n, what=f"who hears {topic}")

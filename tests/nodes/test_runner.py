@@ -101,7 +101,7 @@ _TALKING = """
 import time
 from rclpy.node import Node
 from std_msgs.msg import String
-from vgps_ros.ros_runtime.runner import Runnable, run{executor}
+from vgps_ros.ros_runtime.runner import Runnable, run, streaming_executor
 
 class Talking(Node):
     def __init__(self):
@@ -117,22 +117,14 @@ def close(node):
     time.sleep(0.5)
     print("closed", flush=True)
 
-raise SystemExit(run(Runnable(Talking, {executor_name}close=close)))
+raise SystemExit(run(Runnable(Talking, streaming_executor, close=close)))
 """
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize(
-    "executor", [pytest.param("", marks=pytest.mark.slow), "streaming_executor"]
-)
-def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(
-    graph, executor, number
-):
+def test_a_node_may_still_say_its_last_word_also_where_a_second_signal_comes(graph, number):
     words = graph.messages(String, "words")
-    code = _TALKING.format(
-        executor=f", {executor}" * bool(executor), executor_name=f"{executor}, " * bool(executor)
-    )
-    node = graph.start_command("talking", [sys.executable, "-c", code])
+    node = graph.start_command("talking", [sys.executable, "-c", _TALKING])
     graph.spin_until_output(node, "heard")
     node.send(number)
     graph.spin_until(lambda: [word.data for word in words] == ["last"])
