@@ -70,8 +70,8 @@ def _try_disturbances(
         seconds = min(seconds, LONGEST_TRIAL)
     elif not isinstance(driver.policy, GaussianPolicy):
         raise InvalidInputError(
-            f"--{next(iter(values)).replace('_', '-')} needs a policy of vgps_ros, but this is a third-party "
-            "ONNX policy; leave it out."
+            f"--{next(iter(values)).replace('_', '-')} needs a policy of vgps_ros, but this is a "
+            "third-party ONNX policy; leave it out."
         )
     steps = max(1, round(seconds / task.dynamics.time_step))
     rng = generator(arguments.seed, Stream.JUDGEMENT, TRIALS)
