@@ -61,7 +61,3 @@ def test_rerun_finds_no_fault_in_it(bag):
     rows = [line.split() for line in checked.stdout.splitlines() if " /" in line]
     assert {row[0] for row in rows} == {"ok"}
     assert "/trajectory_distribution" in {row[3] for row in rows}
-
-
-def test_it_is_small():
-    assert sum(file.stat().st_size for file in SAMPLE.iterdir()) < 5e6

@@ -13,9 +13,8 @@ from rosgraph_msgs.msg import Clock
 from simulation_interfaces.srv import SetSimulationState
 
 from tests.nodes.conftest import executed
-from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
+from tests.nodes.test_training import SHORT, checked, parameters, train_in_process
 from vgps_ros.programs.__main__ import main as vgps
-from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import make_task
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -78,11 +77,7 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
     for namespace, seed in ROBOTS.items():
         assert executions[namespace].wait() == 0, executions[namespace].output
         iterations = train_in_process(rotor, settings, seed)
-        result = json.loads((tmp_path / namespace[1:] / "result.json").read_text())
-        alone = without_times([iteration.entry() for iteration in iterations])
-        assert without_times(result["iterations"]) == alone
-        policy, _ = load_policy(tmp_path / namespace[1:] / "policy.json")
-        assert same_bits(policy, iterations[-1].policy)
+        _, policy, _ = checked(tmp_path / namespace[1:], iterations)
         law = lambda _, x, policy=policy: executed(policy, rotor.observation(x)[0])[None]  # noqa: E731
         rollout = rotor.dynamics.rollout(rotor.initial_state, law, rotor.horizon)
         figures = json.loads((tmp_path / f"{namespace[1:]}.json").read_text())

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Several nodes in one process: `vgps node NAME NAME`."""
 
-import json
 import signal
 from dataclasses import replace
 
@@ -10,8 +9,8 @@ from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
 from tests.nodes.test_namespaces import OWN_TOPICS, within
-from tests.nodes.test_training import SHORT, parameters, same_bits, train_in_process, without_times
-from vgps_ros.storage.run_folder import load_policy, save_policy
+from tests.nodes.test_training import SHORT, checked, parameters, train_in_process
+from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 
 ROBOT = ("simulation", "policy_executor")
@@ -30,11 +29,7 @@ def test_all_nodes_of_a_training_in_one_process_learn_the_same_bits(graph, tmp_p
     execution = graph.start("execute_policy", *flags)
     assert execution.wait() == 0, execution.output
     iterations = train_in_process(make_task("rotor"), settings, 3)
-    result = json.loads((tmp_path / "run" / "result.json").read_text())
-    alone = without_times([iteration.entry() for iteration in iterations])
-    assert without_times(result["iterations"]) == alone
-    policy, _ = load_policy(tmp_path / "run" / "policy.json")
-    assert same_bits(policy, iterations[-1].policy)
+    checked(tmp_path / "run", iterations)
     assert nodes.end(signal.SIGTERM) == 0, nodes.output
 
 

@@ -321,8 +321,7 @@ def test_the_bag_says_with_which_parameters_and_versions_its_nodes_ran(graph, tm
 
 def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whole(graph, tmp_path):
     bag = tmp_path / "bag"
-    recorder = graph.start("recorder", output=bag)
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record()
     stream = graph.publisher(JointState, "joint_states", STREAM)
     for i in range(300):
         stream.publish(joint_state(i))
@@ -345,8 +344,7 @@ def test_events_of_services_and_feedback_of_actions_are_recorded_where_asked(
 ):
     bag = tmp_path / "bag"
     graph.start("simulation", start_paused=True, service_introspection="contents")
-    recorder = graph.start("recorder", output=bag, services=True, actions=True)
-    graph.spin_until_output(recorder, "Recording to")
+    recorder = graph.record(services=True, actions=True)
     event = "/simulation/step_simulation/_service_event"
     feedback = "/simulation/simulate_steps/_action/feedback"
     for topic in (event, feedback):

@@ -74,6 +74,16 @@ def same_bits(a: GaussianPolicy, b: GaussianPolicy) -> bool:
     )
 
 
+def checked(folder: Path, iterations: list) -> tuple[dict, GaussianPolicy, str]:
+    """Returns a result, its policy and its task, which must be those of these iterations."""
+    result = json.loads((folder / "result.json").read_text())
+    entries = [iteration.entry() for iteration in iterations]
+    assert without_times(result["iterations"]) == without_times(entries)
+    policy, task = load_policy(folder / "policy.json")
+    assert same_bits(policy, iterations[-1].policy)
+    return result, policy, task
+
+
 def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
     disturb = DisturbanceSettings(push=5.0, payload=1.0)
     settings = replace(SHORT, initial_ddp_iterations=10, situations=2, disturb=disturb)
@@ -83,14 +93,10 @@ def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
     assert program.wait() == 0, program.output
 
     iterations = train_in_process(swimmer, settings, 7)
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    entries = [iteration.entry() for iteration in iterations]
-    assert without_times(result["iterations"]) == without_times(entries)
+    result, _, task = checked(tmp_path / "out", iterations)
     assert result["initial_ddp_cost"] == iterations[-1].initial_ddp_cost
     assert result["num_parameters"] == 9 * 4 + 4 + 4 * 2 + 2
-    policy, task = load_policy(tmp_path / "out" / "policy.json")
     assert task == "swimmer"
-    assert same_bits(policy, iterations[-1].policy)
 
 
 @pytest.mark.slow
@@ -108,11 +114,8 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     assert policies[0].iteration == SHORT.iterations  # the newest comes first
 
     iterations = train_in_process(rotor, SHORT, 2, method="adaptive_gps")
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    result, _, _ = checked(tmp_path / "out", iterations)
     assert result["method"] == "adaptive_gps"
-    entries = [iteration.entry() for iteration in iterations]
-    assert without_times(result["iterations"]) == without_times(entries)
-    assert same_bits(load_policy(tmp_path / "out" / "policy.json")[0], iterations[-1].policy)
 
 
 def test_commands_clock_and_memory_reach_the_optimizer_and_situations_are_renewed(
@@ -134,13 +137,9 @@ def test_commands_clock_and_memory_reach_the_optimizer_and_situations_are_renewe
     assert program.wait() == 0, program.output
 
     iterations = train_in_process(task, settings, 1)
-    entries = [iteration.entry() for iteration in iterations]
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert without_times(result["iterations"]) == without_times(entries)
-    policy, name = load_policy(tmp_path / "out" / "policy.json")
+    _, policy, name = checked(tmp_path / "out", iterations)
     assert name == told
     assert policy.observed[-4:] == ("command/angle", "command/lift", "clock/sin", "clock/cos")
-    assert same_bits(policy, iterations[-1].policy)
     kept = train_in_process(task, replace(settings, renew=RenewalSettings()), 1)
     assert not same_bits(policy, kept[-1].policy)
 
@@ -346,9 +345,4 @@ def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, f
     assert program.wait() == 0, program.output
 
     iterations = train_in_process(walker, settings, 7)
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    entries = [iteration.entry() for iteration in iterations]
-    assert without_times(result["iterations"]) == without_times(entries)
-    policy, task = load_policy(tmp_path / "out" / "policy.json")
-    assert task == "walker"
-    assert same_bits(policy, iterations[-1].policy)
+    assert checked(tmp_path / "out", iterations)[2] == "walker"

@@ -1,8 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A recording that is being written."""
 
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -58,37 +56,3 @@ def test_a_row_has_as_many_instances_as_were_logged_at_its_time(tmp_path):
         ("/forces", "iteration"): {3: [[4.0, 5.0, 6.0]]},
         ("/in_the_air", "time"): {10: []},
     }
-
-
-GROWTH = """
-import sys
-from pathlib import Path
-import numpy as np
-import rerun as rr
-from vgps_ros.views import recording
-
-def memory():
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon"))
-
-recording._PERIOD = 0.5
-written = recording.Recording(Path(sys.argv[1]))
-for stamp in range(30_000):
-    written.set_time(stamp)
-    for i in range(8):
-        written.log(f"busy/{i}", rr.Scalars, scalars=np.array([1.0, 2.0]))
-    if stamp % 50 == 0:
-        written.set_iteration(stamp // 50, stamp)
-        for i in range(10):
-            written.log(f"quiet/{i}", rr.Scalars, scalars=[1.0])
-    if stamp == 1_000:
-        begin = memory()
-print(memory() - begin)
-written.close()
-"""
-
-
-def test_memory_does_not_grow_with_the_rows(tmp_path):
-    command = [sys.executable, "-c", GROWTH, str(tmp_path / "run.rrd")]
-    grown = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    assert grown < 13.0  # [MB]; 8, and 22 to 45 where Rerun got the rows one by one
