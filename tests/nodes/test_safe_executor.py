@@ -450,4 +450,5 @@ def test_the_last_torques_are_zero_however_it_ends(graph, swimmer, random_policy
     assert stamp == robot.step * PERIOD
     robot.states.publish(robot.message())
     assert robot.stays_silent(1.5)
-    assert robot.process.end() == 0, robot.process.output
+    ended = robot.process.end if way == "SHUTDOWN" else robot.process.wait
+    assert ended() == 0, robot.process.output
