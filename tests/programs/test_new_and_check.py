@@ -3,6 +3,7 @@
 
 import json
 import re
+import time
 
 import numpy as np
 import pytest
@@ -364,3 +365,9 @@ def test_a_task_whose_derivatives_take_longer_than_ddp_has_is_told_so_at_once():
     assert "Derivatives along one motion take about" in found.troubles[-1]
     assert "lock joints" in found.troubles[-1]
     assert len(found.costs) == 1
+
+
+def test_a_motion_that_still_improves_when_time_is_up_is_told_so():
+    found = examine_task(make_task("swimmer"), 3, 0, lambda *_: time.sleep(5.0), seconds=5.0)
+    assert len(found.costs) == 2
+    assert any("DDP stopped after 5 s" in note for note in found.notes)

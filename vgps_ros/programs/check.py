@@ -276,6 +276,12 @@ def examine_task(
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
+    gain = 1.0 - found.costs[-1] / found.costs[-2] if found.costs[1:] and found.costs[-2] else 0.0
+    if found.seconds > seconds and gain > _SMALL:
+        found.notes.append(
+            f"DDP stopped after {seconds:g} s, though its last iteration still brought "
+            f"{100 * gain:.2g} %, so what is said of its motion may change; raise --seconds."
+        )
     costs = []
     for motion in (first, found.optimized or first):
         readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
