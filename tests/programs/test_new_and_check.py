@@ -316,6 +316,9 @@ def test_a_solver_that_ends_early_is_blamed_before_contact(folder):
     (folder / "pendulum.xml").write_text(PENDULUM.replace("<option ", '<option tolerance="1e-10" '))
     assert "contact is too hard" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
     assert not inexact(task, [1e-6] * 10)
+    soft = PENDULUM.replace("<option ", '<option tolerance="1e-10" ')
+    (folder / "pendulum.xml").write_text(soft.replace("<geom ", '<geom solref=".04 1" '))
+    assert "abruptly though it is soft" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
 
 
 def test_weights_that_leave_the_noise_to_the_limits_are_named(folder, capsys):

@@ -245,6 +245,11 @@ def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(writt
     assert weights["left_hip"] == pytest.approx(4 * weights["left_knee"], rel=0.05)
 
 
+def test_a_hand_starts_within_its_limits(written):
+    text, _ = written(HAND.replace('range="0 90"', 'range="18 90"', 1))
+    assert "positions: {f0_1: 0.6283}" in text
+
+
 def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
     stiff = ARM.replace("motor", 'position kp="900" forcerange="-9 9"')
     text, task = written(stiff)

@@ -355,6 +355,11 @@ def inexact(task: "Task", errors: list[float]) -> list[str]:
             f"{share}friction in elliptic cones is not smooth where contact is light; make them "
             "pyramids (changes: {option: {cone: pyramidal}})."
         ]
+    if task.dynamics.model.geom_solref[:, 0].min(initial=0.04) >= 0.04:
+        return [
+            f"{share}contact changes abruptly though it is soft, as between edges and corners; "
+            "leave out what need not touch (changes: only_contacts)."
+        ]
     return [
         f'{share}contact is too hard; soften it (changes: {{geoms: {{"*": {{solref: [0.04, 1], '
         "solimp: [0, 0.95, 0.02, 0.5, 2]}}})."

@@ -178,6 +178,8 @@ def recognised(model: mujoco.MjModel) -> Robot:
     ups = [round(robot.reset(key).frame[2, 2], 1) for key in range(model.nkey)]
     key = int(np.argmax(ups)) if ups else None
     robot.reset(None if key is None or np.allclose(model.key_qpos[key], model.qpos0) else key)
+    if not base:
+        _keep_limits(robot)
     if base and (model.opt.density > _DENSE or model.opt.viscosity > 1e-3):
         robot.kind = "swimmer"
     elif base:
@@ -312,12 +314,7 @@ def _stand(robot: Robot) -> None:
     """
     model, data = robot.model, robot.data
     original = data.qpos.copy()
-    for j in robot.joints:
-        place, (low, high) = model.jnt_qposadr[j], model.jnt_range[j]
-        if model.jnt_limited[j] and not low - 1e-6 <= data.qpos[place] <= high + 1e-6:
-            share = 0.25 * (high - low)  # of its range, inside which it starts
-            data.qpos[place] = np.clip(data.qpos[place], low + share, high - share)
-    mujoco.mj_forward(model, data)
+    _keep_limits(robot)
     robot.feet = _feet(robot)
     if robot.feet:
         _bend(robot, original)
@@ -331,6 +328,17 @@ def _stand(robot: Robot) -> None:
     robot.height = float(data.xpos[robot.root][2] - ground_of(robot))
     if robot.feet:
         robot.kind = "legs"
+
+
+def _keep_limits(robot: Robot) -> None:
+    """Sets joints that start beyond their limits to a quarter of their range inside them."""
+    model, data = robot.model, robot.data
+    for j in robot.joints:
+        place, (low, high) = model.jnt_qposadr[j], model.jnt_range[j]
+        if model.jnt_limited[j] and not low - 1e-6 <= data.qpos[place] <= high + 1e-6:
+            share = 0.25 * (high - low)
+            data.qpos[place] = np.clip(data.qpos[place], low + share, high - share)
+    mujoco.mj_forward(model, data)
 
 
 def _crouches(robot: Robot) -> bool:
