@@ -18,6 +18,7 @@ from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
+from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.environment import TaskEnvironment
 
@@ -69,6 +70,21 @@ def test_derivatives_at_a_limit_are_those_of_the_inside(task, q):
             task.dynamics.linearize(m, centred=centred)[0] for m in (at_limit, inside)
         )
         assert_allclose(found.f_u, expected.f_u, rtol=1e-4)
+
+
+def test_controls_at_a_limit_are_taught_beyond_it_and_others_as_they_are(task):
+    def taught(**values):
+        settings = with_values(SearchSettings(), {"initial_ddp_iterations": 50, **values})
+        work = Workspace(task, settings, 0, partial(optimize_all, task))
+        (q,) = work.scored(work.initial_solutions)
+        return q.mean.controls
+
+    usual, beyond = taught(), taught(**{"fit.beyond": 0.2})
+    at_limit = usual == HIGH
+    assert at_limit.any()
+    assert_allclose(beyond[at_limit], HIGH + 0.1 * (HIGH - LOW))
+    within = (usual < HIGH) & (usual > LOW)
+    assert_array_equal(beyond[within], usual[within])
 
 
 @pytest.mark.parametrize("method", sorted(set(METHODS) - {"cost_weighted_1000"}))

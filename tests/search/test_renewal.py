@@ -13,6 +13,7 @@ from tests.search.test_checkpoints import bits
 from tests.told_rotor import maker, write_task
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.settings import with_values
+from vgps_ros.search import renewal
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
 from vgps_ros.search.renewal import renew
@@ -188,3 +189,86 @@ def test_situations_that_all_have_no_solution_are_warned_of(tmp_path):
     hopeless = make_task(write_task(tmp_path, ("commands:", fallen), lift))
     first = next(run(hopeless))
     assert any(w.startswith("In each first solution the robot falls") for w in first.warnings)
+
+
+SWING = """\
+model: rotor.xml
+control_period: 0.05
+horizon: 1.0
+start: {std: {position: 0.05, velocity: 0.05}, varied: {position: 0.5, velocity: 0.5}}
+cost:
+  - {sensor: rotor/cos, target: -0.6}
+  - {sensor: rotor/sin, target: 0.8}
+  - {sensor: rotor/velocity, weight: 0.01}
+  - {control: all, weight: 0.01}
+observe: [{joint: rotor, as: sin_cos}, joint_velocities]
+search: {hidden_units: [4], evaluation_rollouts: 2}
+"""
+
+
+@pytest.fixture(scope="module")
+def swing(tmp_path_factory):
+    """A rotor without commands, which turns to an angle; two angles a turn apart are the same."""
+    folder = tmp_path_factory.mktemp("swing")
+    write_task(folder)
+    (folder / "task.yaml").write_text(SWING)
+    return make_task(str(folder / "task.yaml"))
+
+
+def begun(swing, solve=None):
+    chosen = with_values(search_settings(swing), {**VALUES, "renew.share": 0.3})
+    return Workspace(swing, chosen, 3, solve or partial(optimize_all, swing))
+
+
+def test_a_situation_without_commands_takes_over_a_better_motion_a_turn_apart(swing):
+    work = begun(swing)
+    (policy,), solutions = work.random_policies(1), list(work.initial_solutions)
+    start = solutions[0].situation.initial_state + np.array([2 * np.pi, 0.0])
+    still = swing.dynamics.rollout(start, lambda *_: np.zeros(1), swing.horizon)
+    distribution = replace(solutions[0].distribution, mean=still)
+    situation = replace(solutions[0].situation, initial_state=start)
+    cost, best = swing.trajectory_cost(still), solutions[0].cost
+    solutions[0] = replace(solutions[0], situation=situation, distribution=distribution, cost=cost)
+    after, replaced = renew(work, solutions, policy, 2)
+    assert len(replaced) == 1
+    assert after[0].situation.is_same(situation)
+    assert after[0].cost < best + 0.1 * (cost - best)
+    assert np.abs(after[0].distribution.mean.states[:, 0] - start[0]).max() < np.pi
+
+
+def test_a_policy_without_commands_that_fails_is_led_by_a_known_law(swing):
+    asked = []
+
+    def solve(requests):
+        asked.extend(requests)
+        return optimize_all(swing, requests)
+
+    work = begun(swing, solve)
+    (policy,), solutions = work.random_policies(1), work.initial_solutions
+    idle = replace(policy, parameters=np.zeros_like(policy.parameters))
+    asked.clear()
+    renew(work, solutions, idle, 2)
+    (new,) = [r for r in asked if not r.situation.is_same(solutions[r.trajectory_index].situation)]
+    assert_array_equal(new.guess_states[0], new.initial_state)
+    here = new.situation.of(swing)
+    own = here.dynamics.rollout(new.initial_state, lambda *_: np.zeros(1), swing.horizon)
+    led = replace(own, states=new.guess_states, controls=new.guess)
+    assert swing.trajectory_cost(led) < 0.5 * swing.trajectory_cost(own)
+
+
+def test_without_commands_the_costliest_of_four_motions_has_the_new_situation(swing, monkeypatch):
+    seen, drive = [], renewal._driven
+
+    def driven(*arguments):
+        seen.append(drive(*arguments))
+        return seen[-1]
+
+    monkeypatch.setattr(renewal, "_driven", driven)
+    work = begun(swing)
+    after, _ = renew(work, work.initial_solutions, work.random_policies(1)[0], 2)
+    changed = zip(after, work.initial_solutions, strict=True)
+    (new,) = [a.situation for a, b in changed if not a.situation.is_same(b.situation)]
+    assert len(seen) == 4
+    assert len({each.error for each in seen}) == 4
+    worst = max(seen, key=lambda each: each.error)
+    assert (new.initial_state == worst.states).all(axis=1).any()

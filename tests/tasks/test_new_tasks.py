@@ -142,7 +142,12 @@ def written(tmp_path, monkeypatch):
         (
             WEAK,
             "underactuated",
-            ["swing: 3.1416", "swing_axis, target: [0, 0, 1], weight: 1", "horizon: 8 "],
+            [
+                "swing: 3.1416",
+                "swing_axis, target: [0, 0, 1], weight: 1",
+                "horizon: 8 ",
+                "{control: all, weight: 0.8}",
+            ],
         ),
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
@@ -157,7 +162,8 @@ def written(tmp_path, monkeypatch):
             "A swimmer",
             ["site: target, relative_to: {xbody: head}", '"root/r?": 1', "renew:"],
         ),
-        (SPINNER, "An arm", ["sensor: spin/velocity"]),
+        (SPINNER, "it shall turn spin", ["sensor: spin/velocity", "begin: {law: best}"]),
+        (SPINNER, "An arm", ["{joint: spin, as: sin_cos}", "joint_positions: {except: [spin]}"]),
         (CUP, "An arm", ["xbody: ball, relative_to: {site: target}", "index: [z]"]),
         (CUP, "An arm", ["solref: [0.017, 1]", "begin: {law: best}", "situations: 8"]),
     ],

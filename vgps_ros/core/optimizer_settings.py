@@ -152,6 +152,13 @@ class FitSettings:
         minimum=0.0,
         maximum=1.0,
     )
+    beyond: float = setting(
+        0.0,
+        "distance beyond a limit, as a share of half the control's range, to which a control at "
+        "the limit is taught: the robot does the same, and no policy stays short of the limit",
+        minimum=0.0,
+        maximum=10.0,
+    )
     resample_every: int = setting(
         25,
         "LBFGS iterations between new samples, 20 to 50 in the paper; gauss_newton draws anew "

@@ -271,8 +271,17 @@ class Workspace:
         return rollouts
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
-        """Returns each q(ζ) over the horizon that the policy is trained on."""
-        return [s.distribution.first(self.task.horizon) for s in solutions]
+        """Returns each q(ζ) over the horizon that the policy is trained on; see `fit.beyond`."""
+        scored = [s.distribution.first(self.task.horizon) for s in solutions]
+        return list(map(self._beyond_limits, scored)) if self.settings.fit.beyond else scored
+
+    def _beyond_limits(self, q: TrajectoryDistribution) -> TrajectoryDistribution:
+        """Returns q(ζ) with controls beyond a limit where they are at it."""
+        (lowest, highest), controls = self.task.dynamics.control_limits, q.mean.controls
+        sides = (controls >= highest).astype(float) - (controls <= lowest)
+        ranges = np.where(np.isfinite(highest - lowest), highest - lowest, 0.0)
+        beyond = controls + 0.5 * self.settings.fit.beyond * sides * ranges
+        return replace(q, mean=replace(q.mean, controls=beyond))
 
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""

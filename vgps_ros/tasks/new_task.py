@@ -35,6 +35,7 @@ from vgps_ros.tasks.robot_kind import (
     swing_time,
     thing_beside,
     touching_geoms,
+    weak_motors,
 )
 from vgps_ros.tasks.schema import MOST_CONTACTS
 
@@ -289,6 +290,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "reached": reached,
         "ways": _ways(robot) if reached else [],
         "pull": 4.0 / max(length, _away(robot)) ** 2 if robot.base else 20,
+        "turned": None if (turned := _turned(robot)) is None else model.joint(turned).name,
         "balls": balls,
         "axes": [
             f"{_flow(_new(robot, f'{name}_axis'))}: {_flow(axis.sensor)}"
@@ -310,7 +312,8 @@ def _begin(robot: Robot) -> dict[str, Any]:
     share = 0.7 if robot.kind == "swimmer" else 0.2
     std = np.where(np.isfinite(high) & (high > 0), share * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
-    swings = robot.kind == "pendulum" or _carries(robot)
+    touches = _carries(robot) or _turned(robot) is not None
+    swings = robot.kind == "pendulum" or touches
     ends = _ends(robot) if is_servo else {}
     return {
         "hops": robot.hops,
@@ -461,6 +464,13 @@ def _carries(robot: Robot) -> bool:
     return bool(robot.gravity) and _reached(robot) is not None and thing_beside(robot) is not None
 
 
+def _turned(robot: Robot) -> int | None:
+    """Returns the hinge of a thing beside it, which it shall turn, since only touch moves it."""
+    thing = thing_beside(robot)
+    is_turned = thing is not None and robot.model.jnt_type[thing] == HINGE
+    return thing if is_turned and not robot.base and _reached(robot) is None else None
+
+
 def _soft(robot: Robot) -> float:
     """Returns a time constant of contact that can be differentiated [s].
 
@@ -593,6 +603,8 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     strong = 3.0 if robot.feet else 0.5  # what a control at its limit costs in each step
     if robot.kind == "swimmer":  # all of whose controls have to work as long as it goes
         strong = 0.1 / max(1, model.nu)
+    elif robot.kind == "pendulum" and weak_motors(robot):  # which must use all their force
+        strong = 0.2
     if not model.nu:
         stiff = {"pose": "start", "weight": strong} if robot.feet else {"weight": strong / 400}
         return [{"control": "all"} | stiff]
@@ -624,7 +636,8 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
 
 def _observed(robot: Robot) -> list[Any]:
     model, entries = robot.model, list[Any]()
-    turning = [model.joint(j).name for j in _turning(robot)]
+    endless = [j for j in (_turned(robot),) if j is not None and not model.jnt_limited[j]]
+    turning = [model.joint(j).name for j in [*_turning(robot), *endless]]
     cyclic = {name.rpartition("/")[0] for name in _places(robot)}
     out = [name for name in joint_names(model) if name in cyclic or name in turning]
     carried = [model.joint(j).name for j in robot.base if model.jnt_type[j] >= SLIDE]

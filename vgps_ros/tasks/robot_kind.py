@@ -249,6 +249,11 @@ def _is_weak(robot: Robot, joint: int) -> bool:
     return bool(pull > controls_of(model).largest[motors].sum())
 
 
+def weak_motors(robot: Robot) -> list[int]:
+    """Returns the actuators of hinges that need several swings to come up."""
+    return [i for i, j in robot.motors.items() if _is_weak(robot, j)]
+
+
 def swing_time(robot: Robot) -> float:
     """Returns the time in which a pendulum swings up and then stands for a while [s].
 
@@ -256,7 +261,7 @@ def swing_time(robot: Robot) -> float:
     joints turn, until the energy is that of the goal. Nobody swings up faster.
     """
     model, data = robot.model, mujoco.MjData(robot.model)
-    weak = [i for i, j in robot.motors.items() if _is_weak(robot, j)]
+    weak = weak_motors(robot)
     if not weak:
         return 4.0
     full, dofs = controls_of(model).limits[1], model.jnt_dofadr[[robot.motors[i] for i in weak]]

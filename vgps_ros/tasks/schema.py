@@ -615,8 +615,8 @@ class BestMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="best")
     """
 
     iterations: Annotated[
-        int, about("iterations of DDP on each; on the better half twice as many", 5, ge=1, le=1000)
-    ] = 5
+        int, about("iterations of DDP on each; on the better half twice as many", 10, ge=1, le=1000)
+    ] = 10
 
 
 Begin = Zero | Noise | Pd | Sampling | RecordedMotion | PathMotion | BestMotion
