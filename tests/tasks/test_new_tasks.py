@@ -138,7 +138,7 @@ def written(tmp_path, monkeypatch):
             "underactuated",
             ["elbow_axis, target: [0, 0, 1], weight: 0.25", "shoulder: 3.1416"],
         ),
-        (ACROBOT, "underactuated", ["begin: {law: best}"]),
+        (ACROBOT, "underactuated", ["begin: {law: best}", "beyond: 0.2"]),
         (
             WEAK,
             "underactuated",
