@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Short plans that know what comes after their end swing up and walk; others do not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,10 +85,25 @@ def test_how_far_a_walker_has_come_does_not_matter(walker, solution):
     np.testing.assert_allclose(moved.states[:, 1:], near.states[:, 1:], atol=1e-8)
 
 
+def test_after_a_whole_turn_of_a_pole_all_is_as_before():
+    task = make_task("cart_pole")
+    cost = task.cost.starting_at(0, task.planned_horizon)
+    begun = nominal_of(task, first_request(task, 0, 20))
+    found = solve(task.dynamics, cost, begun.trajectory, task.optimizer.ddp, 20)
+    end, here = PlanEnd(task, found, 1.0), found.trajectory.states[20] + 0.01
+    turn = np.array([0.0, 4.0 * np.pi, 0.0, 0.0])
+    near, again = end.motion(here, 20), end.motion(here + turn, 20)
+    np.testing.assert_allclose(again.controls, near.controls, atol=1e-6)
+    to, plan = task.cost.starting_at(0, 20), found.trajectory.first(20)
+    far = replace(plan, states=plan.states + turn)
+    one, other = (end.added(to, task.cost, each).expand(each) for each in (plan, far))
+    np.testing.assert_allclose(other.c_x, one.c_x, rtol=1e-6, atol=1e-8)
+
+
 def test_what_comes_after_costs_what_the_cost_of_now_says(walker, solution):
     end, plan = PlanEnd(walker, solution, 1.0), solution.trajectory.first(50)
     to = walker.cost.starting_at(0, 50)
-    faster = walker.cost.__class__(**{**vars(walker.cost), "targets": walker.cost.targets * 1.5})
+    faster = replace(walker.cost, targets=walker.cost.targets * [1.5, 1.0])
     slow, fast = (end.added(to, cost, plan).expand(plan).c_x[-1] for cost in (walker.cost, faster))
     speed = walker.dynamics.model.nv  # of root_x, the first velocity
     assert fast[speed] < slow[speed] - 1.0  # more speed is worth more where the target is higher

@@ -6,19 +6,20 @@ ends costs what the rest of a solution over the task's whole horizon costs from 
 whose state is nearest, to second order. The gains of that step continue the plan, too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vgps_ros.core.cost import FeatureCost, TrajectoryCost
 from vgps_ros.core.ddp.cost_to_go import CostToGo, cost_to_go
 from vgps_ros.core.ddp.solve import Solution
-from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.policy_cost import ScaledCost
 from vgps_ros.core.records import Array, CostExpansion, Trajectory
+from vgps_ros.simulation.model import turning_hinges
 from vgps_ros.tasks import Task
 
 _ROUNDING = 1e-5  # share of the largest gain
+_TURN = 2.0 * np.pi  # [rad]
 _VELOCITY = 0.1  # time for which a difference of velocity counts like its way [s]
 
 
@@ -26,7 +27,8 @@ class PlanEnd:
     """A solution over a task's horizon, as what comes after the end of plans.
 
     Args:
-        task: the task, where all steps are alike: neither its costs nor its dynamics know the time.
+        task: the task, where all steps are alike: neither its costs nor its dynamics know the time,
+            and no base is free.
         solution: the solution.
         weight: of the cost of what comes after.
     """
@@ -42,15 +44,16 @@ class PlanEnd:
         self._gains = np.where(self._counts, solution.policy.gains, 0.0)
         is_velocity = np.arange(len(largest)) >= task.dynamics.model.nv
         self._unit = np.where(is_velocity, _VELOCITY, 1.0) * self._counts
+        self._turning = [i for i in turning_hinges(task.dynamics.model) if self._turns(i)]
 
     def motion(self, state: Array, steps: int) -> Trajectory:
         """Returns the motion by the gains of the nearest step and the next ones.
 
         Where the solution ends, its last step's gains go on.
         """
-        nominal = self._solution.trajectory
-        ahead = self._nearest(state) + np.arange(steps + 1)
-        states = nominal.states[np.minimum(ahead, nominal.horizon)]
+        nominal, (first, turned) = self._solution.trajectory, self._nearest(state)
+        ahead = first + np.arange(steps + 1)
+        states = nominal.states[np.minimum(ahead, nominal.horizon)] + turned
         at = np.minimum(ahead[:-1], nominal.horizon - 1)
         followed = Trajectory(states, nominal.controls[at])
         (found,) = self._task.dynamics.follow_each(state, [followed], self._gains[at])
@@ -70,15 +73,28 @@ class PlanEnd:
             v = cost_to_go(solution.linear_dynamics, weighed.expand(motion), self._gains)
             counts = self._counts.astype(float)
             self._priced = cost, CostToGo(v.v_x * counts, v.v_xx * np.outer(counts, counts))
-        t = self._nearest(plan.states[-2])
-        space, origin = self._task.dynamics.space, self._solution.trajectory.states[t]
-        return _EndedCost(to, space, origin, self._priced[1], t)
+        t, turned = self._nearest(plan.states[-2])
+        return _EndedCost(to, self._solution.trajectory.states[t] + turned, self._priced[1], t)
 
-    def _nearest(self, state: Array) -> int:
-        """Returns the step whose state is nearest, of those at which a plan may end."""
-        space, states = self._task.dynamics.space, self._solution.trajectory.states[: self._last]
-        away = self._unit * space.subtract(np.broadcast_to(state, states.shape), states)
-        return int(np.argmin(np.square(away).sum(axis=1)))
+    def _nearest(self, state: Array) -> tuple[int, Array]:
+        """Returns the nearest step of those at which a plan may end, and whole turns up to there.
+
+        These turns, shape (n_x,), are what is added to the solution's states.
+        """
+        away = state - self._solution.trajectory.states[: self._last]
+        turned = np.zeros_like(away)
+        turned[:, self._turning] = _TURN * np.round(away[:, self._turning] / _TURN)
+        t = int(np.argmin(np.square(self._unit * (away - turned)).sum(axis=1)))
+        return t, turned[t]
+
+    def _turns(self, hinge: int) -> bool:
+        """Returns whether a whole turn of a hinge changes no cost of the solution."""
+        motion = self._solution.trajectory
+        states = motion.states.copy()
+        states[:, hinge] += _TURN
+        cost = self._task.cost.starting_at(0, motion.horizon)
+        values, turned = (cost.values(each) for each in (motion, replace(motion, states=states)))
+        return np.allclose(turned, values, rtol=1e-6, atol=1e-9)
 
 
 @dataclass(frozen=True)
@@ -87,14 +103,12 @@ class _EndedCost:
 
     Attributes:
         cost: of the plan's steps.
-        space: space of the states.
-        origin: x̄_t, shape (n_x,).
+        origin: x̄_t, whole turns included, shape (n_x,).
         value: V.
         t: the step of V.
     """
 
     cost: TrajectoryCost
-    space: StateSpace
     origin: Array
     value: CostToGo
     t: int
@@ -115,4 +129,4 @@ class _EndedCost:
         return CostExpansion(c, c_x, e.c_u, c_xx, e.c_uu, e.c_ux)
 
     def _deviation(self, trajectory: Trajectory) -> Array:
-        return self.space.subtract(trajectory.states[-2], self.origin)
+        return trajectory.states[-2] - self.origin

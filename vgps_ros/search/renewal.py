@@ -40,12 +40,11 @@ from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation, drawn_context
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Workspace
-from vgps_ros.simulation.model import cyclic_positions
+from vgps_ros.simulation.model import cyclic_positions, turning_hinges
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
 
-_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _AFTER_PUSH = 0.5  # [s]
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
@@ -312,7 +311,7 @@ def _led(task: Task, start: Array, q: TrajectoryDistribution) -> Trajectory:
     distances = np.linalg.norm((read[:-1] - read[-1]) / np.maximum(read.std(axis=0), 1e-3), axis=1)
     at = int(distances[: max(1, round((1.0 - _END) * mean.horizon))].argmin())
     moved, difference = np.zeros(space.tangent_dim), space.subtract(start, mean.states[at])
-    turning = model.jnt_dofadr[(model.jnt_type == _HINGE) & ~model.jnt_limited.astype(bool)]
+    turning = turning_hinges(model)
     moved[turning] = 2.0 * np.pi * np.round(difference[turning] / (2.0 * np.pi))
     level = cyclic_positions(model)
     moved[level] = difference[level]

@@ -417,6 +417,19 @@ def _is_tied(model: mujoco.MjModel, root: int) -> bool:
     return bool((model.jnt_bodyid[joints] == root).any() or stands.any())
 
 
+def turning_hinges(model: mujoco.MjModel) -> list[int]:
+    """Returns the hinges that nothing pulls to an angle, as indices in a deviation.
+
+    After a whole turn of one of them all is as before.
+    """
+    is_hinge = model.jnt_type == int(_JOINT.mjJNT_HINGE)
+    return [
+        int(model.jnt_dofadr[j])
+        for j in range(model.njnt)
+        if is_hinge[j] and not _is_held(model, j)
+    ]
+
+
 def _is_held(model: mujoco.MjModel, joint: int) -> bool:
     """Returns whether a spring, a limit or an actuator pulls a joint to a position."""
     if model.jnt_limited[joint] or model.jnt_stiffness[joint].any():
