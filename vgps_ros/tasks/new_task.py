@@ -466,9 +466,12 @@ def _carries(robot: Robot) -> bool:
 
 def _turned(robot: Robot) -> int | None:
     """Returns the hinge of a thing beside it, which it shall turn, since only touch moves it."""
-    thing = thing_beside(robot)
-    is_turned = thing is not None and robot.model.jnt_type[thing] == HINGE
-    return thing if is_turned and not robot.base and _reached(robot) is None else None
+    model, thing = robot.model, thing_beside(robot)
+    if thing is None or model.jnt_type[thing] != HINGE:
+        return None
+    own = model.geom_bodyid == model.jnt_bodyid[thing]
+    is_touched = bool((own & touching_geoms(model)).any())
+    return thing if is_touched and not robot.base and _reached(robot) is None else None
 
 
 def _soft(robot: Robot) -> float:
