@@ -138,7 +138,7 @@ def growth() -> Iterator[Comparison]:
         half = student_t.ppf(0.975, len(sizes) - 2) * found.stderr
         yield Comparison(
             f"{name}: exponent of an iteration's time / {expected:g}",
-            found.slope,
+            float(found.slope),
             expected,
             1.0 + _TOLERANCE / expected,
             unit="",
