@@ -127,8 +127,8 @@ class Planner:
         self._task = task.commanded(task.signals.rest)
         self.cost = task.cost
         # The first solution turns with no heading, follows no command, and knows no time.
-        is_alike = not (task.signals.names or task.dynamics.space.quaternions)
-        is_alike = is_alike and bool(_constant(task.cost).all())
+        turns_or_is_told = bool(task.signals.names or task.dynamics.space.quaternions)
+        is_alike = not turns_or_is_told and bool(_constant(task.cost).all())
         self._is_continued = settings.end_weight > 0.0 and is_alike
         self._end: PlanEnd | None = None
 

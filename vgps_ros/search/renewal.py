@@ -95,16 +95,16 @@ def renew(
         situation, others = solutions[i].situation, [*solutions[:i], *solutions[i + 1 :]]
         here = situation.of(work.task)
         motions = [_led(here, situation.initial_state, each.distribution) for each in others]
-        for best in sorted(motions, key=partial(_whole_cost, here))[:1]:
-            if _whole_cost(here, best) < solutions[i].cost - _BETTER * usual:
-                return request(i, situation, best)
-        return None
+        best = min(motions, key=partial(_whole_cost, here), default=None)
+        if best is None or _whole_cost(here, best) >= solutions[i].cost - _BETTER * usual:
+            return None
+        return request(i, situation, best)
 
+    stayed = [i for i in range(len(solutions)) if i not in replaced]
     with ThreadPoolExecutor(work.task.dynamics.simulations.threads) as pool:
         requests = list(pool.map(renewed, replaced))
-    if not work.task.signals.names:
-        stayed = (i for i in range(len(solutions)) if i not in replaced)
-        requests += filter(None, map(improved, stayed))
+        if not work.task.signals.names:
+            requests += filter(None, pool.map(improved, stayed))
     ends = float(np.median([_end_cost(work, each) for each in first]))
     worst = settings.worst * max(ends, _ARRIVED * usual / work.task.horizon)
     most = _MOST * usual
