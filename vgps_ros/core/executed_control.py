@@ -9,6 +9,7 @@ their code by the processor. Rollouts compute the same bits in a compiled loop
 """
 
 from collections.abc import Callable
+from math import factorial
 from typing import Any, Protocol
 
 import numpy as np
@@ -182,14 +183,17 @@ class ExecutedPolicy:
         return self.mean(inputs) if seed is None else self.mean(inputs) + noise
 
 
-SMALLEST_EXPONENT = 700.0  # exp of less is no longer a normal number, and is taken as zero
+SMALLEST_EXPONENT = -700.0  # exp of less is no longer a normal number; exp of this is taken
 INVERSE_LOG_2 = 1.4426950408889634
 # The two parts of log 2; the first has so few bits that a product with n is exact.
 LOG_2_HIGH, LOG_2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+# Power series without their first term: exp(r) = 1 + Σ c_k r^k and artanh(s) / s = 1 + Σ c_k s^2k.
+EXP = tuple(1.0 / factorial(k) for k in range(1, 15))
+ARTANH = tuple(1.0 / k for k in range(3, 35, 2))
 
 
 def _activated(activation: str, z: Array) -> Array:
-    """Returns the activation of each z, shape (n,)."""
+    """Returns the activation of each z, shape (N, n)."""
     if activation == "softplus":
         return np.asarray(np.maximum(z, 0.0) + _log1p(_exp(-np.abs(z))))
     if activation == "tanh":
@@ -199,24 +203,20 @@ def _activated(activation: str, z: Array) -> Array:
 
 
 def _exp(z: Array) -> Array:
-    """Returns exp(z) for z ≤ 0: 2^n times the Taylor series at r = z − n log 2, |r| ≤ 0.35."""
-    sound = np.where(z >= -SMALLEST_EXPONENT, z, 0.0)
-    n = np.floor(sound * INVERSE_LOG_2 + 0.5)
-    r = (sound - n * LOG_2_HIGH) - n * LOG_2_LOW
-    series = np.ones_like(z)
-    for k in range(14, 0, -1):  # 1 + series * r / k, in place, since that is faster
-        series *= r
-        series /= k
-        series += 1.0
-    found = np.where(z < -SMALLEST_EXPONENT, 0.0, np.ldexp(series, n.astype(np.int32)))
-    return np.where(np.isnan(z), z, found)
+    """Returns exp(z) for z ≤ 0: 2^n times the series at r = z − n log 2, |r| ≤ 0.35."""
+    n = np.floor(np.fmax(z, SMALLEST_EXPONENT) * INVERSE_LOG_2 + 0.5)
+    r = (np.maximum(z, SMALLEST_EXPONENT) - n * LOG_2_HIGH) - n * LOG_2_LOW
+    return np.asarray(np.ldexp(_series(EXP, r), n.astype(np.int32)))
 
 
 def _log1p(y: Array) -> Array:
     """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
     s = y / (2.0 + y)
-    square, series = s * s, np.zeros_like(y)
-    for k in range(33, 0, -2):
-        series *= square
-        series += 1.0 / k
-    return np.asarray(2.0 * s * series)
+    return np.asarray(2.0 * s * _series(ARTANH, s * s))
+
+
+def _series(coefficients: tuple[float, ...], x: Array) -> Array:
+    """Returns 1 + Σ c_k x^k; the first two terms, which are large, are added last."""
+    powers = np.multiply.accumulate(np.repeat(x[None], len(coefficients), axis=0))
+    terms = np.array(coefficients).reshape(-1, *[1] * x.ndim) * powers
+    return np.asarray(1.0 + (terms[0] + np.add.accumulate(terms[1:])[-1]))

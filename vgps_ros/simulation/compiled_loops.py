@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compiled
 from vgps_ros.core.executed_control import (
+    ARTANH,
+    EXP,
     INVERSE_LOG_2,
     LOG_2_HIGH,
     LOG_2_LOW,
@@ -217,24 +219,27 @@ def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cove
 
 @compiled
 def _exp(z):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Returns exp(z) for z ≤ 0: 2^n times the Taylor series at r = z − n log 2, |r| ≤ 0.35."""
-    if z < -SMALLEST_EXPONENT:
-        return 0.0
-    n = np.floor(z * INVERSE_LOG_2 + 0.5)
-    if n != n:
+    """Returns exp(z) for z ≤ 0: 2^n times the series at r = z − n log 2, |r| ≤ 0.35."""
+    if z != z:
         return z  # NaN
+    z = max(z, SMALLEST_EXPONENT)
+    n = np.floor(z * INVERSE_LOG_2 + 0.5)
     r = (z - n * LOG_2_HIGH) - n * LOG_2_LOW
-    series = 1.0
-    for k in range(14, 0, -1):
-        series = 1.0 + series * r / k
-    return math.ldexp(series, int(n))
+    return math.ldexp(_series(EXP, r), int(n))
 
 
 @compiled
 def _log1p(y):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
     s = y / (2.0 + y)
-    series = 0.0
-    for k in range(33, 0, -2):
-        series = 1.0 / k + series * (s * s)
-    return 2.0 * s * series
+    return 2.0 * s * _series(ARTANH, s * s)
+
+
+@compiled
+def _series(coefficients, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns 1 + Σ c_k x^k; the first two terms, which are large, are added last."""
+    power, rest = x * x, coefficients[1] * (x * x)
+    for k in range(2, len(coefficients)):
+        power *= x
+        rest += coefficients[k] * power
+    return 1.0 + (coefficients[0] * x + rest)
