@@ -11,7 +11,7 @@ from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.first_motion import AlongPath, Best, Drawn, Made
-from vgps_ros.tasks.sampled_motion import Arrival
+from vgps_ros.tasks.sampled_motion import Arrival, SampledMotion
 
 UP = "  - {sensor: tip, index: z, target: 1.0}"
 
@@ -58,8 +58,8 @@ def test_one_that_falls_is_worse_than_any_that_does_not(tmp_path):
     assert careful.fallen(task.begin.chosen[1].states).any()
 
 
-@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn, Arrival])
-def test_it_tries_laws_paths_noise_and_arrivals(tmp_path, kind):
+@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn, Arrival, SampledMotion])
+def test_it_tries_laws_paths_noise_arrivals_and_short_plans(tmp_path, kind):
     begin = hanging(tmp_path, "{law: best}").begin
     assert isinstance(begin, Best)
     assert any(isinstance(each, kind) for each in begin.candidates)

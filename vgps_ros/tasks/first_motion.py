@@ -259,7 +259,12 @@ def _several(task: Task, entry: BestMotion, document: Document) -> Best:
     half = half_ranges(low, high)
     noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
     arriving = [Arrival(window, seed) for window in (0.3, 0.6, 1.0) for seed in (0, 1)]
-    return Best(task, (held, AlongPath(still), *noisy, *arriving), entry.iterations)
+    # And short plans, one after another, for what is struck or turned again and again:
+    step, std = task.dynamics.time_step, tuple(half.tolist())
+    plan, period = max(0.5, step), max(0.05, step)
+    short = Sampling(plan=plan, period=period, samples=64, iterations=4, knots=8, std=std)
+    going_on = replace(_sampled(task, short, document), ddp_iterations=0)
+    return Best(task, (held, AlongPath(still), *noisy, *arriving, going_on), entry.iterations)
 
 
 def _executed(

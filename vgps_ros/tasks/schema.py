@@ -609,7 +609,7 @@ class PathMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="path")
 
 
 class BestMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="best"):
-    """The best of several motions: a held start, a path that stays there, smooth noise.
+    """The best of several motions: a held start, a path that stays there, smooth noise, samples.
 
     DDP improves each a little, those that cost least a little more, and the last one goes on.
     """
