@@ -12,10 +12,13 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import JointState
 
 from vgps_ros.bags import BagReader, BagWriter
 from vgps_ros.bags.reader import BagMessage
+from vgps_ros.messages.conversions import nanoseconds
 from vgps_ros.programs.__main__ import main as vgps
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -62,6 +65,12 @@ def without(target: Path, topic: str, gone, bag: Path = SAMPLE) -> Path:
     return write_bag(target, kept, bag)
 
 
+def time_of_state(number: int) -> float:
+    """The stamp of a state of the sample [s]."""
+    states = [m for m in messages_of() if m.topic == "/joint_states"]
+    return nanoseconds(deserialize_message(states[number].data, JointState).header.stamp) * 1e-9
+
+
 @cache
 def messages_of(bag: Path = SAMPLE) -> tuple[BagMessage, ...]:
     """The messages of a bag."""
@@ -95,7 +104,7 @@ def write_bag(
     """Writes messages as a bag that has the topics and the attachments of another one.
 
     `told` returns what an attachment of a name and a text becomes; None leaves it out. The
-    definitions are that bag's, which may be older than the installed ones, and those given.
+    definitions are that bag's and those given.
     """
     known, writer = definitions_of(bag) | (definitions or {}), BagWriter(target)
     writer._definitions = SimpleNamespace(find=known.__getitem__)

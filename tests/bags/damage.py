@@ -41,7 +41,7 @@ def small_bag(path: Path, source: Path) -> Path:
             writer.attach(name, text, bag.start)
         for i, message in enumerate(bag.messages()):
             taken[message.topic] += 1
-            if taken[message.topic] <= (1 if "distribution" in message.topic else 40):
+            if taken[message.topic] <= (1 if "distribution" in message.topic else 80):
                 writer.write(message.topic, message.stamp, message.data)
             if i % 50 == 0:
                 writer.flush()

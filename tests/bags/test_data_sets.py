@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.bags.altered import SAMPLE, copy, messages_of, without, write_bag
+from tests.bags.altered import SAMPLE, copy, messages_of, time_of_state, without, write_bag
 from tests.bags.damage import small_bag
 from vgps_ros.bags import BagReader, episode
 from vgps_ros.bags.mcap_file import McapFile
@@ -145,7 +145,7 @@ def names(content, piece):
 @pytest.mark.parametrize(
     ("hole", "form", "words"),
     [
-        (paused, "parquet", "'{}': 50 states from 3.8"),
+        (paused, "parquet", "'{}': 50 states from {:.3f}"),
         (damaged, "lerobot", "'{}': holed_0.mcap: the chunk at byte"),
         (without_answers, "parquet", "'{}': 50 states lack the control that answers them"),
     ],
@@ -158,7 +158,7 @@ def test_what_is_missing_ends_an_episode_and_is_named(
     bag = hole(tmp_path / "holed")
     folder = written(bag, "--format", form)
     said = capsys.readouterr().err
-    assert f"Not whole: {words.format(bag)}" in said
+    assert f"Not whole: {words.format(bag, time_of_state(199))}" in said
     assert "a motion ends there" in said
     file = folder / ("motions.parquet" if form == "parquet" else f"data/{FILE}")
     table = pq.read_table(file)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.bags.altered import messages_of, write_bag
-from vgps_ros.bags import BagReader
+from vgps_ros.bags import BagReader, MessageDefinitions
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -18,10 +18,10 @@ def copied(path: Path, namespaces: tuple[str, ...], wanted: tuple[str, ...]) -> 
 
 
 def test_of_several_robots_one_must_be_chosen_by_its_namespace(tmp_path):
-    robots = copied(tmp_path / "bag", ("/left", "/right"), ("joint_states", "robot_description"))
+    robots = copied(tmp_path / "bag", ("/left", "/right"), ("joint_states", "mjcf_description"))
     with BagReader(robots) as bag, pytest.raises(InvalidInputError) as refusal:
         bag.mjcf()
-    topics = "/left/joint_states, /left/robot_description, /right/joint_states, /right/robot_desc"
+    topics = "/left/joint_states, /left/mjcf_description, /right/joint_states, /right/mjcf_desc"
     assert f"has several robots ({topics}" in str(refusal.value)
     assert "choose one with --namespace, which is one of /left, /right." in str(refusal.value)
     with BagReader(robots, "/right") as bag:
@@ -47,6 +47,17 @@ def test_a_bag_without_the_robots_model_says_so(tmp_path):
     nothing = "has no messages on mjcf_description; `vgps bag info"
     with BagReader(states) as bag, pytest.raises(InvalidInputError, match=nothing):
         bag.mjcf()
+
+
+def test_a_message_of_another_definition_than_today_is_refused(tmp_path):
+    kind = "vgps_msgs/msg/GaussianPolicy"
+    messages = [message for message in messages_of() if message.topic == "/policy"]
+    other = MessageDefinitions().find(kind).replace("float64[] noise_std", "float64[] noise")
+    assert "float64[] noise\n" in other
+    with BagReader(write_bag(tmp_path / "bag", messages, definitions={kind: other})) as bag:
+        sentence = f"a valid {kind}: it was recorded with another definition .* `vgps bag info"
+        with pytest.raises(InvalidInputError, match=sentence):
+            next(bag.decoded("/policy"))
 
 
 def test_a_message_that_its_definition_does_not_fit_is_named_with_its_time(tmp_path):

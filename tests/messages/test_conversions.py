@@ -3,12 +3,10 @@
 
 import json
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import RobotModel
 
 from tests.motors import robot
@@ -20,7 +18,6 @@ from vgps_ros.messages.conversions import (
     command_to_msg,
     distribution_from_msg,
     distribution_to_msg,
-    from_older,
     policy_from_msg,
     policy_to_msg,
     robot_of,
@@ -83,18 +80,6 @@ def test_numbers_of_another_robot_are_refused_and_those_of_an_unknown_one_are_no
         check_robot("It", RobotModel(format=1), own)
         with pytest.raises(InvalidInputError, match=re.escape(sentence)):
             check_robot("It", RobotModel(**{name: value}), own)
-
-
-def test_a_message_of_an_older_definition_has_what_it_had_and_the_rest_is_unknown():
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=4), frame_id="")
-    arrays = {"parameters": np.ones(3), "layer_sizes": np.array([1, 2], dtype=np.uint32)}
-    older = SimpleNamespace(header=header, task="swimmer", gone=1, observed=["a"], **arrays)
-    policy = from_older(GaussianPolicyMsg, older)
-    expected = GaussianPolicyMsg(task="swimmer", observed=["a"], parameters=[1.0] * 3)
-    expected.layer_sizes, expected.header.stamp = [1, 2], Time(sec=3, nanosec=4)
-    assert policy == expected
-    with pytest.raises(InvalidInputError, match="its task was another field then"):
-        from_older(GaussianPolicyMsg, SimpleNamespace(task=3))
 
 
 def test_a_policy_crosses_and_is_kept_with_every_field(random_policy, tmp_path):

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import get_type_hints
 
 from builtin_interfaces.msg import Time
-from vgps_msgs.msg import LearningProgress
 
 from benchmarks.figure1.table import SCHEMA
-from vgps_ros.messages.conversions import from_older, progress_from_msg, progress_to_msg
+from vgps_ros.messages.conversions import progress_from_msg, progress_to_msg
 from vgps_ros.search.metrics import METRICS, IterationMetrics
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "write_progress_message.py"
@@ -27,15 +26,6 @@ def sent(metrics):
 def test_the_message_carries_every_metric():
     assert progress_from_msg(sent(ITERATION)) == ITERATION
     assert (sent(ITERATION).iteration, sent(ITERATION).remaining_seconds) == (3, 1.5)
-
-
-def test_a_message_of_an_older_bag_lacks_a_metric():
-    class Older:
-        iteration, alpha = 3, 0.1
-
-    found = progress_from_msg(from_older(LearningProgress, Older()))
-    assert (found.k, found.alpha) == (3, 0.1)
-    assert found.entry()["policy_kl"] is None
 
 
 def test_an_entry_of_result_json_has_every_metric_and_no_infinity():

@@ -84,7 +84,6 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.optimization import request_from_msg
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
-from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 
 pytestmark = pytest.mark.slow
@@ -128,7 +127,6 @@ NEXT = OptimizeTrajectory.Request(
 )
 PROGRESS = LearningProgress(task="rotor", method="vgps", iteration=1, iterations=2, alpha=0.5)
 PLAN = Plan(task="rotor", time_step=0.02, cost=1.0, trajectory=DISTRIBUTION.mean)
-DESCRIPTION = String(data=urdf(ROTOR.dynamics.model))
 EVENT = ParameterEvent(
     node="/simulation",
     changed_parameters=[
@@ -342,7 +340,6 @@ TOPICS = {
     "plan": (Plan, PLAN, STREAM, ("visualizer",)),
     "learning_progress": (LearningProgress, PROGRESS, STREAM, ("visualizer",)),
     "mjcf_description": (String, String(data="<mujoco/>"), LATCHED, ("visualizer",)),
-    "robot_description": (String, DESCRIPTION, LATCHED, ("visualizer",)),
     "/parameter_events": (ParameterEvent, EVENT, STREAM, ("recorder",)),
 }
 

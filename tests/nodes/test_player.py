@@ -31,12 +31,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from vgps_msgs.msg import GaussianPolicy, RobotModel, TrajectoryDistribution
+from vgps_msgs.msg import GaussianPolicy
 
-from tests.bags.altered import SAMPLE
 from tests.nodes.conftest import EACH_SIGNAL, values_of
 from vgps_ros.bags import BagMessage, BagReader, BagWriter
-from vgps_ros.messages.conversions import distribution_from_msg, pack, policy_from_msg, stamp_of
+from vgps_ros.messages.conversions import pack, stamp_of
 from vgps_ros.nodes.recorder import profile_in_bag
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 
@@ -282,21 +281,6 @@ def test_a_type_that_is_not_installed_or_has_changed_is_named_and_the_rest_playe
     assert "Does not play /policy: the type vgps_msgs/msg/GaussianPolicy was" in player.output
     assert [topic for topic, *_ in received] == ["/joint_states"]
     assert seconds(received) == [5]
-
-
-def test_messages_of_an_older_definition_are_played_as_those_of_today(graph):
-    """The sample is older than the field `robot`; what it does not say is empty."""
-    policies = graph.messages(GaussianPolicy, "policy", LATCHED)
-    solutions = graph.messages(TrajectoryDistribution, "trajectory_distribution", LATCHED)
-    play_to_end(graph, SAMPLE, include="[policy, trajectory_distribution]", rate=100.0)
-    with BagReader(SAMPLE) as bag:
-        for played, topic in ((policies, "/policy"), (solutions, "/trajectory_distribution")):
-            assert bag.is_older(topic)
-            recorded = [message for _, message in bag.decoded(topic)]
-            assert [str(each) for each in played] == [str(each) for each in recorded]
-    policy_from_msg(policies[-1])
-    distribution_from_msg(solutions[-1])
-    assert policies[-1].robot == RobotModel()
 
 
 @EACH_SIGNAL

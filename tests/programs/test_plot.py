@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bags.altered import copy, without
+from tests.bags.altered import copy, time_of_state, without
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.run_reader import read_run
 from vgps_ros.messages.conversions import distribution_from_msg
@@ -49,7 +49,7 @@ def fails(arguments, sentence):
 def test_what_is_missing_is_named(tmp_path, capsys, no_rendering):
     bag = without(tmp_path / "bag", "/joint_states", range(200, 250))
     vgps(["plot", str(bag)])
-    assert "Not whole: 50 states from 3.8" in capsys.readouterr().out
+    assert f"Not whole: 50 states from {time_of_state(199):.3f}" in capsys.readouterr().out
 
 
 def test_a_bag_gives_the_costs_the_last_q_and_the_last_episode():

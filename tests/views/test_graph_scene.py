@@ -32,7 +32,6 @@ from vgps_ros.search.mpc import Plan
 from vgps_ros.simulation.controls import closed_loops, controls_of
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model
-from vgps_ros.simulation.urdf import urdf
 from vgps_ros.tasks import make_task
 from vgps_ros.views.graph_scene import GraphScene
 
@@ -152,16 +151,6 @@ def test_what_comes_before_the_robots_description_waits_for_it(recorded):
     chunks = recorded.close()
     assert sum(c.num_rows for c in chunks["/joint_states/position"] if not c.is_static) == 1
     assert "/world/contact_forces" not in chunks  # the swimmer touches nothing
-
-
-def test_an_old_bags_description_shows_the_robot_and_a_urdf_does_not(recorded):
-    swimmer = make_task("swimmer")
-    recorded.scene.show("robot_description", String(data=urdf(swimmer.dynamics.model)))
-    recorded.scene.show("robot_description", String(data="no XML"))
-    assert recorded.reports == []
-    recorded.scene.show("robot_description", String(data=swimmer.mjcf))
-    assert recorded.reports == [("mjcf_description", None)]
-    recorded.close()
 
 
 def test_a_free_base_is_drawn_at_its_pose_once_both_of_its_messages_are_there(recorded):

@@ -3,7 +3,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
@@ -18,7 +17,7 @@ from vgps_ros.bags.mcap_file import McapFile, is_being_written
 from vgps_ros.bags.metadata import FILE_NAME, read_metadata
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash, is_mjcf, message_type
+from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash
 
 # What a graph has once for each robot.
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
@@ -87,7 +86,7 @@ class BagReader:
         self.start = min((summary.start for summary in written), default=0)
         self.duration = max((summary.end for summary in written), default=0) - self.start
         self.damages = [sentence for file in self.files for sentence in file.damages]
-        self._are_older: dict[str, bool] = {}
+        self._checked: set[str] = set()  # types of vgps_msgs that are the installed ones
         self._decoder = Decoder({topic.kind: topic.definition for topic in topics})
 
     def __enter__(self) -> "BagReader":
@@ -142,15 +141,12 @@ class BagReader:
             InvalidInputError: there is no such topic, or it has no messages.
         """
         if name not in (topics := self.filled_topics):
-            raise self._lack_of(name)
+            raise InvalidInputError(
+                f"'{self.path}' has no messages on {name}"
+                f"{f' for {self.namespace}' if self.namespace else ''}; `vgps bag info "
+                f"{self.path}` lists the topics that it has."
+            )
         return topics[name]
-
-    def _lack_of(self, name: str) -> InvalidInputError:
-        return InvalidInputError(
-            f"'{self.path}' has no messages on {name}"
-            f"{f' for {self.namespace}' if self.namespace else ''}; `vgps bag info "
-            f"{self.path}` lists the topics that it has."
-        )
 
     def mjcf(self) -> str:
         """Returns the robot's MJCF, with the loops that its joints close.
@@ -175,12 +171,8 @@ class BagReader:
         Raises:
             InvalidInputError: the bag lacks it.
         """
-        for name in (MJCF, URDF):
-            if name in self.filled_topics:
-                text: str = next(self.decoded(self.filled_topics[name]))[1].data
-                if is_mjcf(name, text):
-                    return text
-        raise self._lack_of(MJCF)
+        text: str = next(self.decoded(self.needed_topic(MJCF)))[1].data
+        return text
 
     def attachments(self) -> dict[str, str]:
         """Returns the texts that the recorder attached to the bag, by their names."""
@@ -240,41 +232,29 @@ class BagReader:
         """Decodes a message with the definition that the bag holds.
 
         Returns:
-            An object that has the message's fields as attributes. One of vgps_msgs of an older
-            definition becomes one of the installed definition.
+            An object that has the message's fields as attributes.
 
         Raises:
-            InvalidInputError: the message does not fit the definition.
+            InvalidInputError: the message does not fit the definition, or that is one of vgps_msgs,
+                but not the installed one.
         """
         try:
-            decoded = self._decoder.decode(message.data, message.kind)
-            if not self.is_older(message.topic):
-                return decoded
-            # Slow to import, and other messages need none of it.
-            from vgps_ros.messages.conversions import from_older
-
-            return from_older(message_type(message.kind), decoded)
+            if message.kind.startswith(_OWN):
+                self._check_definition(message.kind)
+            return self._decoder.decode(message.data, message.kind)
         except InvalidInputError as error:
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
                 f"valid {message.kind}: {error}."
             ) from error
 
-    def is_older(self, topic: str) -> bool:
-        """Returns whether messages are of an older definition of vgps_msgs than the installed one.
-
-        Of one that has no field in common with the installed one they are not.
-        """
-        kind = self.topics[topic]
-        if not kind.startswith(_OWN):
-            return False
-        if kind not in self._are_older:
-            with suppress(InvalidInputError):  # which decoding tells
-                type_hash, names = self._decoder.describe(kind)
-                own = message_type(kind).get_fields_and_field_types()  # type: ignore[attr-defined]
-                is_other = type_hash != installed_hash(kind)
-                self._are_older[kind] = is_other and any(name in own for name in names)
-        return self._are_older.get(kind, False)
+    def _check_definition(self, kind: str) -> None:
+        if kind not in self._checked and self._decoder.type_hash(kind) != installed_hash(kind):
+            raise InvalidInputError(
+                "it was recorded with another definition than the installed one; use the version "
+                f"that `vgps bag info {self.path}` names"
+            )
+        self._checked.add(kind)
 
 
 def storage_files(path: Path) -> list[Path]:
@@ -340,14 +320,13 @@ class Decoder:
         """
         return self._by_store(kind, lambda: self._store.deserialize_cdr(data, kind))
 
-    def describe(self, kind: str) -> tuple[str, list[str]]:
-        """Returns the RIHS01 hash of a definition, and the names of its fields.
+    def type_hash(self, kind: str) -> str:
+        """Returns the RIHS01 hash of a definition.
 
         Raises:
             InvalidInputError: it is no definition that is read.
         """
-        found = self._by_store(kind, lambda: self._store.hash_rihs01(kind))
-        return str(found), [name for name, _ in self._store.fielddefs[kind][1]]
+        return str(self._by_store(kind, lambda: self._store.hash_rihs01(kind)))
 
     def _by_store(self, kind: str, found: Callable[[], Any]) -> Any:
         try:

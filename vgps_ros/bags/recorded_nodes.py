@@ -133,8 +133,6 @@ class RecordedParameters:
 class RecordedExecutor:
     """Applies the limits and the safe action of a recorded executor.
 
-    Bags of old versions, in which the executor had neither, are read as such.
-
     Attributes:
         parameters: those of all nodes.
         node: name of the executor; empty if there is none.
@@ -145,7 +143,7 @@ class RecordedExecutor:
         settings: safety settings of the executor.
         controls: what the robot's controls are.
         limiter: limits of the controls, which depend on those that were noted before.
-        task: its task; None if it is not known, as in bags of old versions, or was deployed.
+        task: its task; None if it is not known, as where another node drove, or deployed.
         deployment: what it knew of its task; None if that is not known.
         signals: the commands and the clock of its task.
         frames: its names of the base's and of the IMU's frame.

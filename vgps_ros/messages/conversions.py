@@ -5,7 +5,6 @@ Arrays cross as their bytes, so a value that goes there and back keeps every bit
 """
 
 import hashlib
-import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import fields
@@ -85,34 +84,6 @@ def from_message(kind: type[Kind], message: Any, **given: Any) -> Kind:
     """Returns a record whose fields are given, or are the message's fields of the same names."""
     names = [f.name for f in fields(kind) if f.name not in given]  # type: ignore[arg-type]
     return kind(**{name: plain(getattr(message, name)) for name in names}, **given)
-
-
-def from_older(kind: type[Kind], older: Any) -> Kind:
-    """Returns a message of the installed definition from one of an older definition.
-
-    What the older one lacks is empty, and a number is NaN. What is not in the message any more is
-    left out.
-
-    Args:
-        kind: the message's class.
-        older: the message as a bag's own definition has it.
-
-    Raises:
-        InvalidInputError: a field is of another type.
-    """
-    message = kind()
-    for name in kind.get_fields_and_field_types():  # type: ignore[attr-defined]
-        own, given = getattr(message, name), getattr(older, name, None)
-        if given is None:
-            given = math.nan if isinstance(own, float) else own
-        elif hasattr(own, "get_fields_and_field_types"):
-            given = from_older(type(own), given)
-        elif isinstance(own, array):
-            given = array(own.typecode, np.asarray(given).astype(own.typecode).tobytes())
-        elif type(given) is not type(own):
-            raise InvalidInputError(f"its {name} was another field then; use the version of then.")
-        setattr(message, name, given)
-    return message
 
 
 def robot_model(mjcf: str, states: Sequence[str], controls: Sequence[str]) -> RobotModel:
@@ -306,7 +277,7 @@ def progress_to_msg(metrics: "IterationMetrics", *, stamp: Time, **run: Any) -> 
 
 
 def progress_from_msg(message: LearningProgress) -> "IterationMetrics":
-    """Returns the message's metrics; NaN stands for one that an older bag's messages lack."""
+    """Returns the message's metrics."""
     from vgps_ros.search.metrics import METRICS, IterationMetrics
 
     found = {name: plain(getattr(message, name)) for name in METRICS}

@@ -1,12 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Names on which nodes, bags and views agree: topics, message types, keys on /diagnostics."""
 
-import io
 import json
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from xml.etree import ElementTree
 
 from ament_index_python import get_package_share_directory, get_resource
 
@@ -33,20 +31,6 @@ PLAN_AGE, PLAN_COST, PLAN_DURATION = "plan age", "plan cost", "plan duration"  #
 POLICY_OF_ITERATION = "policy of iteration"  # key of a value: of the policy that drives
 POSE = "pose"  # key of a value: what the robot does where neither a policy nor plans drive
 SAFE_ACTION = "safe action active"  # key of a value: True while it drives, and not the controller
-
-
-def is_mjcf(topic: str, text: str) -> bool:
-    """Returns whether a text on one of the two topics is the robot's MJCF.
-
-    Bags of old versions have it on `robot_description`.
-    """
-    if topic.rpartition("/")[2] == MJCF:
-        return True
-    try:
-        _, root = next(ElementTree.iterparse(io.StringIO(text), ("start",)))
-    except (ElementTree.ParseError, StopIteration):
-        return False
-    return root.tag == "mujoco"
 
 
 def driver(message: str, values: Mapping[str, str]) -> str | None:

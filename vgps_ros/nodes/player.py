@@ -87,7 +87,6 @@ class Player(Node):
         for sentence in self._bag.damages:
             self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
         self._replayed: dict[str, Publisher] = {}
-        self._older: set[str] = set()  # topics whose messages are converted
         self._played: Counter[str] = Counter()
         self._is_closing = threading.Event()
         self._topics = self._add_topics(TopicFilter(include, exclude))
@@ -166,9 +165,7 @@ class Player(Node):
             InvalidInputError: the type is not installed, or has other fields than it had.
         """
         found, profile = message_type(kind), matching_profile(offered)
-        if topic in self._bag.topics and self._bag.is_older(topic):
-            self._older.add(topic)
-        elif type_hash and type_hash != (installed_hash(kind) or type_hash):
+        if type_hash and type_hash != (installed_hash(kind) or type_hash):
             raise InvalidInputError(
                 f"the type {kind} was recorded with other fields than the installed one has; "
                 "source the package's version of the recording."
@@ -208,9 +205,7 @@ class Player(Node):
         self._end.trigger()
 
     def _publish(self, message: BagMessage) -> None:
-        is_older = message.topic in self._older
-        data = self._bag.decode(message) if is_older else message.data
-        self._replayed[message.topic].publish(data)
+        self._replayed[message.topic].publish(message.data)
         self._played[message.topic] += 1
 
     def _settle(self) -> None:

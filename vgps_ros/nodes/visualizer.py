@@ -10,7 +10,7 @@ from pathlib import Path
 from rclpy.node import Node
 
 from vgps_ros.core.settings import Setting
-from vgps_ros.messages.names import GAINS, MJCF, URDF, message_type
+from vgps_ros.messages.names import GAINS, MJCF, message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
@@ -23,7 +23,7 @@ OUTPUT = Setting("output", "run.rrd", "recording to write, which must not exist"
 
 _STATES, _SOLVES = "joint_states", "iterations"
 _AWAITED = f"{_STATES} from simulation"
-_LATCHED = {GAINS, MJCF, URDF, "policy", "trajectory_distribution"}
+_LATCHED = {GAINS, MJCF, "policy", "trajectory_distribution"}
 _DISCOVERY_PERIOD = 0.5  # between two looks for new optimizers [s]
 
 

@@ -31,7 +31,7 @@ from vgps_ros.messages.conversions import (
     signals_from_msg,
     trajectory_from_msg,
 )
-from vgps_ros.messages.names import CONTEXT, GAINS, MJCF, URDF, is_mjcf
+from vgps_ros.messages.names import CONTEXT, GAINS, MJCF
 from vgps_ros.messages.robot_state import JOINTS, TOPICS, StateCollector
 from vgps_ros.search.metrics import METRICS
 from vgps_ros.views.blueprint import LEARNING_CURVE
@@ -43,7 +43,6 @@ _LONGEST = 10_000  # iterations of a training whose learning curve is drawn
 _PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
 DRAWN = {  # topics that are drawn, and their types
     MJCF: "std_msgs/msg/String",
-    URDF: "std_msgs/msg/String",
     "odom": "nav_msgs/msg/Odometry",
     "multi_dof_joint_states": "sensor_msgs/msg/MultiDOFJointState",
     "activations": "sensor_msgs/msg/JointState",
@@ -92,9 +91,8 @@ class GraphScene:
     def show(self, topic: str, message: Any) -> None:
         """Draws a message of rclpy or of a bag, whose topic is one of `DRAWN`."""
         name = topic.rpartition("/")[2]
-        if name in (MJCF, URDF):
-            if is_mjcf(name, message.data):
-                self._draw(MJCF, partial(self._show_robot, message))
+        if name == MJCF:
+            self._draw(MJCF, partial(self._show_robot, message))
         elif self._robot is None:
             self._waiting.append((topic, message))
         elif name in TOPICS:
