@@ -1,6 +1,6 @@
 # Two commands are enough: `make demo` and `make test`; each sets up what is missing.
 # Variables on the command line reach the scripts.
-VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS PARAMETERS OUTPUT COUNT PACKAGES BENCHMARKS PYTHON CXX \
+VARIABLES := TASK METHOD HIDDEN SEED ITERATIONS OUTPUT COUNT PACKAGES BENCHMARKS PYTHON CXX \
   ROS_DOMAIN_ID OMP_NUM_THREADS OPENBLAS_NUM_THREADS FASTRTPS_DEFAULT_PROFILES_FILE
 given := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 unknown := $(firstword $(filter-out $(VARIABLES),$(given)))
@@ -18,7 +18,7 @@ help:  ## list these targets
 setup:  ## virtual environment, wheels, colcon build; skips what stands
 	@scripts/setup.bash
 
-demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS= PARAMETERS=)
+demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS=)
 	@scripts/run_demo.bash
 
 test: setup  ## the tests, without the long and the adversarial ones; nothing may be left behind

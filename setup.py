@@ -23,7 +23,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/vgps_ros"]),
         ("share/vgps_ros", ["package.xml"]),
         ("share/vgps_ros/config", sorted(glob("config/*.*"))),
-        ("share/vgps_ros/config/walker", glob("config/walker/*.yaml")),
         ("share/vgps_ros/config/commanded", sorted(glob("config/commanded/*.yaml"))),
         ("share/vgps_ros/config/security", glob("config/security/*.xml")),
         ("share/vgps_ros/config/security/common", sorted(glob("config/security/common/*.xml"))),

@@ -3,7 +3,6 @@
 # Learns a policy in a graph of separate ROS 2 processes, then executes it; one that takes cmd_vel drives a figure of eight.
 # TASK, METHOD, HIDDEN, SEED and ITERATIONS choose what is learned; OUTPUT where the results go.
 # TASK is a name, a task file or its folder. HIDDEN and ITERATIONS that are left out are the task's own.
-# PARAMETERS may name a second parameter file, whose values come before those of config/TASK.yaml.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source env.bash
@@ -17,11 +16,9 @@ read -ra widths <<<"${HIDDEN:-}"
 [[ -z ${HIDDEN:-} ]] || search+=(--hidden-units "${widths[@]}")
 parameters=(--params-file config/any_task.yaml)
 [[ ! -f config/$task.yaml ]] || parameters=(--params-file "config/$task.yaml")
-[[ -z ${PARAMETERS:-} ]] || parameters+=(--params-file "$PARAMETERS")
 
 # The command of a training in process knows all the rules, and says what is wrong.
-vgps train --check --task "$task" --method "$method" "${search[@]}" --output "$output" \
-  ${PARAMETERS:+--params-file "$PARAMETERS"}
+vgps train --check --task "$task" --method "$method" "${search[@]}" --output "$output"
 if [[ -e $output ]]; then
   printf "demo: OUTPUT '%s' exists already; name a folder that does not.\n" "$output" >&2
   exit 1

@@ -9,10 +9,13 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+import yaml
 
 from vgps_ros import NODES
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Setting, values_of
 from vgps_ros.ros_runtime import controller
+from vgps_ros.search.settings import search_settings
+from vgps_ros.tasks import make_task
 
 FOLDER = Path(__file__).parents[1] / "launch"
 _ROBOT = {"namespace", "use_sim_time", "task", "params_file", "simulation", "autostart"}
@@ -65,6 +68,29 @@ def parameters_of(node: str) -> set[str]:
     ]
     known = {v.name for m in modules for v in vars(m).values() if isinstance(v, Setting)}
     return known | {"use_sim_time"}
+
+
+def flat(block: dict, prefix: str = "") -> dict:
+    """Returns a nested block by dotted names."""
+    found = {}
+    for name, value in block.items():
+        is_block = isinstance(value, dict)
+        found |= flat(value, f"{prefix}{name}.") if is_block else {f"{prefix}{name}": value}
+    return found
+
+
+@pytest.mark.parametrize("name", ["swimmer", "walker"])
+def test_a_tasks_parameter_file_repeats_what_the_task_names(name):
+    blocks = yaml.safe_load((FOLDER.parent / "config" / f"{name}.yaml").read_text())
+    task = make_task(name)
+    for node, record in (
+        ("policy_learner", search_settings(task)),
+        ("trajectory_optimizer", task.optimizer),
+    ):
+        given, own = flat(blocks[f"/**/{node}"]["ros__parameters"]), values_of(record)
+        repeated = {key: value for key, value in given.items() if key in own}
+        assert len(repeated) > 3
+        assert repeated == {key: own[key] for key in repeated}
 
 
 def test_there_is_a_description_of_each_launch_file_and_no_other():

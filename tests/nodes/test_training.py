@@ -24,7 +24,6 @@ from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import settings_of
 from vgps_ros.messages.optimization import request_from_msg, request_to_msg, result_to_msg
-from vgps_ros.programs.command_line import with_parameters_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM, lively
 from vgps_ros.search.methods import search
 from vgps_ros.search.optimization_request import first_request
@@ -46,6 +45,9 @@ def parameters(settings: SearchSettings) -> dict[str, object]:
         "ddp_iterations": settings.ddp_iterations,
         "evaluation_rollouts": settings.evaluation_rollouts,
         "situations": settings.situations,
+        "alphas": list(settings.alphas),
+        "alpha_iterations": list(settings.alpha_iterations),
+        "candidates": settings.candidates,
         **{s.name: s.default for s in settings_of(settings.disturb, "disturb.") if s.default},
     }
 
@@ -325,14 +327,15 @@ def test_goals_out_of_range_are_rejected_with_a_sentence_and_leave_no_error(grap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", ["walker.yaml", "walker/five_units.yaml"])
-def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, file):
+@pytest.mark.parametrize(
+    "chosen", [{}, {"alphas": (3.0, 1.0), "alpha_iterations": (0, 1), "candidates": 3}]
+)
+def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, chosen):
     """Each node makes its own demonstration: no request carries one."""
-    path, walker = Path(__file__).parents[2] / "config" / file, make_task("walker")
-    optimizer = with_parameters_of(walker.optimizer, "trajectory_optimizer", path)
-    walker = replace(walker, optimizer=optimizer)
+    path, walker = Path(__file__).parents[2] / "config" / "walker.yaml", make_task("walker")
     settings = replace(
-        with_parameters_of(search_settings(walker), "policy_learner", path),
+        search_settings(walker),
+        **chosen,
         iterations=2,
         hidden_units=(4,),
         initial_ddp_iterations=2,

@@ -45,7 +45,6 @@ def test_help_of_every_command_comes_before_anything_that_is_slow_to_import():
         ("HIDDEN=five", "hidden_units is 'five', but it must be a whole number"),
         ("SEED=-1", "seed is -1, but it must be from 0"),
         ("ITERATIONS=0", "iterations is 0, but it must be from 1"),
-        ("PARAMETERS=none.yaml", "'none.yaml' cannot be read"),
     ],
 )
 def test_a_demo_with_a_wrong_value_is_refused_before_anything_starts(variable, sentence, tmp_path):

@@ -1,17 +1,15 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Command lines: flags from settings, their defaults from a parameter file, and clear errors."""
+"""Command lines: flags from settings, and clear errors."""
 
 import argparse
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from vgps_ros import NODES
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
-from vgps_ros.storage.files import read_yaml
 from vgps_ros.tasks import DEPLOYMENT
 from vgps_ros.tasks.registry import task_names
 
@@ -21,12 +19,6 @@ Record = TypeVar("Record")
 PICTURES = ("png", "svg", "pdf", "jpg", "jpeg", "webp", "tif", "tiff", "eps", "ps")
 
 _NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
-
-# Parameters that only the nodes heed: no settings of a search, but in its nodes' blocks.
-OF_NODES = {
-    *("task", "method", "demonstration", "checkpoint_folder", "optimizers", "optimizer_timeout"),
-    *("wait_timeout", "use_sim_time"),
-}
 
 
 class Parser(argparse.ArgumentParser):
@@ -176,73 +168,6 @@ def settings_from(arguments: argparse.Namespace, record: Record) -> Record:
     return with_values(
         record, {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
     )
-
-
-def parameters_of(node: str, path: Path | None) -> dict[str, Any]:
-    """Returns what a parameter file, if there is one, says for a node, by dotted name.
-
-    Args:
-        node: name of the node's block, which may be missing.
-        path: in the form of ROS 2, NODE: {ros__parameters: {NAME: VALUE}}; the block `/**` is
-            for all nodes.
-
-    Raises:
-        InvalidInputError: the file cannot be read, has another form, or has a block that is no
-            node's.
-    """
-    if path is None:
-        return {}
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InvalidInputError(
-            f"'{path}' cannot be read ({error.strerror}); name a parameter file, such as those in "
-            "config/."
-        ) from error
-    try:
-        blocks = {
-            name.rpartition("/")[2]: _flat(block["ros__parameters"])
-            for name, block in read_yaml(text, f"'{path}'").items()
-        }
-        optimizers = map(str, blocks.get("policy_learner", {}).get("optimizers", ()))
-    except (InvalidInputError, KeyError, TypeError, AttributeError) as error:
-        raise InvalidInputError(
-            f"'{path}' is no parameter file: it must have blocks of the form "
-            "NODE: {ros__parameters: {NAME: VALUE}}, as config/swimmer.yaml has."
-        ) from error
-    _check_names(path, "block", blocks, {*NODES, *optimizers, "**"})
-    return blocks.get("**", {}) | blocks.get(node, {})
-
-
-def with_parameters_of(record: Record, node: str, path: Path | None) -> Record:
-    """Returns a settings record with what a parameter file, if there is one, says for a node.
-
-    Raises:
-        InvalidInputError: as above, or a parameter is unknown, or its value is wrong.
-    """
-    given = parameters_of(node, path)
-    known = {s.name for s in settings_of(record)}
-    _check_names(path, "parameter", given, known | OF_NODES)
-    return with_values(record, {name: given[name] for name in known & given.keys()})
-
-
-def _check_names(path: Path | None, kind: str, names: Iterable[str], known: set[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise InvalidInputError(
-                f"'{path}' has the {kind} {quoted(name)}, which is unknown.{nearest(name, known)}"
-            )
-
-
-def _flat(block: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns a nested block by dotted names, lists as tuples."""
-    flat: dict[str, Any] = {}
-    for name, value in block.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{name}.")
-        else:
-            flat[f"{prefix}{name}"] = tuple(value) if isinstance(value, list) else value
-    return flat
 
 
 def _parser(s: Setting) -> Callable[[str], Any]:

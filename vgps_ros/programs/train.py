@@ -3,7 +3,7 @@
 
 It writes result.json, policy.json, distribution.npz, trajectories.npz and learning_curve.png. A
 training that was stopped or killed goes on where it was when the same command is given again.
-`--task` and `--params-file` change the defaults of other flags: with them `--help` shows theirs.
+`--task` changes the defaults of other flags: with it `--help` shows its own.
 """
 
 import argparse
@@ -21,13 +21,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.programs.command_line import (
-    Parser,
-    parameters_of,
-    refuse_existing,
-    settings_from,
-    with_parameters_of,
-)
+from vgps_ros.programs.command_line import Parser, refuse_existing, settings_from
 from vgps_ros.search.settings import METHOD, PRESETS, SearchSettings, check_preset
 from vgps_ros.storage.run_folder import RunFolder
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK, task_settings
@@ -39,20 +33,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.usage = "%(prog)s [-h] [--task TASK] [OPTION VALUE ...] --output OUTPUT"
-    parser.add_argument(
-        "--params-file",
-        type=Path,
-        metavar="FILE",
-        help="parameter file of the graph, whose blocks policy_learner and trajectory_optimizer "
-        "become the defaults of the flags",
-    )
+    parser.add_settings(TASK, METHOD, DEMONSTRATION)
     words = [word for word in parser.words if word not in ("-h", "--help")]
-    file = parser.parse_known_args(words)[0].params_file
-    learner = parameters_of("policy_learner", file)
-    for setting in (TASK, METHOD, DEMONSTRATION):
-        chosen = replace(setting, default=learner.get(setting.name, setting.default))
-        chosen.check(chosen.default)
-        parser.add_settings(chosen)
     task = task_settings(parser.parse_known_args(words)[0].task)
     parser.add_settings(SEED)
     parser.add_output("--output", "folder for the results", required=True)
@@ -66,8 +48,7 @@ def add_arguments(parser: Parser) -> None:
         "--logdir OUTPUT` shows; needs requirements/tensorboard.txt",
     )
     search = with_values(SearchSettings(), task.search)
-    for node, defaults in (("policy_learner", search), ("trajectory_optimizer", task.optimizer)):
-        parser.add_settings(*settings_of(with_parameters_of(defaults, node, file)))
+    parser.add_settings(*settings_of(search), *settings_of(task.optimizer))
     parser.set_defaults(
         interrupted="interrupted; the same command goes on after the last whole iteration."
     )
