@@ -78,7 +78,6 @@ def whole_graph(shared_graph) -> Iterator[Any]:
     for node in ("simulation", "trajectory_optimizer", "policy_learner", "policy_executor"):
         graph.start(node, task="rotor")
     # In namespaces, since only one node of a graph may command the joints.
-    graph.start("demonstration", "--ros-args", "-r", "__ns:=/shown")
     graph.start("mpc", "--ros-args", "-r", "__ns:=/planned", "-p", "task:=rotor")
     graph.start("watchdog", "--ros-args", "-r", "__ns:=/watched")
     graph.start("recorder", output=folder / "bag")
@@ -132,9 +131,7 @@ def test_the_policy_has_an_enclave_for_each_node_and_program_of_the_graph(whole_
 
 @pytest.mark.parametrize("name", NODES)
 def test_each_node_takes_all_of_its_own_parameters_as_they_are(whole_graph, name):
-    node = {"demonstration": "shown/", "mpc": "planned/", "watchdog": "watched/"}.get(
-        name, ""
-    ) + name
+    node = {"mpc": "planned/", "watchdog": "watched/"}.get(name, "") + name
     names = whole_graph.call(ListParameters, f"{node}/list_parameters").result.names
     given = GetParameters.Request(names=names)
     values = whole_graph.call(GetParameters, f"{node}/get_parameters", given).values
