@@ -96,7 +96,6 @@ def test_options_are_set_and_flags_switched(compiled):
             "iterations": 7,
             "gravity": [0, 0, -1.6],
             "disable": ["contact", "warmstart"],
-            "enable": ["energy"],
         }
     )
     option = model.opt
@@ -106,7 +105,6 @@ def test_options_are_set_and_flags_switched(compiled):
     assert_allclose(option.gravity, [0, 0, -1.6])
     flags = mujoco.mjtDisableBit
     assert option.disableflags == flags.mjDSBL_CONTACT | flags.mjDSBL_WARMSTART
-    assert option.enableflags == mujoco.mjtEnableBit.mjENBL_ENERGY
 
 
 def test_later_patterns_win_and_angles_are_radians(compiled):

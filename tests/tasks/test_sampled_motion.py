@@ -8,14 +8,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.records import Trajectory
-from vgps_ros.tasks.sampled_motion import METHODS, Sampler, interpolation, receding_motion
+from vgps_ros.tasks.sampled_motion import Sampler, interpolation, receding_motion
 
 BOUND = np.full(2, 3.0)
 
 
-def sampler(method="predictive", **changes):
+def sampler(**changes):
     """A sampler of two controls over nine steps."""
-    plain = Sampler(method, 9, 3, 32, 1, 8, np.ones(2), -BOUND, BOUND)
+    plain = Sampler(9, 3, 32, 1, np.ones(2), -BOUND, BOUND)
     return dataclasses.replace(plain, **changes)
 
 
@@ -26,10 +26,9 @@ def test_splines_are_linear_between_knots_and_meet_them():
     assert_allclose(interpolation(7, 4) @ np.linspace(2, 5, 4), np.linspace(2, 5, 7))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_samples_find_the_least_value_of_a_quadratic_among_splines(method, rng):
+def test_samples_find_the_least_value_of_a_quadratic_among_splines(rng):
     target = interpolation(9, 3) @ rng.uniform(-2, 2, (3, 2))
-    planner = sampler(method, iterations=60, samples=64)
+    planner = sampler(iterations=60, samples=64)
     plan, least = planner.improved(
         np.zeros((9, 2)), lambda plans: ((plans - target) ** 2).sum(axis=(1, 2)), rng
     )
@@ -37,25 +36,23 @@ def test_samples_find_the_least_value_of_a_quadratic_among_splines(method, rng):
     assert least < 0.01 * (target**2).sum()
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_plan_is_never_worse_than_the_one_given_and_stays_in_its_limits(method, rng):
+def test_a_plan_is_never_worse_than_the_one_given_and_stays_in_its_limits(rng):
     plan, seen = np.clip(rng.standard_normal((9, 2)), -BOUND, BOUND), []
 
     def cost(plans):
         seen.append(plans)
         return -plans.sum(axis=(1, 2))  # the more the better
 
-    found, least = sampler(method, iterations=20).improved(plan, cost, rng)
+    found, least = sampler(iterations=20).improved(plan, cost, rng)
     assert_array_equal(seen[0][0], plan)
     assert least <= -plan.sum()
     assert np.abs(seen).max() <= 3.0
     assert found.mean() > plan.mean() + 1.0
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_second_set_is_drawn_around_the_best_or_with_mean_and_spread_of_the_elites(method):
+def test_the_second_set_is_drawn_around_the_best():
     seen, plan = [], np.linspace(-1.0, 1.0, 18).reshape(9, 2)
-    planner = sampler(method, iterations=2, std=np.array([0.5, 0.01]))
+    planner = sampler(iterations=2, std=np.array([0.5, 0.01]))
 
     def cost(plans):
         seen.append(plans)
@@ -69,11 +66,7 @@ def test_the_second_set_is_drawn_around_the_best_or_with_mean_and_spread_of_the_
         noise[0] = 0.0
     first = plan + spline @ (noises[0] * std)
     assert_allclose(seen[0], first)
-    elites = np.argsort((first**2).sum(axis=(1, 2)))[:8]
-    centre = first[elites[0]]
-    if method == "cross_entropy":
-        centre = first[elites].mean(axis=0)
-        std = np.maximum((noises[0] * std)[elites].std(axis=0), 0.1 * planner.std)
+    centre = first[np.argmin((first**2).sum(axis=(1, 2)))]
     assert_allclose(seen[1], centre + spline @ (noises[1] * std))
 
 
@@ -123,17 +116,10 @@ def total(motion):
     return Integrator().score(motion.states[None], motion.controls[None], 0)[0]
 
 
-@pytest.mark.parametrize(
-    ("problem", "method", "above"),
-    [
-        (Integrator(), "predictive", 0.2),
-        (Integrator(), "cross_entropy", 0.2),
-        (Refined(), "predictive", 0.002),
-    ],
-)
-def test_a_receding_horizon_solves_a_linear_quadratic_problem(problem, method, above, rng):
+@pytest.mark.parametrize(("problem", "above"), [(Integrator(), 0.2), (Refined(), 0.002)])
+def test_a_receding_horizon_solves_a_linear_quadratic_problem(problem, above, rng):
     start = np.array([2.0, -1.0])
-    planner = sampler(method, knots=9, samples=64, iterations=40)
+    planner = sampler(knots=9, samples=64, iterations=40)
     motion = receding_motion(problem, planner, start, 20, 2, rng)
     best = exact(start, 20)
     least = total(Trajectory(problem.simulate(start, best[None])[0], best))

@@ -320,5 +320,5 @@ def test_options_and_changes_are_fields_of_mujoco():
         (JointChange, body.add_joint()),
         (GeomChange, body.add_geom()),
     ):
-        names = set(record.__struct_fields__) - {"disable", "enable", "lock"}
+        names = set(record.__struct_fields__) - {"disable", "lock"}
         assert all(hasattr(element, name) for name in names)

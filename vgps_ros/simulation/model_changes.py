@@ -58,11 +58,6 @@ _WORDS = {  # options that are words, with MuJoCo's enumerations of them
     "integrator": (mujoco.mjtIntegrator, "mjINT_"),
     "solver": (mujoco.mjtSolver, "mjSOL_"),
     "cone": (mujoco.mjtCone, "mjCONE_"),
-    "jacobian": (mujoco.mjtJacobian, "mjJAC_"),
-}
-_FLAGS = {
-    "disable": ("disableflags", mujoco.mjtDisableBit, "mjDSBL_"),
-    "enable": ("enableflags", mujoco.mjtEnableBit, "mjENBL_"),
 }
 _LIMITED = {"range": "limited", "actfrcrange": "actfrclimited"}
 
@@ -319,13 +314,13 @@ def _matching(elements: Sequence[Any], what: str, pattern: str, *place: str | in
 
 def _set_option(option: Any, values: Values) -> None:
     for name, value in values.items():
-        if name in _FLAGS:
-            field, bits, prefix = _FLAGS[name]
+        if name == "disable":
+            bits, prefix = mujoco.mjtDisableBit, "mjDSBL_"
             known = [bit.removeprefix(prefix).lower() for bit in bits.__members__ if prefix in bit]
             for i, word in enumerate(value):
                 with change_at("changes", "option", name, i):
                     bit = getattr(bits, prefix + one_of("flag", word, known).upper())
-                setattr(option, field, getattr(option, field) | int(bit))
+                option.disableflags |= int(bit)
         elif name in _WORDS:
             words, prefix = _WORDS[name]
             setattr(option, name, int(getattr(words, prefix + value.upper())))

@@ -407,20 +407,13 @@ def _sampled(task: Task, begin: Sampling, document: Document) -> SampledMotion:
         ("begin", "period"),
         f"it is {begin.period:g} s, but a plan of {begin.plan:g} s has no more to execute.",
     )
-    document.refuse(
-        begin.elites > begin.samples,
-        ("begin", "elites"),
-        f"it is {begin.elites}, but only {begin.samples} samples are drawn.",
-    )
     low, high = task.dynamics.control_limits
     return SampledMotion(
         Sampler(
-            method=begin.method,
             steps=round(begin.plan / step),
             knots=begin.knots,
             samples=begin.samples,
             iterations=begin.iterations,
-            elites=begin.elites,
             std=_std(begin, low, high, document),
             low=low,
             high=high,

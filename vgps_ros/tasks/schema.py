@@ -28,7 +28,6 @@ Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Meta(gt=0, le=1e12)]
 NonNegative = Annotated[float, Meta(ge=0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=1_000_000)]
-Bits = Annotated[int, Meta(ge=0, lt=2**31)]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
 Keyframe = Name | Count
 Pose = Keyframe | dict[Name, Number]
@@ -220,29 +219,13 @@ class Option(Record, frozen=True, kw_only=True):
     cone: Annotated[
         Literal["pyramidal", "elliptic"] | None, about("the form of friction cones", "pyramidal")
     ] = None
-    jacobian: Annotated[
-        Literal["dense", "sparse", "auto"] | None, about("the form of Jacobians", "auto")
-    ] = None
     iterations: Annotated[Count | None, about("most iterations of the solver", 50)] = None
     tolerance: Annotated[NonNegative | None, about("the solver's tolerance", 1e-12)] = None
     ls_iterations: Annotated[Count | None, about("most iterations of its line search", 50)] = None
-    ls_tolerance: Annotated[NonNegative | None, about("its line search's tolerance", 0.01)] = None
-    noslip_iterations: Annotated[Count | None, about("most iterations against slip", 0)] = None
-    noslip_tolerance: Annotated[NonNegative | None, about("their tolerance", 1e-6)] = None
-    ccd_iterations: Annotated[Count | None, about("most iterations of collisions", 35)] = None
-    ccd_tolerance: Annotated[NonNegative | None, about("tolerance of collisions", 1e-6)] = None
-    impratio: Annotated[
-        Positive | None, about("frictional to normal impedance of contacts", 1.0)
-    ] = None
     gravity: Annotated[Vector | None, about("gravity, x y z [m/s²]", (0.0, 0.0, -9.81))] = None
-    wind: Annotated[Vector | None, about("the medium's velocity [m/s]", (0.0, 0.0, 0.0))] = None
-    magnetic: Annotated[Vector | None, about("magnetic flux [T]", (0.0, -0.5, 0.0))] = None
-    density: Annotated[NonNegative | None, about("the medium's density [kg/m³]", 1000.0)] = None
-    viscosity: Annotated[NonNegative | None, about("its viscosity [Pa·s]", 0.1)] = None
     disable: Annotated[
         tuple[Name, ...], about("MuJoCo's flags to switch off", ["contact", "constraint"])
     ] = ()
-    enable: Annotated[tuple[Name, ...], about("MuJoCo's flags to switch on", ["invdiscrete"])] = ()
 
 
 class JointChange(Record, frozen=True, kw_only=True):
@@ -302,12 +285,8 @@ class GeomChange(Record, frozen=True, kw_only=True):
     condim: Annotated[
         Literal[1, 3, 4, 6] | None, about("dimensions of a contact's force; 1: no friction", 3)
     ] = None
-    contype: Annotated[Bits | None, about("bits of what it touches others as", 1)] = None
-    conaffinity: Annotated[Bits | None, about("bits of what others it touches", 1)] = None
     priority: Annotated[Count | None, about("of two, the higher one's values count", 1)] = None
-    solmix: Annotated[NonNegative | None, about("weight of its values in the mean", 1.0)] = None
     margin: Annotated[NonNegative | None, about("distance at which contact begins [m]", 0.0)] = None
-    gap: Annotated[NonNegative | None, about("part of it that bears no force [m]", 0.0)] = None
 
 
 class BodyChange(Record, frozen=True, kw_only=True):
@@ -549,19 +528,12 @@ class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
 class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling"):
     """A motion found by sampling: short plans, one after another, each improved by samples."""
 
-    method: Annotated[
-        Literal["predictive", "cross_entropy"],
-        about("the best sample becomes the plan, or the mean of the best ones", "predictive"),
-    ] = "predictive"
     plan: Annotated[Positive, about("length of a plan [s]", 0.8)] = 0.8
     period: Annotated[
         Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
     ] = 0.05
     samples: Annotated[int, about("plans tried in an iteration", 32, ge=2, le=100_000)] = 32
     iterations: Annotated[int, about("rounds of samples for each plan", 2, ge=1, le=1000)] = 2
-    elites: Annotated[
-        int, about("best samples whose mean cross_entropy takes", 8, ge=2, le=100_000)
-    ] = 8
     knots: Annotated[
         int, about("points in a plan between which a sample's change is linear", 6, ge=2, le=1000)
     ] = 6
