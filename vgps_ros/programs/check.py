@@ -6,11 +6,11 @@ It takes seconds, and changes nothing. Example: vgps check hopper/task.yaml
 
 import argparse
 import os
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,14 +19,16 @@ import numpy as np
 
 from vgps_ros.core.controls import Mask
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.records import Array, LinearDynamics, Trajectory
+from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, picture, refuse_existing
 
 if TYPE_CHECKING:
     from vgps_ros.core.ddp.solve import Iteration
+    from vgps_ros.search.optimization_request import OptimizationRequest
     from vgps_ros.tasks import Task
+    from vgps_ros.tasks.task import Nominal
 
 ITERATIONS = Setting("iterations", 40, "most iterations of DDP", minimum=1, maximum=10_000)
 
@@ -44,7 +46,6 @@ _FAR = 0.7  # share of the start's cost from which on a step at the end is as fa
 _NEAR = 0.1  # share of it up to which the motion has arrived, so that little is left to improve
 _MUCH = 0.1  # share of the cost from which on a part of it is what the task is for
 _UNTOUCHED = 0.5  # share of the steps in which a reading stays as it was, if nothing touches it
-_GRACE = 0.5  # time that a signal leaves for an orderly end [s]
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
 
@@ -71,61 +72,44 @@ def add_arguments(parser: Parser) -> None:
     parser.add_output("--picture", text, type=picture)
 
 
-_heard = threading.Event()  # whether Python has heard of a signal, and says so itself
-
-
 def run(arguments: argparse.Namespace) -> None:
     """Checks the task, and prints what it finds."""
-    try:
-        _run(arguments)
-    except KeyboardInterrupt:
-        _heard.set()
-        raise
-
-
-def _run(arguments: argparse.Namespace) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from vgps_ros.tasks import make_task
-
     if arguments.picture:
         refuse_existing([arguments.picture], overwrite=arguments.overwrite)
-    _end_soon()
-    task = make_task(arguments.task)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("DDP", total=arguments.iterations)
-        found = examine_task(
-            task,
-            arguments.iterations,
-            arguments.seed,
-            lambda index, _: progress.update(bar, completed=index),
-            arguments.seconds,
-        )
+    try:
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            bar = progress.add_task("DDP", total=arguments.iterations)
+            task, found = _examined(
+                arguments, lambda index, _: progress.update(bar, completed=index)
+            )
+    except KeyboardInterrupt:
+        print("vgps check: interrupted.", file=sys.stderr, flush=True)
+        os._exit(1)  # what is compiled may go on for minutes, and Python would wait for it
     _show(task, found)
     if arguments.picture and found.optimized:
         _draw(task, found, arguments.picture)
 
 
-def _end_soon() -> None:
-    """Ends this program soon after a signal, even while compiled code runs, which hears of none."""
-    if threading.current_thread() is not threading.main_thread():
-        return
-    heard, wakes = os.pipe()
-    os.set_blocking(wakes, False)
-    signal.set_wakeup_fd(wakes)
+def _examined(
+    arguments: argparse.Namespace, on_iteration: Callable[[int, float], None]
+) -> tuple["Task", TaskCheck]:
+    """Looks the task over in a thread, since compiled code would hear of no signal in this one."""
+    from vgps_ros.tasks import make_task
 
-    def wait() -> None:
-        while os.read(heard, 1)[0] not in (signal.SIGINT, signal.SIGTERM):
-            pass
-        time.sleep(_GRACE)
-        if not _heard.is_set():
-            cursor = "\x1b[?25h" if sys.stderr.isatty() else ""
-            sys.stderr.write(f"{cursor}vgps check: interrupted.\n")
-        sys.stderr.flush()
-        os._exit(1)
+    outcome = Future[tuple["Task", TaskCheck]]()
 
-    threading.Thread(target=wait, daemon=True).start()
+    def work() -> None:
+        try:
+            task, given = make_task(arguments.task), (arguments.iterations, arguments.seed)
+            outcome.set_result((task, examine_task(task, *given, on_iteration, arguments.seconds)))
+        except Exception as error:
+            outcome.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return outcome.result()
 
 
 def _show(task: "Task", found: TaskCheck) -> None:
@@ -219,7 +203,6 @@ def examine_task(
     from vgps_ros.search.optimization_request import first_request, nominal_of
     from vgps_ros.search.settings import search_settings
     from vgps_ros.search.situations import check_situations
-    from vgps_ros.search.trajectory_optimization import optimize
 
     settings = search_settings(task)
     check_situations(task, settings, seed)
@@ -258,21 +241,41 @@ def examine_task(
         for name in np.array(task.cost_names)[is_unmoved]
     ]
     found.troubles += inexact(task, found.errors)
-    began = time.perf_counter()
+    start = replace(nominal, linear_dynamics=linear)
+    q = _optimized(task, request, start, on_iteration, seconds, found)
+    names = [*task.cost_names, "controls"]
+    costs = (_parts_of(task, motion) for motion in (first, found.optimized or first))
+    found.parts = list(zip(names, *costs, strict=True))
+    if q:
+        stds = np.sqrt(np.diagonal(q.control_covariances, axis1=1, axis2=2))
+        found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
+        found.troubles += _after(task, q.mean, found, task.cost.values(still))
+        found.troubles += _untouched(task, q.mean, is_unmoved)
+    return found
+
+
+def _optimized(
+    task: "Task",
+    request: "OptimizationRequest",
+    start: "Nominal",
+    on_iteration: Callable[[int, float], None],
+    seconds: float,
+    found: TaskCheck,
+) -> TrajectoryDistribution | None:
+    """Returns what DDP finds in so many seconds, and notes how it went; None where it fails."""
+    from vgps_ros.search.trajectory_optimization import optimize
+
+    began, q = time.perf_counter(), None
 
     def note(iteration: "Iteration") -> None:
         found.costs.append(iteration.cost)
         on_iteration(iteration.index, iteration.cost)
 
     quick = replace(task, optimizer=replace(task.optimizer, first_tolerance=_SMALL))
-    start = replace(nominal, linear_dynamics=linear)
     try:
-        result = optimize(
-            quick, request, note, lambda: time.perf_counter() - began > seconds, start
-        )
-        found.optimized = result.distribution.mean
-        stds = np.sqrt(np.diagonal(result.distribution.control_covariances, axis1=1, axis2=2))
-        found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
+        is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
+        q = optimize(quick, request, note, is_late, start).distribution
+        found.optimized = q.mean
     except VgpsError as error:
         found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
@@ -282,17 +285,14 @@ def examine_task(
             f"DDP stopped after {seconds:g} s, though its last iteration still brought "
             f"{100 * gain:.2g} %, so what is said of its motion may change; raise --seconds."
         )
-    costs = []
-    for motion in (first, found.optimized or first):
-        readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
-        deviations = motion.controls - task.cost.control_targets
-        controls = float((deviations**2 @ task.cost.control_weights).sum())
-        costs.append([*readings.tolist(), controls])
-    found.parts = list(zip([*task.cost_names, "controls"], *costs, strict=True))
-    if found.optimized:
-        found.troubles += _after(task, found.optimized, found, task.cost.values(still))
-        found.troubles += _untouched(task, found.optimized, is_unmoved)
-    return found
+    return q
+
+
+def _parts_of(task: "Task", motion: Trajectory) -> list[float]:
+    """Returns what each reading, and last the controls, cost along a motion."""
+    readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
+    deviations = motion.controls - task.cost.control_targets
+    return [*readings.tolist(), float((deviations**2 @ task.cost.control_weights).sum())]
 
 
 def _at_start(task: "Task") -> list[str]:
