@@ -218,6 +218,24 @@ def test_standardised_units_change_neither_weights_nor_loss(
     assert_allclose(loss, expected, rtol=1e-10)
 
 
+def test_a_feedback_that_asks_for_more_than_the_limits_is_taught_as_they_are(
+    random_distribution, whole, rng
+):
+    """In contact a gain may ask for 40 times the limit; the fit's noise would be as large."""
+    q = random_distribution(horizon=10)
+    steep = dataclasses.replace(q, gains=1e3 * q.gains)
+    limits = np.full(2, -1.0), np.full(2, 1.0)
+    start = start_of(Architecture(NAMES, (5,), 2), whole, [q], rng)
+
+    def noise(**taught):
+        policy = fit_policy(start, whole, [steep], FitSettings(iterations=20), rng, **taught)
+        return policy.noise_std
+
+    widest = np.diagonal(q.control_covariances, axis1=1, axis2=2).max(axis=0)
+    assert (noise(limits=limits) < np.sqrt(4.0 + widest)).all()
+    assert (noise() > 10.0 * np.sqrt(4.0 + widest)).all()
+
+
 def test_same_generator_gives_the_same_bits(random_distribution, whole):
     q, architecture = random_distribution(horizon=10), Architecture(NAMES, (5,), 2)
 

@@ -155,7 +155,8 @@ class FitSettings:
     beyond: float = setting(
         0.0,
         "distance beyond a limit, as a share of half the control's range, to which a control at "
-        "the limit is taught: the robot does the same, and no policy stays short of the limit",
+        "the limit, or what a feedback asks for beyond it, is taught: the robot does the same, and "
+        "no policy stays short of the limit",
         minimum=0.0,
         maximum=10.0,
     )

@@ -152,6 +152,7 @@ def fit_policy(
     visited: Sequence[Targets] = (),
     augmentation: Augmentation | None = None,
     replay: Sequence[Targets] = (),
+    limits: tuple[Array, Array] | None = None,
 ) -> GaussianPolicy:
     """Returns the policy that maximises L(q, θ), started from `policy`.
 
@@ -166,6 +167,8 @@ def fit_policy(
         visited: further samples, of the states that the policy itself has visited.
         augmentation: what becomes of the samples; None: they stay as they are.
         replay: samples of earlier q, of which each iteration draws its share.
+        limits: the lowest and highest controls that are taught, shape (n_u,) each; a feedback that
+            asks for more is taught as them.
     """
     pool = joined(replay) if replay else None
 
@@ -181,6 +184,8 @@ def fit_policy(
             )
             replayed = [_share(pool, settings.replayed, rng)] if pool else []
             found = joined([drawn, *visited, *replayed])
+            if limits:
+                found = replace(found, means=np.clip(found.means, *limits))
             if augmentation:
                 samples = found.inputs, found.means, found.variances
                 found = Targets(*augmentation(samples, rng))

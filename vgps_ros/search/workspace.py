@@ -182,8 +182,9 @@ class Workspace:
         observation, scored = self.task.observation, self.scored(solutions)
         visited, settings = self._visited(policy, scored, k, drawn), self.settings.fit
         augmentation = self.task.augmentation
+        taught = self._taught_limits() if settings.beyond else None
         fitted = fit_policy(
-            policy, observation, scored, settings, rng, visited, augmentation, replay
+            policy, observation, scored, settings, rng, visited, augmentation, replay, taught
         )
         stays = np.array_equal(fitted.parameters, policy.parameters)
         # Gauss-Newton ends at its start where the fit has converged, which is no trouble.
@@ -278,10 +279,16 @@ class Workspace:
     def _beyond_limits(self, q: TrajectoryDistribution) -> TrajectoryDistribution:
         """Returns q(ζ) with controls beyond a limit where they are at it."""
         (lowest, highest), controls = self.task.dynamics.control_limits, q.mean.controls
-        sides = (controls >= highest).astype(float) - (controls <= lowest)
-        ranges = np.where(np.isfinite(highest - lowest), highest - lowest, 0.0)
-        beyond = controls + 0.5 * self.settings.fit.beyond * sides * ranges
+        least, most = self._taught_limits()
+        beyond = np.where(controls >= highest, most, np.where(controls <= lowest, least, controls))
         return replace(q, mean=replace(q.mean, controls=beyond))
+
+    def _taught_limits(self) -> tuple[Array, Array]:
+        """Returns the lowest and highest controls that are taught, (n_u,) each; `fit.beyond`."""
+        lowest, highest = self.task.dynamics.control_limits
+        ranges = np.where(np.isfinite(highest - lowest), highest - lowest, 0.0)
+        further = 0.5 * self.settings.fit.beyond * ranges
+        return lowest - further, highest + further
 
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""
