@@ -138,14 +138,15 @@ def written(tmp_path, monkeypatch):
             "underactuated",
             ["elbow_axis, target: [0, 0, 1], weight: 0.25", "shoulder: 3.1416"],
         ),
-        (ACROBOT, "underactuated", ["begin: {law: best}", "beyond: 0.2"]),
+        (ACROBOT, "underactuated", ["begin: {law: best}", "beyond: 0.2", "lookahead: 1 "]),
         (
             WEAK,
             "underactuated",
             [
                 "swing: 3.1416",
                 "swing_axis, target: [0, 0, 1], weight: 1",
-                "horizon: 8 ",
+                "horizon: 6 ",
+                "lookahead: 2 ",
                 "{control: all, weight: 0.8}",
             ],
         ),
@@ -165,7 +166,7 @@ def written(tmp_path, monkeypatch):
         (SPINNER, "it shall turn spin", ["sensor: spin/velocity", "begin: {law: best}"]),
         (SPINNER, "An arm", ["{joint: spin, as: sin_cos}", "joint_positions: {except: [spin]}"]),
         (CUP, "An arm", ["xbody: ball, relative_to: {site: target}", "index: [z]"]),
-        (CUP, "An arm", ["solref: [0.017, 1]", "begin: {law: best}", "situations: 8"]),
+        (CUP, "An arm", ["solref: [0.017, 1]", "begin: {law: best}", "std_limit: {"]),
     ],
 )
 def test_each_kind_of_robot_gets_the_task_that_it_is_meant_for(written, model, kind, words):

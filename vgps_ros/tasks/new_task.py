@@ -115,14 +115,15 @@ def _facts(robot: Robot) -> dict[str, Any]:
     step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
     is_swimmer = robot.kind == "swimmer"
     period = _whole(0.02 if legs or is_swimmer or robot.kind == "pendulum" else 0.01, step)
-    swings = swing_time(robot) if robot.kind == "pendulum" else 0.0
-    horizon = _whole(1.0 if legs else 3.0 if is_swimmer else swings or 2.0, period)
+    planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
+    swings = 0.75 * planned if _swings(robot) else 0.0  # a plan's end needs no feedback
+    horizon = _whole(1.0 if legs else 3.0 if is_swimmer else swings or planned, period)
     times = {
         "step": step,
         "period": period,
         "horizon": horizon,
-        "twice": 2 * horizon,
-        "lookahead": _whole(1.0 if is_swimmer else 0.5, period),
+        "twice": 2 * (planned if swings else horizon),
+        "lookahead": _whole(1.0 if is_swimmer else 0.5 if robot.base else planned / 4, period),
     }
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
     std: dict[str, Any] = {"position": 0.01, "velocity": 0.1}
@@ -141,7 +142,7 @@ def _facts(robot: Robot) -> dict[str, Any]:
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},
         **{name: f"{time:g}" for name, time in times.items()},
-        "travels": bool(robot.base),
+        "goes_on": bool(robot.base) or _swings(robot),  # after its horizon, as it is trained to
         "keyframe": None if robot.key is None else listed["keyframes"][robot.key],
         "moved": _flow(moved, 5) if moved else "",
         "std": std,
@@ -312,8 +313,7 @@ def _begin(robot: Robot) -> dict[str, Any]:
     share = 0.7 if robot.kind == "swimmer" else 0.2
     std = np.where(np.isfinite(high) & (high > 0), share * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
-    touches = _carries(robot) or _turned(robot) is not None
-    swings = robot.kind == "pendulum" or touches
+    swings = _swings(robot)
     ends = _ends(robot) if is_servo else {}
     return {
         "hops": robot.hops,
@@ -462,6 +462,11 @@ def _away(robot: Robot) -> float:
 def _carries(robot: Robot) -> bool:
     """Returns whether it brings a thing that falls to the target."""
     return bool(robot.gravity) and _reached(robot) is not None and thing_beside(robot) is not None
+
+
+def _swings(robot: Robot) -> bool:
+    """Returns whether it swings itself, or a thing beside it that it catches or turns."""
+    return robot.kind == "pendulum" or _carries(robot) or _turned(robot) is not None
 
 
 def _turned(robot: Robot) -> int | None:
