@@ -341,6 +341,20 @@ def test_new_locks_joints_and_puts_servos_in_place_of_motors(tmp_path, monkeypat
             main(["new", "other", "--model", "robot.xml", "--lock", wrong])
 
 
+def test_servos_in_place_of_those_without_a_limit_are_as_strong_as_their_load(
+    tmp_path, monkeypatch
+):
+    """As of dm_control's quadruped, whose yaw got 1e9 N·m and a rotor of 1e6 kg·m²."""
+    monkeypatch.chdir(tmp_path)
+    found = []
+    for extra in (SERVO, 'kp="60"'):
+        Path("robot.xml").write_text(walker(*FOUR, motor="position", extra=extra))
+        main(["new", "mine", "--model", "robot.xml", "--servos", "--overwrite"])
+        found.append(make_task("mine").dynamics.model.actuator_forcerange[:, 1])
+    assert found[0] == pytest.approx(30.0)
+    assert found[1].max() < 1000.0
+
+
 def test_a_swimmer_reads_its_target_in_its_own_frame_alone(written):
     _, task = written(FISH.format(target='<site name="target" pos="0 .3 1"/>'))
     state = task.initial_state

@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import ControlKind
+from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names, joint_names
@@ -69,7 +69,7 @@ def first_task_file(
         largest = controls_of(former).largest
         pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
-        robot.strengths = {name: float(force) for name, force in at_joint if np.isfinite(force)}
+        robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
     named = ("drop", "remove_bodies", "remove_actuators")
     facts: dict[str, Any] = dict.fromkeys(named) | changes
     facts |= _facts(robot) | {"schema": schema, "model": reference}
