@@ -106,7 +106,7 @@ def test_no_figure_of_a_result_keeps_its_curve_from_being_drawn(result, value, t
     assert (tmp_path / "curve.png").stat().st_size > 1000
 
 
-def test_learning_curve_of_an_older_result_has_no_bound(result):
+def test_learning_curve_of_a_result_without_bounds_has_no_bound(result):
     for entry in result["iterations"]:
         del entry["bound"]
     labels = [line.get_label() for line in learning_curve(result).axes[0].lines]

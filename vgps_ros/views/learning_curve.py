@@ -93,7 +93,7 @@ def _curves(result: dict[str, Any]) -> list[tuple[str, Array, dict[str, Any]]]:
         curves.append((label, series(name) / initial, style))
     with np.errstate(divide="ignore", invalid="ignore"):  # a run whose α is 0 has none
         bound = -series("bound") / series("alpha") / initial  # E_q[c] + KL ÷ α
-    if np.isfinite(bound).any():  # an older result has none
+    if np.isfinite(bound).any():  # it may be infinite
         style = {"color": "tab:green", "linestyle": "-.", "linewidth": 1.0, "marker": "v"}
         curves.append(("bound −L(q, θ) ÷ α", bound, style))
     return curves
