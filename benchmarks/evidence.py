@@ -28,6 +28,7 @@ from benchmarks.figure1.statistics import (
 )
 from benchmarks.figure1.table import Columns, by_panel
 from benchmarks.past_the_paper import METHODS as PAST
+from benchmarks.past_the_paper import PEERS
 from benchmarks.past_the_paper import rows as past_rows
 from benchmarks.robots import ALONE, OWN, lines, robots
 from vgps_ros.core.records import Array
@@ -266,16 +267,20 @@ def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:
 
 
 def past_the_paper() -> str:
-    """Returns the table of bounded steps beside vgps: medians over seeds, worst in brackets."""
-    shown = []
-    for task, method in product(dict.fromkeys(row["task"] for row in past_rows()), PAST):
+    """Returns the table of methods beside vgps: medians over seeds, worst in brackets."""
+    shown, names = [], dict.fromkeys(row["task"] for row in past_rows())
+    for task, method in product(names, (*PAST, *PEERS)):
         own = [r for r in past_rows() if (r["task"], r["method"]) == (task, method)]
         if not own:
             continue
-        last = ([row[name][-1] for row in own] for name in PAST_COSTS)
+        last = ([row[name][-1] for row in own if name in row] for name in PAST_COSTS)
         ends = [[np.inf if cost is None else cost for cost in costs] for costs in last]
-        costs = [f"{np.median(e):.0f} ({max(e):.0f})".replace("inf", "diverges") for e in ends]
-        survival = f"{np.median([row['stochastic_survival'][-1] for row in own]):.0%}"
+        costs = [
+            f"{np.median(e):.0f} ({max(e):.0f})".replace("inf", "diverges") if e else "–"
+            for e in ends
+        ]
+        shares = [row["stochastic_survival"][-1] for row in own if "stochastic_survival" in row]
+        survival = f"{np.median(shares):.0%}" if shares else "–"
         seeds = f"{_each('seed', own)}; {', '.join(dict.fromkeys(r['commit'] for r in own))}"
         taken = (np.median([row["steps"][i] for row in own]) / 1e3 for i in (0, -1))
         seconds = f"{np.median([row['seconds'] for row in own]):.0f} s"

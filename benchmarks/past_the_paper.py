@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Cost against simulator steps: vgps beside steps of bounded divergence, with and without a model.
+"""Cost against simulator steps: vgps, steps of bounded divergence, GPS, and PPO and SAC beside.
 
 Each training is a line of docs/evidence/past_the_paper.jsonl, which is written as it ends; a line
 that is there is not measured again. After `source env.bash`:
@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.reinforcement import Goal
 from benchmarks.robots import last_change
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.methods import search
@@ -36,6 +37,7 @@ ROWS = EVIDENCE / "past_the_paper.jsonl"
 SEEDS = (8201, 8202, 8203, 8204, 8205)  # no setting was chosen on them
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "vgps": ("vgps", {}),
+    "gps": ("gps", {}),
     "vgps, 15 DDP iterations": ("vgps", {"initial_ddp_iterations": 15}),
     "average cost, model": ("mdgps", {}),
     "likelihood, model": ("mdgps", {"mirror.objective": "likelihood"}),
@@ -47,6 +49,10 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 EXPLORATION = {"swimmer": 10.0, "cart_pole": 1.0, "walker": 1.0}  # [N·m], [N], [N·m]
 ITERATIONS, FIRST_STEPS = 20, 40
+# Of Stable-Baselines3, with the settings of its zoo, and the most simulator steps of each task.
+PEERS = ("PPO", "SAC")
+PEER_STEPS = {"swimmer": 1_400_000, "walker": 800_000}
+PEER_SECONDS = 600.0  # after which a peer ends in any case
 
 
 def rows() -> list[dict[str, Any]]:
@@ -80,6 +86,26 @@ def measured(name: str, label: str, seed: int) -> dict[str, Any]:
     }
 
 
+def peer_measured(name: str, label: str, seed: int) -> dict[str, Any]:
+    """Trains a peer; returns its line, whose lists have an entry for each look at it."""
+    from benchmarks import stable_baselines as peers
+
+    task, algorithm = make_task(name), next(a for a in peers.ZOO if a.__name__ == label)
+    goal = Goal("no goal", task.horizon, task.trajectory_cost, -np.inf)
+    steps, began = PEER_STEPS[name] // task.dynamics.substeps, time.process_time()
+    found = peers.learn(algorithm, task, goal, None, PEER_SECONDS, seed=seed, steps=steps)
+    return {
+        "task": name,
+        "method": label,
+        "seed": seed,
+        "commit": last_change(),
+        "machine": f"{os.cpu_count()} cores of {platform.machine()}",
+        "seconds": round(time.process_time() - began, 1),
+        "steps": [count for count, _ in found.curve],
+        "deterministic": _finite(cost for _, cost in found.curve),
+    }
+
+
 def _finite(costs: Iterable[float]) -> list[float | None]:
     """Returns costs as JSON values: null where a rollout diverged."""
     return [cost if math.isfinite(cost) else None for cost in costs]
@@ -92,7 +118,7 @@ def plot() -> None:
     names = list(dict.fromkeys(row["task"] for row in rows()))
     figure, axes = plt.subplots(1, len(names), figsize=(5 * len(names), 3.6), squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
-        for i, label in enumerate(METHODS):
+        for i, label in enumerate((*METHODS, *PEERS)):
             own = [r for r in rows() if (r["task"], r["method"]) == (name, label)]
             for n, row in enumerate(own):
                 shown = {"color": f"C{i}", "label": label if n == 0 else None}
@@ -111,7 +137,7 @@ def main() -> None:
     """Measures what is missing, or draws the lines."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tasks", nargs="*", default=["swimmer", "cart_pole"])
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=(*METHODS, *PEERS))
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
     parser.add_argument("--plot", action="store_true")
     given = parser.parse_args()
@@ -122,7 +148,7 @@ def main() -> None:
     known = {(row["task"], row["method"], row["seed"]) for row in rows()}
     for run in ((t, m, s) for s in given.seeds for t in given.tasks for m in given.methods):
         if run not in known:
-            line = json.dumps(measured(*run))
+            line = json.dumps((peer_measured if run[1] in PEERS else measured)(*run))
             with ROWS.open("a") as file:
                 file.write(line + "\n")
             print(line, flush=True)

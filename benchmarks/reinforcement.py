@@ -76,6 +76,7 @@ class Outcome:
         simulator_steps: simulator steps done meanwhile, those of finite differences included.
         policy_steps: those of them that an unfinished policy drove.
         best: the best figure seen.
+        curve: simulator steps and the figure at each look.
     """
 
     reached: bool
@@ -83,6 +84,7 @@ class Outcome:
     simulator_steps: int
     policy_steps: int
     best: float
+    curve: tuple[tuple[int, float], ...] = ()
 
 
 class Stopwatch:

@@ -64,6 +64,8 @@ def learn(
     goal: Goal,
     hidden_units: int | None,
     limit: float,
+    seed: int = SEED,
+    steps: int = 10**9,
 ) -> Outcome:
     """Trains a peer until its policy reaches the goal, for some time at most.
 
@@ -73,6 +75,8 @@ def learn(
         goal: where it ends.
         hidden_units: width of the one hidden layer of soft rectifiers; None: its own network.
         limit: wall time [s].
+        seed: of its draws.
+        steps: control steps after which it ends in any case.
     """
     torch.set_num_threads(1)  # the fastest for networks of this size
     settings = dict(ZOO[algorithm][task.name])
@@ -81,23 +85,22 @@ def learn(
             "net_arch": {"pi": [hidden_units], **_CRITICS[algorithm]},
             "activation_fn": torch.nn.Softplus,
         }
-    environment, look = environments(algorithm, task), Look(task, goal, limit)
-    model = algorithm("MlpPolicy", environment, seed=SEED, device="cpu", **settings)
+    environment, look = environments(algorithm, task, seed), Look(task, goal, limit)
+    model = algorithm("MlpPolicy", environment, seed=seed, device="cpu", **settings)
     model.set_logger(Logger(folder=None, output_formats=[]))  # its own makes a folder in /tmp
-    model.learn(total_timesteps=10**9, callback=look)
+    model.learn(total_timesteps=steps, callback=look)
     environment.close()
     reached = look.best <= goal.bound
-    steps = model.num_timesteps * task.dynamics.substeps
-    return Outcome(reached, look.seconds, steps, steps, look.best)
+    done = model.num_timesteps * task.dynamics.substeps
+    return Outcome(reached, look.seconds, done, done, look.best, tuple(look.curve))
 
 
-def environments(algorithm: type[BaseAlgorithm], task: Task) -> VecEnv:
+def environments(algorithm: type[BaseAlgorithm], task: Task, seed: int = SEED) -> VecEnv:
     """Returns what the algorithm learns in, as many side by side and normalised as in the zoo."""
     gamma = ZOO[algorithm][task.name].get("gamma", 0.99)
     number = ENVIRONMENTS[algorithm][task.name]
-    found = make_vec_env(
-        f"vgps_ros/{task.name.capitalize()}-v0", number, seed=SEED, env_kwargs={"render_mode": None}
-    )
+    name = task.name.title().replace("_", "")
+    found = make_vec_env(f"vgps_ros/{name}-v0", number, seed=seed, env_kwargs={"render_mode": None})
     return VecNormalize(found, gamma=gamma) if algorithm is PPO else found
 
 
@@ -109,6 +112,7 @@ class Look(BaseCallback):
         self._task, self._goal, self._limit = task, goal, limit
         self._watch, self._next = Stopwatch(), _LOOK_PERIOD
         self.best = float("inf")
+        self.curve: list[tuple[int, float]] = []
         self.seconds = 0.0
 
     def _on_step(self) -> bool:
@@ -118,6 +122,7 @@ class Look(BaseCallback):
             with self._watch.stopped():
                 figure = self._goal.measure(self._task, control_law(self.model, self._task))
             self.best = min(self.best, figure)
+            self.curve.append((self.num_timesteps * self._task.dynamics.substeps, figure))
         return self.best > self._goal.bound and self.seconds < self._limit
 
 

@@ -7,9 +7,10 @@ import gymnasium
 import numpy as np
 import pytest
 from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.vec_env import VecNormalize
 
 import vgps_ros.tasks.environment  # noqa: F401  registers them
-from benchmarks import stable_baselines
+from benchmarks import controller_peer, stable_baselines
 from benchmarks.reinforcement import Goal, Stopwatch, learn, walking_goal
 from vgps_ros.core.records import Trajectory
 from vgps_ros.tasks import make_task
@@ -20,6 +21,11 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def walker():
     return make_task("walker")
+
+
+@pytest.fixture(scope="module")
+def quadruped():
+    return make_task("quadruped")
 
 
 @pytest.fixture(autouse=True)
@@ -79,6 +85,43 @@ def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, 
         action, _ = model.predict(seen, deterministic=True)
         observation, *_ = episode.step(action)
         np.testing.assert_allclose(episode.unwrapped.state, state, rtol=0, atol=1e-9)
+
+
+def test_an_actor_becomes_a_policy_of_ours_with_the_same_targets(quadruped, tmp_path):
+    robots = VecNormalize(controller_peer.Robots(quadruped, 3), gamma=0.99)
+    policy_kwargs = {"net_arch": list(controller_peer.HIDDEN)}
+    model = PPO("MlpPolicy", robots, n_steps=2, batch_size=512, policy_kwargs=policy_kwargs)
+    model.learn(2048)
+    normalised = robots.reset()
+    policy = controller_peer.as_policy(model, quadruped)
+    actions = model.predict(normalised, deterministic=True)[0]
+    wanted = controller_peer.targets(quadruped, actions)
+    np.testing.assert_allclose(policy.mean(robots.unnormalize_obs(normalised)), wanted, atol=1e-5)
+
+
+def test_robots_side_by_side_are_the_task_s_own_robot(quadruped):
+    """A step is one of the task's dynamics, and its cost the task's in the robot's context."""
+    robots = controller_peer.Robots(quadruped, 3)
+    robots.reset()
+    before, context = robots.states.copy(), robots.context()
+    actions = np.random.default_rng(1).normal(0.0, 0.3, (len(before), 12))
+    robots.step_async(actions)
+    _, rewards, done, _ = robots.step_wait()
+    controls = np.clip(
+        controller_peer.targets(quadruped, actions), *quadruped.dynamics.control_limits
+    )
+    pushed = np.any(robots.pushed != before, axis=1)
+    kept = [i for i in range(len(before)) if not (pushed[i] or done[i])][:5]
+    for i in kept:
+        after = quadruped.dynamics.step(before[i], controls[i])
+        np.testing.assert_allclose(robots.states[i], after, atol=1e-9)
+    alone = [
+        quadruped.in_context(context[i : i + 1]).cost(before[i : i + 1], controls[i : i + 1])[0]
+        for i in kept
+    ]
+    obeyed = rewards[kept] / quadruped.dynamics.time_step + controller_peer.COST * np.array(alone)
+    assert np.all((obeyed > 0.0) & (obeyed < 1.5))
+    assert 0 < pushed.sum() < 20
 
 
 def test_our_search_stops_at_its_goal(swimmer):
