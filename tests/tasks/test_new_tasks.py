@@ -244,6 +244,8 @@ def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(writt
     assert lead > 2
     weight = float(text.partition("{control: all, pose: start, weight: ")[2].partition("}")[0])
     assert weight == pytest.approx(12 / lead, rel=0.05)
+    # Its noise is no wilder for that: policies hear no motion through one beyond its limits.
+    assert task.search["alphas"] == pytest.approx([0.4 * lead, 1.2 * lead], rel=0.05)
     strong = walker(*TWO, extra='ctrlrange="-10 10"').replace(
         'joint="left_knee" ctrlrange="-10 10"', 'joint="left_knee" ctrlrange="-20 20"'
     )

@@ -232,6 +232,9 @@ def _signals(robot: Robot) -> dict[str, Any]:
         "fall_lead": f"{1.7 * (robot.height / robot.gravity) ** 0.5:.2g}",  # of a pendulum [s]
         "biped": two,
         "iterations": 30 if robot.hops else 26 if two else 22,
+        # The cheaper a late control is, the wilder would be its noise, which learning must hear
+        # the motion through.
+        "alphas": [scale * _leads(robot).max(initial=1.0) for scale in (0.4, 1.2)],
         "solves": 3 if two else 2,  # DDP iterations
         "new_solves": 24 if two else 16,
         "unlimited": dict.fromkeys(_places(robot), np.inf),
@@ -243,6 +246,16 @@ def _rate(robot: Robot) -> float:
     """Returns how often a robot steps [Hz]; 0 without legs."""
     share = 0.6 if len(robot.feet) > 2 or robot.hops else 0.36
     return share * (robot.gravity / robot.leg) ** 0.5 if robot.feet else 0.0
+
+
+def _leads(robot: Robot) -> Array:
+    """Returns how far each control leads what it brings about, squared, at the clock's rate.
+
+    One that acts late has to lead by more, the faster the robot steps.
+    """
+    kinds, numbers = robot.model.actuator_dyntype, robot.model.actuator_dynprm
+    lags = np.isin(kinds, [int(kind) for kind in _LAGGING])
+    return np.asarray(1.0 + (2 * np.pi * _rate(robot) * np.where(lags, numbers[:, 0], 0.0)) ** 2)
 
 
 def _scored(robot: Robot) -> dict[str, Any]:
@@ -604,8 +617,7 @@ def _ends(robot: Robot) -> dict[str, float]:
 def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     """Returns the cost of controls: each weighs the same at its own limit, of a servo its force.
 
-    One that acts late has to lead what it shall do by more, the faster the robot steps; what it
-    brings about is scored, not how far it leads.
+    Of one that acts late what it brings about is scored, not how far it leads.
     """
     model = robot.model
     strong = 3.0 if robot.feet else 0.5  # what a control at its limit costs in each step
@@ -629,10 +641,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
             force = controls.servo_forces[i]
             limit = min(force / controls.stiffness[i], 1.0) if force < 1e6 else _UNKNOWN_REACH
             limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
-        lags = mujoco.mjtDyn(model.actuator_dyntype[i]) in _LAGGING
-        lag = model.actuator_dynprm[i, 0] if lags else 0.0
-        lead = 1.0 + (2 * np.pi * _rate(robot) * lag) ** 2  # of its square, at the clock's rate
-        weight = f"{strong / limit**2 / lead:.2g}"
+        weight = f"{strong / limit**2 / _leads(robot)[i]:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
     return [
         {"control": "all" if len(groups) == 1 else names}
