@@ -45,9 +45,6 @@ def parameters(settings: SearchSettings) -> dict[str, object]:
         "ddp_iterations": settings.ddp_iterations,
         "evaluation_rollouts": settings.evaluation_rollouts,
         "situations": settings.situations,
-        "alphas": list(settings.alphas),
-        "alpha_iterations": list(settings.alpha_iterations),
-        "candidates": settings.candidates,
         **{s.name: s.default for s in settings_of(settings.disturb, "disturb.") if s.default},
     }
 
@@ -343,7 +340,8 @@ def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, c
     )
     given = ("--ros-args", "--params-file", str(path))
     graph.start("trajectory_optimizer", *given, task="walker")
-    graph.start("policy_learner", *given, task="walker", **parameters(settings))
+    own = {name: list(v) if isinstance(v, tuple) else v for name, v in chosen.items()}
+    graph.start("policy_learner", *given, task="walker", **parameters(settings), **own)
     program = start_training(graph, settings, 7, tmp_path / "out")
     assert program.wait() == 0, program.output
 
