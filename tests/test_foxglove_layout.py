@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import String
 
 from vgps_ros.messages.names import message_type
 from vgps_ros.simulation.frames import ROOT
@@ -15,7 +16,7 @@ from vgps_ros.views.graph_scene import DRAWN
 
 LAYOUT = json.loads(Path(__file__).parents[1].joinpath("config/foxglove_layout.json").read_text())
 TYPES = {f"/{topic}": message_type(kind) for topic, kind in DRAWN.items()}
-TYPES["/diagnostics"] = DiagnosticArray
+TYPES |= {"/diagnostics": DiagnosticArray, "/robot_description": String}
 
 
 def leaves(node: Any) -> Iterator[str]:

@@ -138,8 +138,9 @@ def test_what_is_missing_is_named_and_the_last_motion_becomes_a_table(tmp_path, 
         assert f"Not whole: 50 states from {time_of_state(199):.3f}" in capsys.readouterr().err
         assert output.stat().st_size > 1000
     with BagReader(SAMPLE) as sample:
-        states = sample.counts["/joint_states"]
-    assert len((tmp_path / "bag.csv").read_text().split()) == 1 + states - 250
+        count = sample.counts["/joint_states"]
+    times = {time_of_state(number) for number in range(250, count)}  # some come twice
+    assert len((tmp_path / "bag.csv").read_text().split()) == 1 + len(times)
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["bag", "bag.csv", "bag.rrd"]
 
 
