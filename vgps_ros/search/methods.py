@@ -90,6 +90,9 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
     return settings
 
 
+_LITTLE = 0.5  # share of the rollouts; seeds that learn reach .7 to 1
+
+
 def search(
     method: str,
     task: Task,
@@ -148,6 +151,8 @@ def search(
             if k == settings.iterations and best is not this:
                 update = replace(update, policy=best.policy)
                 notice += f" That of iteration {best.k} is kept, which {best.told(task, settings)}."
+            if k == settings.iterations and best.success < _LITTLE:
+                notice += " That is little: another --seed may do better, since seeds differ much."
         evaluation = evaluated(update, k)
         history = (*state.history, measure(work, state, update, evaluation, q_step, m_step))
         state = SearchState(work.initial_solutions, work.simulator_steps, history, update, best)
