@@ -1,10 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""PPO of Stable-Baselines3 on the task of a controller, judged as `vgps evaluate` judges ours.
+"""PPO of Stable-Baselines3 on the quadruped's task, judged as `vgps evaluate` judges ours.
 
     python -m benchmarks.controller_peer --seed 0 --minutes 20 --output recordings/ppo
 
-Many robots step side by side in one compiled loop, and are told, fall and are pushed as in a task
-with commands; a policy reads what the task's policy reads. The reward is that of legged_gym for the
+Many robots step side by side in one compiled loop, and are told, fall and are pushed as in the
+task; a policy reads what the task's policy reads. The reward is that of legged_gym for the
 commands, and a share of the task's own cost, which tells of feet, height and pose. Time is that of
 processors, since other programs run beside.
 """
@@ -25,7 +25,6 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.policies.policy_file import open_policy
@@ -57,7 +56,7 @@ SETTINGS: dict[str, Any] = {
 
 
 class Robots(VecEnv):
-    """Robots of a task with commands, side by side.
+    """Quadrupeds side by side, which are told a speed ahead, one sideways and a turn.
 
     Args:
         task: what they learn.
@@ -70,7 +69,6 @@ class Robots(VecEnv):
 
     def __init__(self, task: Task, seed: int):
         self._task, self._rng = task, np.random.default_rng(seed)
-        self._cost: FeatureCost = task.cost
         self._achieved = Achieved.of(task)
         self._settings = search_settings(task)
         self._largest_push = self._settings.renew.push / task.dynamics.model.body_mass.sum()
@@ -158,11 +156,11 @@ class Robots(VecEnv):
         errors = self._achieved.errors(both[None], controls[None], context[None])[0]
         obeys = np.exp(-(errors[:, :2] ** 2).sum(axis=1) / SIGMA)
         obeys += 0.5 * np.exp(-(errors[:, 2] ** 2) / SIGMA)
-        cost = self._cost.in_context(context)(self.states, controls)
+        cost = self._task.cost.in_context(context)(self.states, controls)
         return np.asarray(period * (obeys - COST * np.minimum(cost, 100.0)), dtype=np.float32)
 
     def close(self) -> None:
-        """Does nothing."""
+        """Closes nothing, as the robots hold nothing open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Returns an attribute, once for each robot."""
@@ -268,14 +266,13 @@ class Judge(BaseCallback):
 def main() -> None:
     """Trains for some minutes of processor time."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--task", default="quadruped")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--output", type=Path, required=True)
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True)
     torch.set_num_threads(1)
-    task = make_task(arguments.task)
+    task = make_task("quadruped")
     environment = VecNormalize(Robots(task, arguments.seed), norm_reward=True, gamma=0.99)
     model = PPO(
         "MlpPolicy",

@@ -71,12 +71,7 @@ def measured(name: str, label: str, seed: int) -> dict[str, Any]:
     settings, began = with_values(search_settings(task), {**shared, **own}), time.process_time()
     found = list(search(method, task, settings, seed, partial(optimize_all, task)))
     return {
-        "task": name,
-        "method": label,
-        "seed": seed,
-        "commit": last_change(),
-        "machine": f"{os.cpu_count()} cores of {platform.machine()}",
-        "seconds": round(time.process_time() - began, 1),
+        **_begun(name, label, seed, began),
         "first_cost": found[0].initial_ddp_cost,
         "steps": [i.simulator_steps for i in found],
         "q_cost": _finite(i.ddp_cost for i in found),
@@ -95,14 +90,21 @@ def peer_measured(name: str, label: str, seed: int) -> dict[str, Any]:
     steps, began = PEER_STEPS[name] // task.dynamics.substeps, time.process_time()
     found = peers.learn(algorithm, task, goal, None, PEER_SECONDS, seed=seed, steps=steps)
     return {
+        **_begun(name, label, seed, began),
+        "steps": [count for count, _ in found.curve],
+        "deterministic": _finite(cost for _, cost in found.curve),
+    }
+
+
+def _begun(name: str, label: str, seed: int, began: float) -> dict[str, Any]:
+    """Returns what each line begins with: what was trained, by what, and in which time."""
+    return {
         "task": name,
         "method": label,
         "seed": seed,
         "commit": last_change(),
         "machine": f"{os.cpu_count()} cores of {platform.machine()}",
         "seconds": round(time.process_time() - began, 1),
-        "steps": [count for count, _ in found.curve],
-        "deterministic": _finite(cost for _, cost in found.curve),
     }
 
 
