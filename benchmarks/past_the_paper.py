@@ -146,6 +146,8 @@ def main() -> None:
     if given.plot:
         plot()
         return
+    if set(PEERS) & set(given.methods) and (lacking := set(given.tasks) - set(PEER_STEPS)):
+        parser.error(f"{' and '.join(PEERS)} learn {' and '.join(PEER_STEPS)}, not {lacking.pop()}")
     silence_mujoco()
     known = {(row["task"], row["method"], row["seed"]) for row in rows()}
     for run in ((t, m, s) for s in given.seeds for t in given.tasks for m in given.methods):
