@@ -83,6 +83,41 @@ def test_removing_a_joint_or_a_body_removes_all_that_is_of_it(arm):
     assert model.nu == 1
 
 
+SIX = """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+  <joint name="z" type="slide" axis="0 0 1"/><joint name="yaw" axis="0 0 1"/>
+  <joint name="tilt" axis="0 1 0"/><joint name="list" axis="1 0 0"/>"""
+BASE = f"""<mujoco><compiler angle="radian"/><worldbody>
+  <body name="trunk" pos="0 0 .5" euler="0 0 .4">{SIX}<geom type="box" size=".2 .1 .05"/>
+    <body pos=".2 0 0"><joint name="hip" axis="0 1 0"/><geom size=".1" pos="0 0 -.3"/></body></body>
+  </worldbody><actuator><motor name="hip" joint="hip"/></actuator>
+  <sensor><jointpos joint="tilt"/></sensor>
+  <keyframe><key qpos=".3 .2 .1 .5 -.4 .3 .6" qvel="0 0 0 0 0 0 2" ctrl="1"/></keyframe></mujoco>"""
+
+
+def test_a_free_joint_in_place_of_six_moves_the_body_as_they_did(tmp_path):
+    (tmp_path / "robot.xml").write_text(BASE)
+    before, after = (
+        changed(tmp_path / "robot.xml"),
+        changed(tmp_path / "robot.xml", free_bodies=["trunk"]),
+    )
+    assert [after.joint(i).name for i in range(after.njnt)] == ["trunk_free", "hip"]
+    assert (after.nu, after.nsensor) == (1, 0)
+    data = [mujoco.MjData(model) for model in (before, after)]
+    for model, each in zip((before, after), data, strict=True):
+        mujoco.mj_resetDataKeyframe(model, each, 0)
+        each.ctrl[0] = 3.0
+        mujoco.mj_forward(model, each)
+    for measure in ("xpos", "xquat"):
+        one, other = (getattr(each, measure) for each in data)
+        np.testing.assert_allclose(one, other, atol=1e-5)
+    assert data[0].joint("hip").qacc == pytest.approx(data[1].joint("hip").qacc, rel=1e-4)
+
+
+def test_only_a_body_in_the_world_can_be_freed(arm):
+    with pytest.raises(InvalidChangeError, match="'upper' is carried by 'base'"):
+        changed(arm, free_bodies=["upper"])
+
+
 def test_a_mass_is_set_and_inertia_grows_alike(arm):
     before, after = (
         changed(arm),

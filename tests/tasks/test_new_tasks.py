@@ -198,6 +198,19 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert model.opt.timestep == 0.005
 
 
+def test_six_joints_that_carry_a_robot_anywhere_become_a_free_one(written):
+    six = "".join(
+        f'<joint name="{kind}_{axis}" type="{kind}" axis="{place}"/>'
+        for kind in ("slide", "hinge")
+        for axis, place in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1"))
+    )
+    text, task = written(walker(*FOUR, extra=SERVO, joint=six, motor="position"))
+    assert "free_bodies: [trunk]" in text
+    assert [c.name for c in task.signals.commands] == ["forward", "sideways", "turn"]
+    plane, _ = written(walker(*FOUR, extra=SERVO, joint=PLANE, motor="position"))
+    assert "free_bodies" not in plane
+
+
 def test_legs_start_from_no_keyframe_in_which_they_crouch(written):
     pose = "0 0 {} 1 0 0 0 0 -{} {} 0 -{} {}"
     for name, low, is_used in (

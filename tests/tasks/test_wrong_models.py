@@ -97,6 +97,7 @@ TASKS = {
     "changes: {remove_joints: [shoulder, elbow]}": "has no joint",
     "changes: {remove_bodies: [loer]}": "Did you mean 'lower'",
     "changes: {remove_bodies: [upper]}": "has no joint|framepos|tip",
+    "changes: {free_bodies: [loer]}": "Did you mean 'lower'",
     "changes: {remove_actuators: [m_elbw]}": "Did you mean 'm_elbow'",
     "changes: {remove_actuators: ['*']}": "0 actuators",
     "changes: {bodies: {lowr: {mass: 1.0}}}": "Did you mean 'lower'",

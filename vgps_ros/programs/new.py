@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.new_task import first_task_file
-    from vgps_ros.tasks.robot_kind import things_beside_legs
+    from vgps_ros.tasks.robot_kind import free_in_all_but_name, things_beside_legs
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
 
@@ -99,6 +99,8 @@ def run(arguments: argparse.Namespace) -> None:
             raise error from None
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
+    if base := free_in_all_but_name(model):
+        model = compiled(free_bodies=[base])
     if beside := things_beside_legs(model):
         model = compiled(remove_bodies=beside)
     former = model

@@ -4,10 +4,10 @@
 Changes and added sensors are plain data, of the form that `vgps_ros.tasks.schema` declares. They
 are made in this order: what only shows is dropped, a floor is added, actuators and bodies are
 removed, options set, joints, geoms and masses changed, contacts restricted, motors added, joints
-removed or locked with what drives them, and sensors added. Bodies, joints, geoms and actuators
-without a name get one first, so that changes and tasks can name them: a body after the one that
-carries it, a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after what it
-drives.
+removed or locked with what drives them, bodies freed, and sensors added. Bodies, joints, geoms and
+actuators without a name get one first, so that changes and tasks can name them: a body after the
+one that carries it, a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after
+what it drives.
 """
 
 import warnings
@@ -119,8 +119,21 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         if "lock" in values:
             found = _matching(spec.joints, "joint", pattern, "joints", pattern)
             locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
-    if gone or locked:
-        _remove_joints(spec, gone, locked)
+    freed = [
+        body
+        for i, pattern in enumerate(changes.get("free_bodies", ()))
+        for body in _matching(spec.bodies[1:], "body", pattern, "free_bodies", i)
+    ]
+    for body in freed:
+        if body.parent.name != "world":
+            raise InvalidChangeError(
+                ("changes", "free_bodies"),
+                f"{quoted(body.name)} is carried by {quoted(body.parent.name)}, and MuJoCo has "
+                "free joints of bodies in the world alone; name one of those.",
+            )
+        gone += [joint.name for joint in body.joints]
+    if gone or locked or freed:
+        _remove_joints(spec, gone, locked, freed)
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
     for name, sensor in sensors.items():
@@ -177,8 +190,12 @@ def _drop(spec: mujoco.MjSpec, what: Sequence[str]) -> None:
             spec.delete(mesh)
 
 
-def _remove_joints(spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str, float]) -> None:
+def _remove_joints(
+    spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str, float], freed: Sequence[Any]
+) -> None:
     """Removes joints with all that is of them; a locked one leaves its body turned or shifted.
+
+    Bodies that are freed get a free joint, and in keyframes are where they were, at rest.
 
     A body's joints act one after another, X = B J₁ J₂. If J₂ is locked, its motion goes into B, and
     J₁ is named in the frame behind it: X = (B J₂) (J₂⁻¹ J₁ J₂).
@@ -226,12 +243,22 @@ def _remove_joints(spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str
                 kept.append(joint)
     for joint in [each for each in spec.joints if each.name in names]:
         spec.delete(joint)
+    for body in freed:
+        body.add_freejoint()
+    name_all(spec)
     for key in spec.keys:
         key.qpos, key.qvel, key.ctrl, key.act = [], [], [], []
-    after = _compiled(spec)
+    after, data = _compiled(spec), mujoco.MjData(before)
+    bodies = {body.joints[0].name: before.body(body.name).id for body in freed}
     for k, key in enumerate(spec.keys):
         positions, velocities = after.qpos0.copy(), np.zeros(after.nv)
+        data.qpos[:] = before.key_qpos[k]
+        mujoco.mj_kinematics(before, data)
         for i in range(after.njnt):
+            if body := bodies.get(after.joint(i).name):
+                pose = np.concatenate([data.xpos[body], data.xquat[body]])
+                positions[after.jnt_qposadr[i] :][:7] = pose
+                continue
             old = before.joint(after.joint(i).name)
             positions[after.jnt_qposadr[i] :][: len(old.qpos0)] = before.key_qpos[k][
                 old.qposadr[0] :

@@ -144,6 +144,19 @@ def things_beside_legs(model: mujoco.MjModel) -> list[str]:
     return [name for name in names if "target" not in name]
 
 
+def free_in_all_but_name(model: mujoco.MjModel) -> str | None:
+    """Returns the robot's root if it goes and turns anywhere by joints of its own.
+
+    Those are three slides and three hinges, which no actuator drives.
+
+    Raises:
+        InvalidInputError: no actuator drives a joint, and no joint could have one.
+    """
+    robot = recognised(model)
+    kinds = sorted(model.jnt_type[robot.base].tolist())
+    return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
+
+
 def recognised(model: mujoco.MjModel) -> Robot:
     """Returns the facts about a model; its kind decides how it starts, and what its goal is."""
     data = mujoco.MjData(model)

@@ -356,6 +356,10 @@ class Changes(Record, frozen=True, kw_only=True):
         tuple[Name, ...],
         about("names or patterns of joints to remove, with their actuators and tendons", ["root"]),
     ] = ()
+    free_bodies: Annotated[
+        tuple[Name, ...],
+        about("names or patterns of bodies that get a free joint in place of their own", ["trunk"]),
+    ] = ()
     remove_actuators: Annotated[
         tuple[Name, ...], about("names or patterns of actuators to remove first", ["*"])
     ] = ()
