@@ -166,7 +166,7 @@ class PushedRobot:
 
 def measure(task: str, controller: str, policy: Path, given: argparse.Namespace) -> dict[str, Any]:
     """Drives the robot by one controller; returns its figures."""
-    parameters: dict[str, Any] = {"task": task}
+    parameters: dict[str, Any] = {"task": task, "base_from": "odom"}
     if controller != "mpc":
         parameters["policy_file"] = policy
     if controller != "policy":

@@ -198,6 +198,22 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         assert model.opt.timestep == 0.005
 
 
+def test_feet_that_are_meshes_stand_on_the_ground_by_their_lowest_vertex(written):
+    """A wedge's box reaches below it once it is turned."""
+    wedge = '<asset><mesh name="wedge" vertex="0 .03 0 0 -.03 0 .1 0 0 .1 0 .08"/></asset>'
+    robot = walker(*FOUR).replace('_foot" size=".02"', '_foot" type="mesh" mesh="wedge"')
+    _, task = written(robot.replace("<worldbody>", f"{wedge}<worldbody>"))
+    model = task.dynamics.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = task.initial_state[: model.nq]
+    mujoco.mj_kinematics(model, data)
+    mesh, lowest = model.mesh_vert, []
+    for name in ("FL_foot", "FR_foot", "HL_foot", "HR_foot"):
+        turn = data.geom(name).xmat.reshape(3, 3)
+        lowest.append((data.geom(name).xpos + mesh[: model.mesh_vertnum[0]] @ turn.T)[:, 2].min())
+    assert min(lowest) == pytest.approx(0.0, abs=1e-3)
+
+
 def test_six_joints_that_carry_a_robot_anywhere_become_a_free_one(written):
     six = "".join(
         f'<joint name="{kind}_{axis}" type="{kind}" axis="{place}"/>'

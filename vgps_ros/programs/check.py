@@ -492,7 +492,7 @@ def _after(task: "Task", motion: Trajectory, found: TaskCheck, still: Array) -> 
         )
     if task.fallen(motion.states[: task.horizon]).any():
         troubles.append(
-            "The optimised motion falls: score what keeps the robot up, or find a first motion "
-            "that does not fall by `begin: {law: sampling}`."
+            "The optimised motion falls: score what keeps the robot up, or begin with the best of "
+            "several first motions (`begin: {law: best}`)."
         )
     return troubles

@@ -391,11 +391,16 @@ def ground_planes(robot: Robot) -> Mask:
 def bottoms_of(robot: Robot) -> Array:
     """Returns the height of each geom's lowest point, inf if it touches nothing, shape (ngeom,).
 
-    A sphere's and a capsule's are exact, others reach as far as their boxes.
+    Those of spheres, capsules, boxes and meshes are exact, others reach as far as their boxes.
     """
     model, rows = robot.model, robot.data.geom_xmat[:, 6:]
     boxes = np.abs(rows * model.geom_aabb[:, 3:]).sum(axis=1)
     boxes -= (rows * model.geom_aabb[:, :3]).sum(axis=1)
+    meshes = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & touching_geoms(model)
+    for geom in np.flatnonzero(meshes):
+        mesh = model.geom_dataid[geom]
+        vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+        boxes[geom] = -(vertices @ rows[geom]).min()
     is_capsule = model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
     round_ends = model.geom_size[:, 0] + model.geom_size[:, 1] * np.abs(rows[:, 2]) * is_capsule
     is_round = is_capsule | (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
