@@ -23,11 +23,14 @@ LEG = """
 </body>"""
 
 
-def walker(*legs, motor="motor", extra="", joint='<freejoint name="base"/>'):
+WEAKER = 'ctrlrange="-50 50"'  # than what would shake these legs
+
+
+def walker(*legs, motor="motor", extra=WEAKER, joint='<freejoint name="base"/>', armature=0.05):
     """Returns a trunk on legs, each of which has a name and a place."""
     joints = [f"{name}_{part}" for name, *_ in legs for part in ("roll", "hip", "knee")]
     return f"""<mujoco><compiler autolimits="true"/><option timestep="0.002"/>
-    <default><joint damping=".5" armature=".01"/></default>
+    <default><joint damping=".5" armature="{armature}"/></default>
     <worldbody>{GROUND}<body name="trunk" pos="0 0 .6">{joint}
       <geom name="trunk" type="box" size=".2 .1 .05" mass="5"/>
       {"".join(LEG.format(name=name, x=x, y=y) for name, x, y in legs)}</body></worldbody>
@@ -175,6 +178,17 @@ def test_each_kind_of_robot_gets_the_task_that_it_is_meant_for(written, model, k
     for word in words:
         assert word in text
     assert np.isfinite(task.initial_state).all()
+
+
+def test_motors_that_would_throw_light_joints_about_become_servos_as_strong(written):
+    """A joint of inertia I changes its speed by τ t / I in a control period, 0.02 s."""
+    light, _ = written(walker(*FOUR, armature=0.001))
+    assert "remove_actuators" in light
+    assert "limit: 50" in light
+    heavy, _ = written(walker(*FOUR, armature=0.1))
+    assert "remove_actuators" not in heavy
+    arm, _ = written(ARM)
+    assert "remove_actuators" not in arm
 
 
 def test_legs_start_bent_with_their_feet_on_the_ground(written):

@@ -45,7 +45,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--servos",
         action="store_true",
-        help="servos of positions in place of the robot's own actuators, as strong as they are",
+        help="servos of positions in place of the robot's own actuators, as strong as they are; "
+        "legs whose motors would shake them get them anyway",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace DIR/task.yaml")
 
@@ -73,7 +74,11 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.new_task import first_task_file
-    from vgps_ros.tasks.robot_kind import free_in_all_but_name, things_beside_legs
+    from vgps_ros.tasks.robot_kind import (
+        free_in_all_but_name,
+        shakes_its_legs,
+        things_beside_legs,
+    )
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
 
@@ -104,7 +109,7 @@ def run(arguments: argparse.Namespace) -> None:
     if beside := things_beside_legs(model):
         model = compiled(remove_bodies=beside)
     former = model
-    if arguments.servos and model.nu:
+    if model.nu and (arguments.servos or shakes_its_legs(model)):
         model = compiled(remove_actuators=["*"])
     text = first_task_file(reference, model, str(SCHEMA_PATH), changes, former)
     arguments.folder.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ from vgps_ros.tasks.builder import exchanged
 from vgps_ros.tasks.robot_kind import (
     BALL,
     HINGE,
+    PERIOD,
     SLIDE,
     Robot,
     bottoms_of,
@@ -32,6 +33,7 @@ from vgps_ros.tasks.robot_kind import (
     ground_planes,
     legs_of,
     recognised,
+    shakes_its_legs,
     swing_time,
     thing_beside,
     touching_geoms,
@@ -86,6 +88,7 @@ def first_task_file(
     locks = changes.get("joints", {}).items()
     facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
     facts["jointed"] = facts["locks"] or facts["limits"]
+    facts["shaken"] = former.nu > model.nu and shakes_its_legs(former)
     facts["changes"] = any(facts[name] for name in _CHANGES)
     said = {key: value if isinstance(value, str) else _flow(value) for key, value in facts.items()}
     lines = list[str]()
@@ -124,7 +127,7 @@ def _facts(robot: Robot) -> dict[str, Any]:
     model, legs = robot.model, bool(robot.feet)
     step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
     is_swimmer = robot.kind == "swimmer"
-    period = _whole(0.02 if legs or is_swimmer or robot.kind == "pendulum" else 0.01, step)
+    period = _whole(PERIOD if legs or is_swimmer or robot.kind == "pendulum" else 0.01, step)
     planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
     swings = 0.75 * planned if _swings(robot) else 0.0  # a plan's end needs no feedback
     horizon = _whole(1.0 if legs else 3.0 if is_swimmer else swings or planned, period)

@@ -11,12 +11,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import Mask
+from vgps_ros.core.controls import ControlKind, Mask
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
 
 _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
+_SHAKEN = 25.0  # change of a joint's speed in a control period that no policy can steer [rad/s]
+PERIOD = 0.02  # of control, of legs and of what swims or swings [s]
 FREE, BALL, SLIDE, HINGE = range(4)  # as in mjtJoint
 
 
@@ -155,6 +157,28 @@ def free_in_all_but_name(model: mujoco.MjModel) -> str | None:
     robot = recognised(model)
     kinds = sorted(model.jnt_type[robot.base].tolist())
     return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
+
+
+def shakes_its_legs(model: mujoco.MjModel) -> bool:
+    """Returns whether a robot with legs has motors of torques that would shake them.
+
+    Such a motor at its limit changes the speed of its joint by so much in one control period that
+    no policy can steer it. A servo can, whose loop closes at each step of the simulator.
+
+    Raises:
+        InvalidInputError: no actuator drives a joint, and no joint could have one.
+    """
+    robot = recognised(model)
+    if not robot.feet or not robot.motors:
+        return False
+    controls, motors = controls_of(model), robot.motors
+    if {*controls.kinds} != {ControlKind.TORQUE}:
+        return False
+    dofs = model.jnt_dofadr[[*motors.values()]]
+    accelerations, torques = np.zeros((2, len(dofs), model.nv))
+    torques[range(len(dofs)), dofs] = controls.largest[[*motors]]
+    mujoco.mj_solveM(model, robot.data, accelerations, torques)
+    return bool(PERIOD * accelerations[range(len(dofs)), dofs].max() > _SHAKEN)
 
 
 def recognised(model: mujoco.MjModel) -> Robot:
