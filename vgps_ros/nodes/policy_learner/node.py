@@ -17,6 +17,7 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.settings import Setting, with_values
 from vgps_ros.messages.conversions import policy_to_msg, progress_to_msg, robot_of
@@ -27,6 +28,7 @@ from vgps_ros.nodes.policy_learner.optimizer_pool import (
     NoOptimizerError,
     OptimizerPool,
 )
+from vgps_ros.nodes.policy_learner.robots import ROLLOUT_ROBOTS, ROLLOUT_TIMEOUT, Robots
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
@@ -37,6 +39,7 @@ from vgps_ros.search.methods import search
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
+from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
 _PATIENCE = 0.2  # for readers that have not taken the policy before [s]
@@ -82,9 +85,21 @@ class PolicyLearner(Node):
         self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER)
         declare(self, OPTIMIZERS)
         declare(self, OPTIMIZER_TIMEOUT, may_change=True)
+        names = [name for name in dict.fromkeys(declare(self, ROLLOUT_ROBOTS)) if name]
+        declare(self, ROLLOUT_TIMEOUT, may_change=True)
+        needs_optimizer = self._method != "mdgps" or self._settings.mirror.dynamics == "model"
+        if names and (needs_optimizer or self._settings.disturb != DisturbanceSettings()):
+            raise InvalidInputError(
+                f"rollout_robots is {quoted(names)}, but rollouts are enough only for method mdgps "
+                "with mirror.dynamics fitted, and robots are not disturbed: set both, and nothing "
+                "of disturb, or leave rollout_robots out."
+            )
         prepare(self._task)  # before the node is there: no peer waits for the compiler
         self._health = Health(self, owns=("learning_progress",))
-        self._pool = OptimizerPool(self, self._task, self._health)
+        self._pool = OptimizerPool(self, self._task, self._health, is_needed=needs_optimizer)
+        self._robots = Robots(self, names, self._task, self._health) if names else None
+        if self._robots:
+            self._task = self._robots.task
         self._busy = threading.Lock()
         self._worker = ThreadPoolExecutor(1, "search")  # each thread that computes keeps memory
         self._policies = self.create_publisher(GaussianPolicyMsg, "policy", LATEST)
@@ -106,6 +121,12 @@ class PolicyLearner(Node):
         self.get_logger().info(
             f"Ready to train policies for the {self._task.name} by {self._method}."
         )
+
+    def destroy_node(self) -> None:
+        """Leaves the graph."""
+        if self._robots:
+            self._robots.close()
+        super().destroy_node()
 
     def _judge(self, goal: TrainPolicy.Goal) -> GoalResponse:
         """Refuses a goal while another one is accepted, or if a value of it is wrong."""
@@ -162,6 +183,8 @@ class PolicyLearner(Node):
         def is_cancelled() -> bool:
             return goal.is_cancel_requested or not self.context.ok()
 
+        if self._robots:
+            self._robots.is_cancelled = is_cancelled
         checkpoints = None
         if self._checkpoint_folder:
             name = Run(self._method, self._task, settings, seed).name()

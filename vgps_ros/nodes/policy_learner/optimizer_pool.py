@@ -75,10 +75,10 @@ class OptimizerPool:
     A request whose optimizer was killed, restarted or hangs goes to another one, or waits until one
     is there. Results do not depend on who solved what.
 
-    The node has declared OPTIMIZERS and OPTIMIZER_TIMEOUT.
+    The node has declared OPTIMIZERS and OPTIMIZER_TIMEOUT. Where it needs none, it waits for none.
     """
 
-    def __init__(self, node: Node, task: Task, health: Health):
+    def __init__(self, node: Node, task: Task, health: Health, *, is_needed: bool = True):
         self._node, self._task, self._health = node, task, health
         names = value(node, OPTIMIZERS)
         self._awaited = "the service of " + " or ".join(names)
@@ -93,7 +93,8 @@ class OptimizerPool:
             )
             for name in names
         ]
-        steady_timer(node, 1.0, self._ready)
+        if is_needed:
+            steady_timer(node, 1.0, self._ready)
 
     def optimize_all(
         self, requests: Sequence[OptimizationRequest], is_cancelled: Callable[[], bool]
