@@ -215,7 +215,7 @@ def test_a_cost_that_no_control_moves_is_named(folder, capsys):
 
 
 def test_a_control_at_its_limit_is_named(folder, capsys):
-    assert "The control of hinge is at its limit" in check(folder, capsys, weight="1.0e-6")
+    assert "their limits in a part of the steps: hinge (" in check(folder, capsys, weight="1.0e-6")
 
 
 def test_a_first_motion_that_diverges_is_said_with_what_helps(folder, capsys):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vgps_ros.core.checks import listed
 from vgps_ros.core.controls import Mask
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
@@ -462,14 +463,15 @@ def _after(task: "Task", motion: Trajectory, found: TaskCheck, still: Array) -> 
     troubles = []
     low, high = task.dynamics.control_limits
     beyond = ((motion.controls <= low) | (motion.controls >= high)) & np.isfinite(high)
-    shares = beyond.mean(axis=0)
-    for name, share in zip(task.actuated_joint_names, shares, strict=True):
-        if share > _AT_LIMIT:
-            troubles.append(
-                f"The control of {name} is at its limit in {100 * share:.0f} % of the steps, "
-                "which DDP keeps to: allow more, or give controls more weight, if it should have "
-                "some left for what disturbs it."
-            )
+    shares = dict(zip(task.actuated_joint_names, beyond.mean(axis=0).tolist(), strict=True))
+    at = sorted((name for name in shares if shares[name] > _AT_LIMIT), key=shares.__getitem__)
+    if at:
+        shown = listed([f"{name} ({100 * shares[name]:.0f} %)" for name in reversed(at)])
+        troubles.append(
+            f"Controls are at their limits in a part of the steps: {shown}. DDP keeps to limits: "
+            "allow more, or give controls more weight, if they should have some left for what "
+            "disturbs the robot."
+        )
     costs = found.costs  # none is below 0
     is_poor = costs[0] and (len(costs) < 2 or costs[-1] > 0.99 * costs[0]) and not found.is_guess
     ends = task.cost.values(motion)[-1]
