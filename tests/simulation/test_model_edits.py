@@ -118,6 +118,14 @@ def test_only_a_body_in_the_world_can_be_freed(arm):
         changed(arm, free_bodies=["upper"])
 
 
+def test_a_camera_on_a_body_that_is_removed_looks_ahead(arm):
+    """As dm_control's dog has one on its ball."""
+    seen = '<camera name="on" mode="targetbody" target="lower"/><light target="lower"/><body'
+    arm.write_text(arm.read_text().replace("<body", seen, 1))
+    model = changed(arm, remove_bodies=["lower"])
+    assert model.cam_mode[0] == int(mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
+
+
 def test_a_mass_is_set_and_inertia_grows_alike(arm):
     before, after = (
         changed(arm),

@@ -97,6 +97,9 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         for body in _matching(spec.bodies[1:], "body", pattern, "remove_bodies", i):
             if spec.body(body.name) is not None:  # not with one that carries it
                 spec.delete(body)
+    for seen_from in (*spec.cameras, *spec.lights):
+        if seen_from.targetbody and spec.body(seen_from.targetbody) is None:
+            seen_from.targetbody, seen_from.mode = "", mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     _set_option(spec.option, changes.get("option", {}))
     for kind, elements in (("joint", spec.joints), ("geom", spec.geoms)):
         for pattern, values in changes.get(f"{kind}s", {}).items():
