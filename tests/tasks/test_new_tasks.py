@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 from vgps_ros.programs.__main__ import main
 from vgps_ros.programs.check import derivative_errors, inexact
@@ -262,6 +263,19 @@ def test_two_legs_in_a_plane_are_a_biped_unless_one_stands_far_before_the_other(
     assert "begin: {law: pd}" in apart
     assert "ddp_iterations: 16}" in apart
     assert not task.fallen(task.initial_state[None])[0]
+
+
+def test_posture_counts_more_on_one_or_two_feet_than_on_four(written):
+    """A leap that is fast at once costs a hopper more than to gain speed step by step."""
+    found = []
+    for legs in ([("mid", 0, 0)], TWO, FOUR):
+        terms = yaml.safe_load(written(walker(*legs))[0])["cost"]
+        weights = {term.get("sensor"): term["weight"] for term in terms}
+        found.append([weights[name] for name in ("velocity", "up", "height")])
+    hopper, biped, four = found
+    assert hopper == pytest.approx(biped, rel=0.02)
+    assert biped[:2] == [8, 50]
+    assert four[:2] == [8, 20]
 
 
 def test_a_wall_is_no_ground(written):

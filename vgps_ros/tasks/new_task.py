@@ -277,6 +277,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
     axis, sign = robot.forward
     reached, leans = _reached(robot), _leans(robot)
     goes = legs or (bool(robot.base) and reached is None)
+    may_tip = robot.is_biped or robot.hops  # or leap to be fast at once, where its height is cheap
     own = data.geom_xpos[robot.in_tree(model.geom_bodyid)]
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
     speed = 0.5 * length if robot.kind == "swimmer" else 1.0  # half its length in a second [m/s]
@@ -291,7 +292,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
         rest = data.geom_xpos[foot, 2] - ground_of(robot)  # its height while it is down
         swing = _flow({"swing": 0.12 * leg, "phase": 0.5 * (i % 2), "rest": rest})
         feet.append(f"{name}: {{type: framepos, geom: {_flow(model.geom(foot).name)}}}")
-        weight = _flow((240.0 if robot.is_biped else 120.0) / leg**2)
+        weight = _flow((240.0 if may_tip else 120.0) / leg**2)
         steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
     balls = [
         f"{_flow(_new(robot, name + '_turn'))}: {_flow({'type': 'ballquat', 'joint': name})}"
@@ -306,11 +307,11 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "rises": robot.height > 0.0,
         "height": robot.height,
         "low": 0.55 * robot.height,
-        "lifts": (105.0 if robot.is_biped else 40.0) / leg**2 if legs else 10.0,
-        "turning": 15 if robot.is_biped else 5,
+        "lifts": (105.0 if may_tip else 40.0) / leg**2 if legs else 10.0,
+        "turning": 15 if may_tip else 5,
         "leans": ["xyz"[i] for i in leans],
         "upright": [robot.frame[2, i] for i in leans],
-        "steadies": 50 if robot.is_biped else 20 if legs else 5,
+        "steadies": 50 if may_tip else 20 if legs else 5,
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
         "feet": feet,
         "steps": [*steps, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
