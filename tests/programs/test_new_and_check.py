@@ -94,7 +94,7 @@ def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(fold
     assert task.fallen(leaning)
     assert not task.fallen(task.initial_state)
     scored = (folder / "mine" / "task.yaml").read_text()
-    assert "{sensor: up, index: [x], target: [0], weight: 20}" in scored
+    assert "{sensor: up, index: [x], target: [0], weight: 50}" in scored
 
 
 def test_a_robot_with_a_ball_alone_is_read_and_held_by_its_quaternion(folder, capsys):
