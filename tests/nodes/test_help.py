@@ -70,6 +70,7 @@ FILES = {
         ("policy_learner", "--params-file nested.yaml", "'fit.fomr'. Did you mean 'fit.form'?"),
         ("policy_learner", "--params-file malformed.yaml", "Couldn't parse params file"),
         ("policy_executor", "-p safe_action:=zeros", "Did you mean 'zero'?"),
+        ("policy_learner", "-p optimizers:=[my-own]", "'my-own', which is no name in ROS"),
     ],
 )
 def test_what_no_node_takes_is_refused_in_one_sentence(name, arguments, sentence, tmp_path):

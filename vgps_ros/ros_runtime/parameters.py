@@ -19,9 +19,14 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    InvalidTopicNameException,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.validate_topic_name import validate_topic_name
 
 from vgps_ros.core.checks import nearest, quoted
 from vgps_ros.core.errors import InvalidInputError
@@ -107,6 +112,25 @@ def declare_fact(node: Node, setting: Setting) -> None:
 def value(node: Node, setting: Setting) -> Any:
     """Returns a declared parameter's current value, in the type of the setting."""
     return _from_ros(node.get_parameter(setting.name).value, setting)
+
+
+def graph_names(node: Node, setting: Setting) -> list[str]:
+    """Returns the names in the graph that a declared parameter lists, each once.
+
+    Raises:
+        InvalidInputError: one of them is no name.
+    """
+    names = [name for name in dict.fromkeys(value(node, setting)) if name]
+    name = ""
+    try:
+        for name in names:
+            validate_topic_name(name)
+    except InvalidTopicNameException as error:
+        raise InvalidInputError(
+            f"{setting.name} has {quoted(name)}, which is no name in ROS: use letters, digits and "
+            "_, with single / between them, as in robot_1."
+        ) from error
+    return names
 
 
 def declare_settings(node: Node, record: Record) -> Record:

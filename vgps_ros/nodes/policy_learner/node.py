@@ -30,7 +30,7 @@ from vgps_ros.nodes.policy_learner.optimizer_pool import (
 )
 from vgps_ros.nodes.policy_learner.robots import ROLLOUT_ROBOTS, ROLLOUT_TIMEOUT, Robots
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare, declare_settings
+from vgps_ros.ros_runtime.parameters import declare, declare_settings, graph_names
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.search.checkpoints import Checkpoints, Run
@@ -85,7 +85,8 @@ class PolicyLearner(Node):
         self._checkpoint_folder = declare(self, CHECKPOINT_FOLDER)
         declare(self, OPTIMIZERS)
         declare(self, OPTIMIZER_TIMEOUT, may_change=True)
-        names = [name for name in dict.fromkeys(declare(self, ROLLOUT_ROBOTS)) if name]
+        declare(self, ROLLOUT_ROBOTS)
+        names = graph_names(self, ROLLOUT_ROBOTS)
         declare(self, ROLLOUT_TIMEOUT, may_change=True)
         needs_optimizer = self._method != "mdgps" or self._settings.mirror.dynamics == "model"
         if names and (needs_optimizer or self._settings.disturb != DisturbanceSettings()):

@@ -20,7 +20,7 @@ from vgps_ros.core.errors import DivergenceError, VgpsError
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.optimization import request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import value
+from vgps_ros.ros_runtime.parameters import graph_names, value
 from vgps_ros.ros_runtime.qos import Liveness
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.search.optimization_request import OptimizationRequest
@@ -80,7 +80,7 @@ class OptimizerPool:
 
     def __init__(self, node: Node, task: Task, health: Health, *, is_needed: bool = True):
         self._node, self._task, self._health = node, task, health
-        names = value(node, OPTIMIZERS)
+        names = graph_names(node, OPTIMIZERS)
         self._awaited = "the service of " + " or ".join(names)
         group = ReentrantCallbackGroup()
         self._optimizers = [
