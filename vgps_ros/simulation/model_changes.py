@@ -93,13 +93,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     for i, pattern in enumerate(changes.get("remove_actuators", ())):
         for actuator in _matching(spec.actuators, "actuator", pattern, "remove_actuators", i):
             spec.delete(actuator)
-    for i, pattern in enumerate(changes.get("remove_bodies", ())):
-        for body in _matching(spec.bodies[1:], "body", pattern, "remove_bodies", i):
-            if spec.body(body.name) is not None:  # not with one that carries it
-                spec.delete(body)
-    for seen_from in (*spec.cameras, *spec.lights):
-        if seen_from.targetbody and spec.body(seen_from.targetbody) is None:
-            seen_from.targetbody, seen_from.mode = "", mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    _remove_bodies(spec, changes.get("remove_bodies", ()))
     _set_option(spec.option, changes.get("option", {}))
     for kind, elements in (("joint", spec.joints), ("geom", spec.geoms)):
         for pattern, values in changes.get(f"{kind}s", {}).items():
@@ -122,19 +116,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         if "lock" in values:
             found = _matching(spec.joints, "joint", pattern, "joints", pattern)
             locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
-    freed = [
-        body
-        for i, pattern in enumerate(changes.get("free_bodies", ()))
-        for body in _matching(spec.bodies[1:], "body", pattern, "free_bodies", i)
-    ]
-    for body in freed:
-        if body.parent.name != "world":
-            raise InvalidChangeError(
-                ("changes", "free_bodies"),
-                f"{quoted(body.name)} is carried by {quoted(body.parent.name)}, and MuJoCo has "
-                "free joints of bodies in the world alone; name one of those.",
-            )
-        gone += [joint.name for joint in body.joints]
+    freed = _to_free(spec, changes.get("free_bodies", ()))
+    gone += [joint.name for body in freed for joint in body.joints]
     if gone or locked or freed:
         _remove_joints(spec, gone, locked, freed)
     if "remove_actuators" in changes or "actuators" in changes:
@@ -191,6 +174,33 @@ def _drop(spec: mujoco.MjSpec, what: Sequence[str]) -> None:
     for mesh in list(spec.meshes):
         if "meshes" in what or ("visual" in what and mesh.name not in used):
             spec.delete(mesh)
+
+
+def _remove_bodies(spec: mujoco.MjSpec, patterns: Sequence[str]) -> None:
+    """Removes bodies with all that they carry; what was turned to one of them no longer turns."""
+    for i, pattern in enumerate(patterns):
+        for body in _matching(spec.bodies[1:], "body", pattern, "remove_bodies", i):
+            if spec.body(body.name) is not None:  # not with one that carries it
+                spec.delete(body)
+    for turned in (*spec.cameras, *spec.lights):
+        if turned.targetbody and spec.body(turned.targetbody) is None:
+            turned.targetbody, turned.mode = "", mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+
+
+def _to_free(spec: mujoco.MjSpec, patterns: Sequence[str]) -> list[Any]:
+    """Returns the bodies that shall get a free joint, which MuJoCo has in the world alone."""
+    found = dict[str, Any]()  # once each, though several patterns may match it
+    for i, pattern in enumerate(patterns):
+        bodies = _matching(spec.bodies[1:], "body", pattern, "free_bodies", i)
+        found |= {body.name: body for body in bodies}
+    for body in found.values():
+        if body.parent.name != "world":
+            raise InvalidChangeError(
+                ("changes", "free_bodies"),
+                f"{quoted(body.name)} is carried by {quoted(body.parent.name)}, and MuJoCo has "
+                "free joints of bodies in the world alone; name one of those.",
+            )
+    return [*found.values()]
 
 
 def _remove_joints(

@@ -47,17 +47,8 @@ _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
-_CHANGES = (
-    "drop",
-    "remove_bodies",
-    "free_bodies",
-    "locks",
-    "options",
-    "contact",
-    "limits",
-    "floor",
-    "motors",
-)
+_EDITS = ("drop", "remove_bodies", "free_bodies", "remove_actuators")  # that were made before
+_CHANGES = (*_EDITS, "locks", "options", "contact", "limits", "floor", "motors")
 
 
 def first_task_file(
@@ -82,8 +73,7 @@ def first_task_file(
         pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
         robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
-    named = ("drop", "remove_bodies", "free_bodies", "remove_actuators")
-    facts: dict[str, Any] = dict.fromkeys(named) | changes
+    facts: dict[str, Any] = dict.fromkeys(_EDITS) | changes
     facts |= _facts(robot) | {"schema": schema, "model": reference}
     locks = changes.get("joints", {}).items()
     facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
