@@ -8,6 +8,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
 # shellcheck source=env.bash
 source env.bash
+unset PYTHONDONTWRITEBYTECODE # else each node that a test starts compiles the package's source again
 
 scratch=$root/log/tests
 rm -rf "$scratch"
