@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing
-from vgps_ros.storage.run_folder import RunFolder, load_policy
+from vgps_ros.storage.run_folder import RunFolder, load_policy, read_result
+from vgps_ros.views.web import PAGE_FILES
 
 if TYPE_CHECKING:
     from vgps_ros.core.policy import GaussianPolicy
@@ -53,6 +54,12 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--leapp", type=Path, metavar="FOLDER", help="also write a LEAPP bundle, policy.yaml"
     )
+    parser.add_argument(
+        "--web",
+        type=Path,
+        metavar="FOLDER",
+        help="also write a page, index.html, on which anyone drives the policy in a browser",
+    )
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     parser.add_settings(_PRECISION)
 
@@ -65,6 +72,8 @@ def run(arguments: argparse.Namespace) -> None:
         outputs += [arguments.unitree / "params" / "deploy.yaml"]
     if arguments.leapp:
         outputs += [arguments.leapp / "policy.yaml"]
+    if arguments.web:
+        outputs += [arguments.web / name for name in PAGE_FILES]
     refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
@@ -73,19 +82,26 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
     from vgps_ros.tasks.field_export import write_leapp, write_unitrees
+    from vgps_ros.views.web.page import page_of
 
     task = make_task(arguments.task) if arguments.task else recorded_task(name)
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
     start = tuple(task.controls.resting(task.initial_state).tolist())
     exported = ExportedPolicy(policy, task.controls.limits, arguments.precision, start)
-    content = to_onnx(exported, metadata(task, policy, arguments.run))
-    with replacing(arguments.output) as file:
-        file.write(content)
+    says = metadata(task, policy, arguments.run)
+    content = to_onnx(exported, says)
+    files = {arguments.output: content}
+    if arguments.mjcf:
+        files[arguments.mjcf] = task.mjcf.encode()
+    if arguments.web:
+        page = page_of(task, exported, content, _facts(arguments.run, says))
+        files |= {arguments.web / name: each for name, each in page.items()}
+        arguments.web.mkdir(parents=True, exist_ok=True)
+    for file_path, each in files.items():
+        with replacing(file_path) as file:
+            file.write(each)
     if arguments.deployment:
         write_deployment(task.deployment, arguments.deployment)
-    if arguments.mjcf:
-        with replacing(arguments.mjcf) as file:
-            file.write(task.mjcf.encode())
     if arguments.unitree:
         write_unitrees(task, exported, arguments.unitree)
     if arguments.leapp:
@@ -94,6 +110,14 @@ def run(arguments: argparse.Namespace) -> None:
         f"Wrote {' and '.join(map(str, outputs))}: {len(policy.observed)} readings to "
         f"{len(policy.noise_std)} controls, in {arguments.precision}."
     )
+
+
+def _facts(run: Path, says: dict[str, str]) -> dict[str, str]:
+    """Returns what a page says of a policy: the seed of its run, and the commit."""
+    facts = {"commit": says["vgps_ros_commit"].partition(":")[0][:9]}
+    if (result := RunFolder(run).result).is_file():
+        facts = {"seed": str(read_result(result).get("seed", "unknown"))} | facts
+    return {"task": says["task"]} | facts
 
 
 def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, str]:
