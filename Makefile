@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all coverage faults damages bench bench-peers site lint clean distclean
+.PHONY: help setup development demo test test-all coverage faults damages bench bench-peers site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -18,36 +18,39 @@ help:  ## list these targets
 setup:  ## virtual environment, wheels, colcon build; skips what stands
 	@scripts/setup.bash
 
+development:
+	@scripts/setup.bash development
+
 demo: setup  ## learn in a graph of ROS 2 nodes (TASK= METHOD= HIDDEN= SEED= ITERATIONS=)
 	@scripts/run_demo.bash
 
-test: setup  ## the tests, without the long and the adversarial ones; nothing may be left behind
+test: development  ## the tests, without the long and the adversarial ones; nothing may be left behind
 	@scripts/run_tests.bash
 
-test-all: setup  ## all tests: floods, damages, commands of the pages, a colcon workspace, Chromium, robots of others (downloads)
+test-all: development  ## all tests: floods, damages, commands of the pages, a colcon workspace, Chromium, robots of others (downloads)
 	@.venv/bin/python -m pip install --quiet -r requirements/browser.txt
 	@.venv/bin/python -m pip install --quiet --no-deps -r requirements/robots.txt
 	@scripts/run_tests.bash -m ''
 
-coverage: setup  ## lines and branches that the tests reach, with limits (PACKAGES="safety": theirs alone; else an hour)
+coverage: development  ## lines and branches that the tests reach, with limits (PACKAGES="safety": theirs alone; else an hour)
 	@scripts/measure_coverage.bash $(PACKAGES)
 
-faults: setup  ## kill, stop and restart the nodes of a training graph at random, COUNT=40 times; SEED= repeats a run
+faults: development  ## kill, stop and restart the nodes of a training graph at random, COUNT=40 times; SEED= repeats a run
 	@FAULTS=$(or $(COUNT),40) $(if $(SEED),FAULTS_SEED=$(SEED)) scripts/run_tests.bash tests/nodes/test_faults.py -m '' --timeout=0 -s
 
-damages: setup  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
+damages: development  ## damage COUNT=2000 bags at random and run every reader on them (SEED=)
 	@bash -c 'source env.bash && exec nice python -m tests.bags.damage --count $(or $(COUNT),2000) --seed $(or $(SEED),7)'
 
-bench: setup  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
+bench: development  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=); installs the peers
 	@scripts/run_benchmarks.bash $(BENCHMARKS)
 
-bench-peers: setup  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
+bench-peers: development  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
 	@scripts/run_benchmarks.bash reinforcement_learning
 
-site: setup  ## the documentation site, into build/site; every link and reference must hold
+site: development  ## the documentation site, into build/site; every link and reference must hold
 	@scripts/build_site.bash
 
-lint: setup  ## ruff (rules and format) and mypy
+lint: development  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash
 
 clean:  ## remove build, install, log and caches; keeps the virtual environment

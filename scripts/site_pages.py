@@ -26,6 +26,7 @@ LIBRARY = ("core", "core/ddp", "simulation", "safety", "policies", "tasks", "sea
 # The page of the site that shows a file or a folder outside docs/.
 SHOWN_AS = {
     "README.md": "index.md",
+    "AGENTS.md": "project/agents.md",
     "CONTRIBUTING.md": "project/contributing.md",
     "CHANGELOG.md": "project/changelog.md",
     "QUALITY_DECLARATION.md": "project/quality_declaration.md",
@@ -164,7 +165,7 @@ def examples() -> str:
         "# Examples",
         "",
         "Each example is a file of `examples/` and is run by a test. "
-        "The first one is also a notebook, `examples/01_linear_system.ipynb`.",
+        "`01_linear_system` and `09_quadruped` are notebooks, too.",
     ]
     for file in sorted((ROOT / "examples").glob("*.py")):
         code = file.read_text().partition("\n")[2].strip()  # without the licence

@@ -1,20 +1,21 @@
 #!/usr/bin/env python3
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Writes examples/01_linear_system.ipynb from the example of the same name, and executes it.
+"""Writes the notebooks of examples/ from the examples of the same names, and executes them.
 
 pip install -r requirements/notebook.txt        # in a checkout, make setup has done so
-python scripts/write_notebook.py
+python scripts/write_notebook.py [01_linear_system] [09_quadruped]
 """
 
 import ast
+import sys
 from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "01_linear_system.py"
-PICTURE = """
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TUBE = """
 import matplotlib.pyplot as plt
 
 mean, spread = [x_1], [S_1]
@@ -32,40 +33,94 @@ plt.plot(time, np.array(acted)[:, 0], "--", label="policy without noise")
 plt.xlabel("time [s]")
 plt.ylabel("position [m]")
 plt.legend();
-""".strip()
+"""
+CURVE = """
+import matplotlib.pyplot as plt
+
+plt.figure(figsize=(6, 3))
+plt.plot(range(1, len(curve) + 1), curve, "o-")
+plt.xlabel("iteration")
+plt.ylabel("share that stays up")
+plt.ylim(-0.05, 1.05);
+"""
+SPEEDS = """
+print("asked [m/s]   goes [m/s]   stay up")
+for speed in (-0.4, 0.0, 0.4, 0.8):
+    states = drive(policy, held((10, (speed, 0, 0))), rollouts=20)
+    up = ~task.fallen(states).any(1)
+    goes = (states[up, -1, 0] - states[up, 0, 0]).mean() / 10 if up.any() else float("nan")
+    print(f"{speed:8.1f} {goes:13.2f} {up.mean():12.0%}")
+"""
+STRIP = """
+from vgps_ros.views.filmstrip import frames
+
+states = drive(policy, course)[0]
+times = np.linspace(0, len(states) - 1, 5).astype(int)
+figure, axes = plt.subplots(1, 5, figsize=(13, 2), layout="constrained")
+for each, picture, t in zip(axes, frames(task.mjcf, states[times], 240, 320), times, strict=True):
+    each.imshow(picture)
+    each.set_title(f"{t * period:.1f} s")
+    each.set_axis_off()
+"""
+GIF = """
+from io import BytesIO
+
+from IPython.display import Image as Shown
+from PIL import Image
+
+pictures = [Image.fromarray(each) for each in frames(task.mjcf, states[::4], 180, 270)]
+pictures = [each.quantize(palette=pictures[0].quantize(32), dither=0) for each in pictures]
+file = BytesIO()
+pictures[0].save(
+    file, "GIF", save_all=True, append_images=pictures[1:], duration=round(4000 * period), loop=0
+)
+Shown(file.getvalue(), format="gif")
+"""
+# What each notebook has beyond its example: sentences and code, one after the other.
+FURTHER = {
+    "01_linear_system": [("The policy without noise goes along the middle of the tube.", TUBE)],
+    "09_quadruped": [
+        ("How many of 20 robots stay up along the course, after each iteration:", CURVE),
+        (
+            "The policy is blind: it reads no speed, so it misses the speed that is asked a little.",
+            SPEEDS,
+        ),
+        ("The course, as MuJoCo renders it (this needs EGL, or `MUJOCO_GL=osmesa`):", STRIP),
+        ("The same in motion. `vgps train --task quadruped` goes on to 22 iterations.", GIF),
+    ],
+}
 
 
-def notebook() -> nbformat.NotebookNode:
-    """Returns the notebook without outputs: the docstring, each part of the code, and a picture."""
-    text = EXAMPLE.read_text()
+def notebook(name: str) -> nbformat.NotebookNode:
+    """Returns the notebook without outputs: the docstring, each part of the code, and more."""
+    text = (EXAMPLES / f"{name}.py").read_text()
     module = ast.parse(text)
     title, _, about = str(ast.get_docstring(module)).rpartition("\n\n")[0].partition("\n")
     first = module.body[0].end_lineno or 0
     parts = "\n".join(text.splitlines()[first:]).strip().split("\n\n\n")
     cells = [new_markdown_cell(f"# {title}\n{about}"), *map(new_code_cell, parts)]
-    cells += [
-        new_markdown_cell("The policy without noise goes along the middle of the tube."),
-        new_code_cell(PICTURE),
-    ]
+    for sentence, code in FURTHER[name]:
+        cells += [new_markdown_cell(sentence), new_code_cell(code.strip())]
     for i, cell in enumerate(cells):
         cell.id = f"part-{i}"  # random otherwise
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
     return new_notebook(cells=cells, metadata={"kernelspec": kernel})
 
 
-def executed() -> nbformat.NotebookNode:
+def executed(name: str) -> nbformat.NotebookNode:
     """Returns the notebook with the outputs of a kernel of its own."""
-    made = notebook()
-    NotebookClient(made, timeout=300, kernel_name="python3").execute()
+    made = notebook(name)
+    NotebookClient(made, timeout=3600, kernel_name="python3").execute()
     return made
 
 
 def main() -> None:
-    """Writes the notebook."""
-    made = executed()
-    for cell in made.cells:
-        cell.metadata.pop("execution", None)  # times
-    nbformat.write(made, EXAMPLE.with_suffix(".ipynb"))
+    """Writes the notebooks that are named on the command line; without a name, all of them."""
+    for name in sys.argv[1:] or FURTHER:
+        made = executed(name)
+        for cell in made.cells:
+            cell.metadata.pop("execution", None)  # times
+        nbformat.write(made, EXAMPLES / f"{name}.ipynb")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def underlay(workspace: Path) -> str:
     """Returns commands that source ROS 2, and tells colcon where that of the wheels is special."""
     if (VENV / "ros_setup").is_file():
         return f"source {(VENV / 'ros_setup').read_text()}"
-    include = ROOT / "scripts" / "drop_foreign_python_includes.cmake"
+    include = ROOT / "scripts" / "quick_messages.cmake"
     arguments = [f"-DPython3_EXECUTABLE={sys.executable}", f"-DCMAKE_PROJECT_INCLUDE={include}"]
     meta = {"names": {"vgps_msgs": {"cmake-args": arguments}}}
     (workspace / "colcon.meta").write_text(json.dumps(meta))
