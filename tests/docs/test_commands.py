@@ -19,7 +19,8 @@ from vgps_ros.programs.__main__ import main as vgps
 
 ROOT = Path(__file__).parents[2]
 EVIDENCE = ROOT / "docs" / "evidence"
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+AT_THE_TOP = [ROOT / f"{name}.md" for name in ("README", "AGENTS", "CONTRIBUTING")]
+PAGES = [*AT_THE_TOP, *sorted((ROOT / "docs").rglob("*.md"))]
 PATIENCE = 1500.0  # for one command, which pytest may end earlier [s]
 
 # Words that are put behind a command, where the last of several values counts. The sample is a bag
@@ -47,8 +48,10 @@ SHORTER = {
 LASTING = r"vgps (node|live|view)\b"
 
 NOT_RUN = {
-    r"make (setup|test|lint|site)|\.ci/run": "this test is a part of it, or it would change the "
-    "environment that runs it",
+    r"make (setup|test|lint|site)|\.ci/run|python -m pytest": "this test is a part of it, or it "
+    "would change the environment that runs it",
+    r"make w|(UV_\S+ )?uv|python -m venv": "downloads; the tests of the wheels install them",
+    r"vgps demo": "opens a browser; the tests of the demo run it without one",
     r"make faults": "takes ten minutes; tests/nodes/test_faults.py runs a short one",
     r"pip install": "downloads; make setup has installed it, and make test-all installs anew",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "

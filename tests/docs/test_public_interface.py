@@ -65,4 +65,4 @@ def test_all_files_name_the_same_version():
     heading = re.compile(rf"^{re.escape(in_setup)} \(\d{{4}}-\d\d-\d\d\)$", re.M)
     for folder in (ROOT, ROOT / "msg_schemas"):
         assert heading.search((folder / "CHANGELOG.rst").read_text())
-    assert f"version = {{{in_setup}}}" in (ROOT / "docs" / "reference" / "citing.md").read_text()
+    assert f"\nversion: {in_setup}\n" in (ROOT / "CITATION.cff").read_text()

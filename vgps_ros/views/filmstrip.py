@@ -58,8 +58,10 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
         shape, camera = RobotShape(model), mujoco.MjvCamera()
         camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
         half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
-        half_height = _extent(shape, states, width / height) if shape.names else model.stat.extent
-        camera.distance = _MARGIN * half_height / half_view
+        half_height, depth = (
+            _extent(shape, states, width / height) if shape.names else (model.stat.extent, 0.0)
+        )
+        camera.distance = _MARGIN * half_height / half_view + depth
         for state in states:
             camera.lookat[:] = shape.centre_of_mass(state)
             mujoco.mj_forward(model, shape.data)
@@ -69,17 +71,19 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
             yield renderer.render()
 
 
-def _extent(shape: RobotShape, states: NDArray, aspect: float) -> float:
-    """Returns half the height of a view that shows the robot in each of the states [m]."""
-    plane = list(shape.plane)
-    wide, high = np.max(
+def _extent(shape: RobotShape, states: NDArray, aspect: float) -> tuple[float, float]:
+    """Returns half the height of a view of the robot in all states, and half the depth [m]."""
+    (depth_axis,) = {0, 1, 2} - set(shape.plane)
+    wide, high, deep = np.max(
         [
-            np.abs(shape.axes(x) - shape.centre_of_mass(x))[:, :, plane].max((0, 1))
+            np.abs(shape.axes(x) - shape.centre_of_mass(x))[:, :, [*shape.plane, depth_axis]].max(
+                (0, 1)
+            )
             for x in states[:: max(1, len(states) // 50)]
         ],
         axis=0,
     )
-    return float(max(high, wide / aspect))
+    return float(max(high, wide / aspect)), float(deep)
 
 
 def filmstrip(run: RunRecord) -> Figure | None:

@@ -9,7 +9,7 @@ is what a linear fit to samples of f tends to (Stein's identity),
 
 so this is the linearisation by samples that section 8 proposes. Means of derivatives are taken,
 since they cost less for the same error: a fit needs a whole set of simulator steps for each of its
-samples, and its error grows along directions in which q is narrow (docs/evidence/contact.md).
+samples, and its error grows along directions in which q is narrow (docs/evidence/policies.md).
 Samples come in pairs ±δ, by which the mean is exact where f is linear or quadratic.
 """
 
