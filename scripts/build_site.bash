@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-# Builds the documentation site into build/site, and fails at a broken link or a missing reference.
+# Builds the documentation site into build/site, with a page on which one drives the quadruped; fails at
+# a broken link or a missing reference.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
@@ -14,6 +15,9 @@ if ! python -m pip install --progress-bar off --no-input -r requirements/docs.tx
   tail -n 30 "$log" >&2
   exit 1
 fi
+scripts/build_web_parts.bash
 NO_MKDOCS_2_WARNING=1 python -m mkdocs build --strict --quiet
+vgps export vgps_ros/tasks/quadruped/policy.json --overwrite \
+  --output build/policy.onnx --web build/site/drive
 printf 'site: open %s\n' "$root/build/site/index.html"
 printf 'site: its search needs a server: python3 -m http.server --bind 127.0.0.1 --directory %s\n' "$root/build/site"

@@ -1,5 +1,6 @@
 // Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 // The program of the page: unpacks what stands in it, and lets a visitor drive the robot.
+// window.vgps tells others how the robot fares.
 
 const $ = id => document.getElementById(id);
 const clip = (v, low = -1, high = 1) => Math.max(low, Math.min(high, v));
@@ -26,6 +27,8 @@ async function address(name, others = {}) {
 
 const KEYS = [["KeyW", "ArrowUp", "KeyS", "ArrowDown"], ["KeyA", "ArrowLeft", "KeyD", "ArrowRight"],
               ["KeyQ", "", "KeyE", ""]];
+// REP-103: ahead, and to the left, are positive; of other commands right is.
+const side = ({axis}, i) => i && !axis ? -1 : 1;
 const GAMEPAD = [pad => -pad.axes[1], pad => -pad.axes[0], pad => -pad.axes[2]];
 const DEAD = 0.12;  // a gamepad's inexactness
 
@@ -60,13 +63,16 @@ function interact(robot, view, hand) {
   // What is told, and what is done, row by row.
   const rows = (about.commands.length ? about.commands : about.speeds).map((command, i) => {
     const row = show("tr"), name = show("td", `${command.name} `), cells = [show("td"), show("td")];
-    const keys = about.commands.length ? KEYS[i] ?? [] : [];
-    name.append(...keys.filter(k => k.startsWith("Key")).map(k => show("kbd", k.slice(3))));
+    const keys = (about.commands.length ? KEYS[i] ?? [] : []).filter(k => k.startsWith("Key"));
+    if (side(command, i) < 0) keys.reverse();  // what is more comes first
+    name.append(...keys.map(key => show("kbd", key.slice(3))));
     row.append(name, ...cells);
+    cells[0].hidden = !about.commands.length;
     document.querySelector("tbody").append(row);
     return {command, cells};
   });
   document.querySelector("table").hidden = !rows.length;
+  $("told").hidden = !about.commands.length;
 
   const drive = $("drive"), draws = [];
   if (about.commands.length) {
@@ -129,13 +135,15 @@ function interact(robot, view, hand) {
                   + tilted.reduce((a, b) => a + b, 0));
     });
     draws.forEach(draw => draw(tilt));
-    robot.commands = about.commands.map(
-      ({rest, lowest, highest}, i) => rest + tilt[i] * (tilt[i] > 0 ? highest - rest : rest - lowest));
+    robot.commands = about.commands.map((command, i) => {
+      const {rest, lowest, highest} = command, more = side(command, i) * tilt[i];
+      return rest + more * (more > 0 ? highest - rest : rest - lowest);
+    });
   }
 
   function report() {
     rows.forEach(({command: {unit, axis}, cells: [told, done]}, i) => {
-      told.textContent = about.commands.length ? robot.commands[i].toFixed(2) : "";
+      told.textContent = robot.commands[i]?.toFixed(2);
       done.textContent = axis === null ? unit : `${robot.done[axis].toFixed(2)} ${unit}`;
     });
     const status = robot.fallen ? "fallen: it stands up again soon" : `${robot.time.toFixed(1)} s · `

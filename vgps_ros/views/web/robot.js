@@ -72,7 +72,8 @@ class Robot {
     this.action = Array.from(actions.data);
     data.ctrl.set(this.action.map((a, i) => a + about.origin[i]));
     data.qacc_warmstart.fill(0);  // nothing carries over from one control to the next
-    this.recent.push({step: this.step, observation: seen, control: Array.from(data.ctrl)});
+    this.recent.push({step: this.step, command: this.commands, observation: seen,
+                      control: Array.from(data.ctrl)});
     this.recent.splice(0, this.recent.length - RECENT);
     this.step += 1;
   }
