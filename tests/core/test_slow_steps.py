@@ -15,8 +15,6 @@ def short(monkeypatch):
 
 
 def test_nobody_is_told_of_a_moment(capsys):
-    with slow_steps.notice_if_slow("It takes a while."):
-        pass
     slow_steps.progress_lines("Samples")(0.5)
     time.sleep(0.2)
     assert capsys.readouterr().out == ""

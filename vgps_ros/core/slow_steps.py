@@ -1,25 +1,11 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Prints a notice when a step is slow."""
+"""Prints how far a step is, where it is slow."""
 
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
-_DELAY = 2.0  # time after which a notice is printed [s]
+_DELAY = 2.0  # time after which progress is printed [s]
 _EVERY = 10.0  # time between lines of progress [s]
-
-
-@contextmanager
-def notice_if_slow(sentence: str) -> Iterator[None]:
-    """Prints a sentence if the block takes more than 2 s."""
-    timer = threading.Timer(_DELAY, print, (sentence,), {"flush": True})
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def progress_lines(what: str) -> Callable[[float], None]:

@@ -5,11 +5,16 @@ An optimisation is a pure function of its request, so it gives the same numbers 
 another one, or on another machine of the same kind.
 """
 
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from vgps_ros.core.compilation import before_first_compilation
+from vgps_ros.core.compiled_gaussians import pivoted_roots, propagate
 from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
@@ -23,7 +28,6 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.slow_steps import notice_if_slow
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request, nominal_of
 from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words
@@ -193,17 +197,51 @@ def _scaled(settings: DdpSettings, alpha: float) -> DdpSettings:
     )
 
 
+_NOTICE = "Compiling the numerical loops, once after an installation (about half a minute) ..."
+# For a process that compiles one half of the loops; their types are the same for each task.
+_SECOND_HALF = """
+from vgps_ros.search.trajectory_optimization import run_second_half
+from vgps_ros.tasks import make_task
+run_second_half(make_task("rotor"))
+"""
+
+
 def prepare(task: Task) -> None:
-    """Runs each compiled loop once, for one step; it takes seconds only on a new machine."""
-    with notice_if_slow("Compiling for this machine, which takes some ten seconds and is kept ..."):
-        _run_each_loop(task)
+    """Runs each compiled loop once, for one step.
+
+    Only after an installation this takes long: then the loops are compiled, the derivatives' here
+    and the others in a second process meanwhile, and their machine code is kept.
+    """
+    helpers = list[subprocess.Popen[bytes]]()
+
+    def start_helper() -> None:
+        words = [sys.executable, "-c", _SECOND_HALF]
+        none = subprocess.DEVNULL
+        helpers.append(subprocess.Popen(words, stdout=none, stderr=none))
+
+    still = Trajectory(np.tile(task.initial_state, (2, 1)), np.zeros((1, task.dims["n_u"])))
+    with before_first_compilation(partial(print, _NOTICE, flush=True)):
+        try:
+            with before_first_compilation(start_helper):
+                task.dynamics.linearize(still)
+            for helper in helpers:
+                helper.wait()
+        finally:
+            for helper in helpers:
+                helper.terminate()
+        run_second_half(task)
 
 
-def _run_each_loop(task: Task) -> None:
-    dynamics = task.dynamics
+def run_second_half(task: Task) -> None:
+    """Runs each compiled loop once, but for the one of derivatives."""
+    dynamics, n_x = task.dynamics, task.dynamics.space.tangent_dim
     motion = dynamics.rollout(task.initial_state, lambda *_: np.zeros(dynamics.control_dim), 1)
-    local = backward_pass(dynamics.linearize(motion)[0], task.cost.expand(motion), 1.0)
+    linear = LinearDynamics(np.eye(n_x)[None], np.zeros((1, n_x, dynamics.control_dim)))
+    local = backward_pass(linear, task.cost.expand(motion), 1.0)
     list(dynamics.follow_each(task.initial_state, [motion], local.gains))
+    square = np.ones((1, n_x, n_x))
+    propagate(square[0], square, square, np.ones(n_x), np.empty((2, n_x, n_x)))
+    pivoted_roots(square, np.empty_like(square))
     shape = Architecture(task.observation.names, (1,), dynamics.control_dim)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(dynamics.control_dim))
     ExecutedPolicy(policy)

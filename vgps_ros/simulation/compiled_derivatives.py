@@ -33,15 +33,24 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compiled, compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
-from vgps_ros.simulation.compiled_states import get_state, move, push_at, put_state, subtract
+from vgps_ros.simulation.compiled_states import (
+    NEVER,
+    copy,
+    get_state,
+    move,
+    push_at,
+    put_state,
+    subtract,
+)
 
 # Stages that a step may skip, because their results are still valid from the step before.
-_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
-_OF_POSITIONS = int(mujoco.mjtStage.mjSTAGE_POS)
-_OF_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
+_NOTHING = np.int32(mujoco.mjtStage.mjSTAGE_NONE)
+_OF_POSITIONS = np.int32(mujoco.mjtStage.mjSTAGE_POS)
+_OF_VELOCITIES = np.int32(mujoco.mjtStage.mjSTAGE_VEL)
+_KEPT = np.int32(1)  # of a factorisation that is still valid
 # Difference of accelerations for ∂r/∂a [m/s², rad/s²]. In between its kinks, r is linear in a.
 _ACCELERATION_EPS = 1e-3
 # Difference of velocities for the constraints' forces [m/s, rad/s], which are linear in them, too:
@@ -92,17 +101,19 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
     direction, column = np.zeros(n_v), np.empty(n_dx)
     square = np.empty((n_v, n_v)), np.empty((n_v, n_v))
     vectors = np.empty(n_v), np.empty(n_v), *square, np.empty(n_v), np.empty(n_v)
-    balance = Balance(*vectors, np.zeros(1, np.bool_), np.zeros(1, np.bool_))
+    flags = np.empty(2, np.bool_)
+    balance = Balance(*vectors, flags[:1], flags[1:])
+    rates, moves = np.empty((n_v, n_v)), np.empty((n_v, n_dx - n_v + n_u))
     a, b = np.eye(n_dx), np.empty((n_dx, n_u))  # the columns of cyclic positions stay as they are
     steps = 0
     for t in range(len(states)):
-        z[:n_x] = states[t]
-        z[n_x:] = controls[t]
+        copy(states[t], z[:n_x])
+        copy(controls[t], z[n_x:])
         warm[:] = 0.0
         push_acts = push_at(sim, first + t)
         for substep in range(sim.substeps):
             _step(sim, z, warm, _NOTHING, after)
-            warm[:] = sim.warmstart  # the constraint forces at the neighbours are close to these
+            copy(sim.warmstart, warm)  # the constraint forces at the neighbours are close to these
             if sim.structure.may_predict and not push_acts:
                 _find_balance(sim, balance)
             else:  # the balance of forces above has no push
@@ -110,8 +121,9 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
             known = 0  # columns at the front that need no differences of steps
             if sim.structure.knows_velocities and balance.is_smooth[0]:
                 known = n_dx + n_u - n_v
-                _differentiate_forces(sim, balance, z, after, a, b)
-            centred = np.min(np.abs(z[n_q : n_q + n_v])) < kink
+                _differentiate_forces(sim, balance, z, after, rates, moves, a, b)
+                _put_rates(sim, after, rates @ (balance.inverse_hessian @ moves), a, b)
+            centred = _is_any_below(z[n_q : n_q + n_v], kink)
             for j in columns[known:]:
                 skip = _OF_VELOCITIES if j >= 2 * n_v else _OF_POSITIONS if j >= n_v else _NOTHING
                 width, is_centred = eps, centred
@@ -120,11 +132,11 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
                     above, below = sim.high[u] - z[n_x + u], z[n_x + u] - sim.low[u]
                     is_centred = centred and min(above, below) >= eps
                     width = eps if above >= eps else -eps
-                _copy(z, moved)
+                copy(z, moved)
                 move(sim, moved, direction, j, width)
                 _step_near(sim, balance, moved, warm, skip, plus)
                 if is_centred:
-                    _copy(z, moved)
+                    copy(z, moved)
                     move(sim, moved, direction, j, -eps)
                     _step_near(sim, balance, moved, warm, skip, minus)
                     width = 2.0 * eps
@@ -136,31 +148,25 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
                         b[i, j - n_dx] = column[i] / width
                 steps += 2 if is_centred else 1
             steps += 1
-            f_x[t] = a @ f_x[t] if substep else a
-            f_u[t] = a @ f_u[t] + b if substep else b
-            z[:n_x] = after
-    push_at(sim, -1)
+            by_x, by_u = (a @ f_x[t], a @ f_u[t] + b) if substep else (a, b)
+            copy(by_x.ravel(), f_x[t].ravel())
+            copy(by_u.ravel(), f_u[t].ravel())
+            copy(after, z[:n_x])
+    push_at(sim, NEVER)
     return steps
 
 
-@compiled
-def _copy(source, target):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Copies an array; a plain loop takes a tenth of the time of a slice where it is this short."""
-    for i in range(len(target)):
-        target[i] = source[i]
-
-
-@compiled
+@compiled_part
 def _step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Steps from z = (x, u); the results of skipped stages must be valid for z."""
     put_state(sim, z)
-    _copy(z[len(after) :], sim.ctrl)
-    _copy(warm, sim.warmstart)
+    copy(z[len(after) :], sim.ctrl)
+    copy(warm, sim.warmstart)
     mj.mj_step_skip(sim.model, sim.data, skip, 1)
     get_state(sim, after)
 
 
-@compiled
+@compiled_part
 def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does the same next to a point whose balance is known."""
     if not sim.structure.may_skip:
@@ -170,7 +176,7 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
         _step(sim, z, warm, skip, after)
         return
     put_state(sim, z)
-    _copy(z[len(after) :], sim.ctrl)
+    copy(z[len(after) :], sim.ctrl)
     if skip < _OF_POSITIONS:
         mj.mj_fwd_kinematics(sim.model, sim.data)
         mj.mj_make_m(sim.model, sim.data)
@@ -191,11 +197,11 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
         sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
-    _integrate(sim, 1 if skip >= _OF_POSITIONS else 0)
+    _integrate(sim, np.int32(skip >= _OF_POSITIONS))
     get_state(sim, after)
 
 
-@compiled
+@compiled_part
 def _integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Advances the state by the accelerations and forces that the simulation holds."""
     if sim.structure.is_implicit:
@@ -204,21 +210,27 @@ def _integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no
         mj.mj_euler_skip(sim.model, sim.data, keeps_system)
 
 
-@compiled
+@compiled_part
 def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the balance of forces at the point from which the simulation has stepped."""
-    acceleration, residual, mass, hessian, product, force, is_pushed, is_smooth = balance
-    _copy(sim.qacc, acceleration)
+    acceleration, residual, hessian = (
+        balance.acceleration,
+        balance.residual,
+        balance.inverse_hessian,
+    )
+    product, force = balance.moved, balance.moved_residual
+    mass, is_pushed, is_smooth = balance.mass, balance.is_pushed, balance.is_smooth
+    copy(sim.qacc, acceleration)
     is_pushed[0] = not sim.structure.is_one_sided
     for pushes in sim.qfrc_constraint:
         is_pushed[0] |= pushes != 0.0
     _write_residual(sim, acceleration, residual)
-    _copy(sim.qfrc_constraint, force)
+    copy(sim.qfrc_constraint, force)
     for j in range(len(acceleration)):
         sim.qacc[:] = 0.0
         sim.qacc[j] = 1.0
         mj.mj_mul_m(sim.model, sim.data, product.ctypes.data, sim.qacc.ctypes.data)
-        _copy(acceleration, sim.qacc)
+        copy(acceleration, sim.qacc)
         if is_pushed[0]:
             sim.qacc[j] += _ACCELERATION_EPS
             mj.mj_inv_constraint(sim.model, sim.data)
@@ -230,25 +242,25 @@ def _find_balance(sim, balance):  # type: ignore[no-untyped-def]  # pragma: no c
         _invert(hessian)
 
 
-@compiled
-def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Writes all columns but those of positions by the balance at z, which a step brought to after.
+@compiled_part
+def _differentiate_forces(sim, balance, z, after, rates, moves, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes ∂v'/∂a and −∂r/∂(v, u) by the balance at z, which a step brought to after.
 
-    Activations do not follow velocities, and their own columns are differences.
+    Activations do not follow velocities, and their rows of a and b are differences.
     """
     n_q, n_v, n_a, n_u = len(sim.qpos), len(sim.qvel), len(sim.act), len(sim.ctrl)
-    n_dx, before = 2 * n_v + n_a, balance.moved
-    rates, moves = np.empty((n_v, n_v)), np.zeros((n_v, n_dx - n_v + n_u))  # ∂v'/∂a, −∂r/∂(v, u)
+    before = balance.moved
+    moves[:] = 0.0
     put_state(sim, z)
-    _copy(z[len(after) :], sim.ctrl)
+    copy(z[len(after) :], sim.ctrl)
     mj.mjd_smooth_vel(sim.model, sim.data, 1)
     for i in range(n_v):
         for k in range(sim.row_starts[i], sim.row_starts[i] + sim.row_lengths[i]):
             moves[i, sim.row_columns[k]] = sim.smooth_rates[k]
     if balance.is_pushed[0]:
-        _copy(balance.acceleration, sim.qacc)
+        copy(balance.acceleration, sim.qacc)
         mj.mj_inv_constraint(sim.model, sim.data)
-        _copy(sim.qfrc_constraint, before)
+        copy(sim.qfrc_constraint, before)
         for j in range(n_v):
             sim.qvel[j] += _VELOCITY_EPS
             mj.mj_reference_constraint(sim.model, sim.data)
@@ -257,7 +269,7 @@ def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-unty
             for i in range(n_v):
                 moves[i, j] += (sim.qfrc_constraint[i] - before[i]) / _VELOCITY_EPS
     a[2 * n_v :, n_v : 2 * n_v] = 0.0
-    _copy(sim.qfrc_actuator, before)
+    copy(sim.qfrc_actuator, before)
     for j in range(n_v, n_v + n_a + n_u):
         u, width = j - n_v - n_a, _CONTROL_EPS
         if u < 0:
@@ -269,7 +281,7 @@ def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-unty
         for i in range(n_v):
             moves[i, j] = (sim.qfrc_actuator[i] - before[i]) / width
         if n_a:
-            _integrate(sim, 1)
+            _integrate(sim, _KEPT)
             for i in range(n_a):
                 change = (sim.act[i] - after[n_q + n_v + i]) / width
                 if u < 0:
@@ -285,20 +297,28 @@ def _differentiate_forces(sim, balance, z, after, a, b):  # type: ignore[no-unty
             sim.qacc[i] = 1.0 if i == j else 0.0
             sim.qfrc_smooth[i] = 0.0
             sim.qfrc_constraint[i] = balance.mass[i, j]
-        _integrate(sim, 1)
+        _integrate(sim, _KEPT)
         for i in range(n_v):
             rates[i, j] = sim.qvel[i] - z[n_q + i]
-    moves = rates @ (balance.inverse_hessian @ moves)
+
+
+@compiled_part
+def _put_rates(sim, after, moves, a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the rows of velocities and positions by K H⁻¹ (−∂r/∂(v, u)), which it overwrites."""
+    n_v, n_a, n_u = len(sim.qvel), len(sim.act), len(sim.ctrl)
     for j in range(n_v):
         moves[j, j] += 1.0
-    a[n_v : 2 * n_v, n_v:] = moves[:, : n_v + n_a]
-    b[n_v : 2 * n_v] = moves[:, n_v + n_a :]
-    _turn(sim, after, moves)
-    a[:n_v, n_v:] = moves[:, : n_v + n_a]
-    b[:n_v] = moves[:, n_v + n_a :]
+    for first in (n_v, 0):  # rows of velocities, then those of positions
+        if first == 0:
+            _turn(sim, after, moves)
+        for i in range(n_v):
+            for j in range(n_v + n_a):
+                a[first + i, n_v + j] = moves[i, j]
+            for j in range(n_u):
+                b[first + i, j] = moves[i, n_v + n_a + j]
 
 
-@compiled
+@compiled_part
 def _turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Turns derivatives of new velocities, (n_v, n), into those of the positions they lead to.
 
@@ -310,7 +330,7 @@ def _turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
         for j in range(rows.shape[1]):
             rows[i, j] *= h
     for first in sim.structure.quaternions:
-        x, y, w = h * after[n_q + first : n_q + first + 3]
+        x, y, w = h * after[n_q + first], h * after[n_q + first + 1], h * after[n_q + first + 2]
         angle = np.sqrt(x * x + y * y + w * w)
         c, s = 0.5, 1.0 / 6.0
         if angle > 1e-4:
@@ -323,7 +343,16 @@ def _turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
             rows[first + 2, j] += s * (x * v - y * u) - c * t
 
 
-@compiled
+@compiled_part
+def _is_any_below(values, limit):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns whether the size of any value is below a limit."""
+    for value in values:  # noqa: SIM110 - numba compiles a loop sooner
+        if abs(value) < limit:
+            return True
+    return False
+
+
+@compiled_part
 def _is_symmetric(a):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns whether a matrix is symmetric, measured by its diagonal, which must be positive."""
     for i in range(len(a)):
@@ -335,7 +364,7 @@ def _is_symmetric(a):  # type: ignore[no-untyped-def]  # pragma: no cover
     return True
 
 
-@compiled
+@compiled_part
 def _invert(a):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Replaces a positive definite matrix by its inverse, by Gauss-Jordan elimination.
 
@@ -358,10 +387,10 @@ def _invert(a):  # type: ignore[no-untyped-def]  # pragma: no cover
                     a[i, j] -= factor * a[k, j]
 
 
-@compiled
+@compiled_part
 def _write_residual(sim, acceleration, residual):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes r at the simulation's state and control, and an acceleration."""
-    _copy(acceleration, sim.qacc)
+    copy(acceleration, sim.qacc)
     mj.mj_inv_constraint(sim.model, sim.data)
     mj.mj_mul_m(sim.model, sim.data, residual.ctypes.data, sim.qacc.ctypes.data)
     for i in range(len(residual)):

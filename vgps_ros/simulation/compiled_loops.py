@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compiled, compiled_part
 from vgps_ros.core.executed_control import (
     ARTANH,
     EXP,
@@ -20,8 +20,11 @@ from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.compiled_readings import read
 from vgps_ros.simulation.compiled_states import (
+    NEVER,
     add,
+    copy,
     get_state,
+    is_within,
     push_at,
     put_state,
     subtract,
@@ -29,7 +32,7 @@ from vgps_ros.simulation.compiled_states import (
 from vgps_ros.simulation.mujoco_functions import mj_step_skip
 
 # No stage of a step is skipped.
-_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
+_NOTHING = np.int32(mujoco.mjtStage.mjSTAGE_NONE)
 
 
 @compiled
@@ -43,13 +46,13 @@ def advance(sim, bounds, times, states, controls, after):  # type: ignore[no-unt
     executed = inside = 0
     for i in range(len(states)):
         x = after[i]
-        x[:] = states[i]
-        is_inside = _is_within(x, bounds[0])
+        copy(states[i], x)
+        is_inside = is_within(x, bounds[0])
         for j in range(len(sim.ctrl)):
             controls[i, j] = sim.ctrl[j] = _clipped(sim, j, controls[i, j])
         if not is_inside:
             controls[i] = np.nan
-        elif _is_within(controls[i], bounds[1]):
+        elif is_within(controls[i], bounds[1]):
             executed += 1
             is_inside = _advance(sim, times[i], x, bounds[0])
         else:
@@ -70,7 +73,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
     Where `gaps` has rows, one a step, each state stays short of f(x, u) by its row.
     """
     x, deviation = states[0].copy(), np.empty(gains.shape[2])
-    if not _is_within(x, bounds[0]):
+    if not is_within(x, bounds[0]):
         return
     for t in range(len(controls)):
         subtract(sim, x, nominal_states[t], deviation)
@@ -79,12 +82,12 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             for j in range(len(deviation)):
                 sim.ctrl[i] += gains[t, i, j] * deviation[j]
             sim.ctrl[i] = _clipped(sim, i, sim.ctrl[i])
-        controls[t] = sim.ctrl
-        if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
+        copy(sim.ctrl, controls[t])
+        if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
             return
         if len(gaps):
             add(sim, x, gaps[t], -1.0)
-        states[t + 1] = x
+        copy(x, states[t + 1])
 
 
 @compiled
@@ -92,13 +95,13 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
     """Writes rollouts of given controls from states[:, 0], up to where they leave their bounds."""
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
-        if not _is_within(x, bounds[0]):
+        if not is_within(x, bounds[0]):
             continue
         for t in range(controls.shape[1]):
-            sim.ctrl[:] = controls[rollout, t]
-            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
+            copy(controls[rollout, t], sim.ctrl)
+            if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
-            states[rollout, t + 1] = x
+            copy(x, states[rollout, t + 1])
 
 
 @compiled
@@ -119,32 +122,32 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
-        if not _is_within(x, bounds[0]):
+        if not is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
             read(sim, observation, x, past[t % (lag + 1)])
-            a[:n_read] = past[(t + 1) % (lag + 1) if t >= lag else 0]
+            copy(past[(t + 1) % (lag + 1) if t >= lag else 0], a[:n_read])
             for i in range(misread.shape[2]):
                 a[i] += misread[rollout, t, i]
             if t == 0:
                 for i in range(n_past):
                     memory[i] = a[i % n_read]
-                memory[n_past:] = resting
-            a[n_read:n_known] = memory
-            memory[:n_past] = a[:n_past]
+                copy(resting, memory[n_past:])
+            copy(memory, a[n_read:n_known])
+            copy(a, memory[:n_past])
             for i in range(told.shape[2]):
                 a[n_known + i] = told[rollout, t, i]
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
                 sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
-            controls[rollout, t] = sim.ctrl
-            memory[n_past:] = sim.ctrl[: len(resting)]
-            if not (_is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
+            copy(sim.ctrl, controls[rollout, t])
+            copy(sim.ctrl, memory[n_past:])
+            if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
-            states[rollout, t + 1] = x
+            copy(x, states[rollout, t + 1])
 
 
-@compiled
+@compiled_part
 def _advance(sim, t, x, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Lets the control of step t act on x; returns false if x then is outside the bound."""
     put_state(sim, x)
@@ -152,21 +155,15 @@ def _advance(sim, t, x, bound):  # type: ignore[no-untyped-def]  # pragma: no co
     sim.warmstart[:] = 0.0  # nothing carries over from one control to the next
     for _ in range(sim.substeps):
         mj_step_skip(sim.model, sim.data, _NOTHING, 1)
-    push_at(sim, -1)  # readings of states are those without a push
+    push_at(sim, NEVER)  # readings of states are those without a push
     get_state(sim, x)
-    return _is_within(x, bound)
+    return is_within(x, bound)
 
 
-@compiled
+@compiled_part
 def _clipped(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns a control within its limits; NaN stays."""
     return min(max(control, sim.low[i]), sim.high[i])
-
-
-@compiled
-def _is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Returns whether all values are inside the bound; NaN is not."""
-    return np.all(np.abs(values) < bound)
 
 
 CompiledNetwork = tuple[Array, NDArray[np.int64], NDArray[np.bool_], int]
@@ -207,7 +204,7 @@ def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no
         start = end + n_out if biased[layer] else end
 
 
-@compiled
+@compiled_part
 def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cover
     if activation == _SOFTPLUS:
         return max(z, 0.0) + _log1p(_exp(-abs(z)))
@@ -217,7 +214,7 @@ def _activate(activation, z):  # type: ignore[no-untyped-def]  # pragma: no cove
     return max(z, 0.0)
 
 
-@compiled
+@compiled_part
 def _exp(z):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns exp(z) for z ≤ 0: 2^n times the series at r = z − n log 2, |r| ≤ 0.35."""
     if z != z:
@@ -228,14 +225,14 @@ def _exp(z):  # type: ignore[no-untyped-def]  # pragma: no cover
     return math.ldexp(_series(EXP, r), int(n))
 
 
-@compiled
+@compiled_part
 def _log1p(y):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
     s = y / (2.0 + y)
     return 2.0 * s * _series(ARTANH, s * s)
 
 
-@compiled
+@compiled_part
 def _series(coefficients, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns 1 + Σ c_k x^k; the first two terms, which are large, are added last."""
     power, rest = x * x, coefficients[1] * (x * x)

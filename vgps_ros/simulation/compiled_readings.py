@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compiled, compiled_part
 from vgps_ros.simulation import mujoco_functions as mj
-from vgps_ros.simulation.compiled_states import put_state
+from vgps_ros.simulation.compiled_states import copy, is_within, put_state
 
 # What a reading is: a coordinate of the state, its sine or cosine, a number in sensordata, or (with
 # 0 to 3 added) w, x, y or z of a quaternion.
@@ -39,14 +39,14 @@ class ReadingPlan(NamedTuple):
 def read_each(sim, plan, states, controls, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the readings of N states; NaN where a state or control is not finite."""
     for i in range(len(states)):
-        if np.all(np.isfinite(states[i])) and np.all(np.isfinite(controls[i])):
-            sim.ctrl[:] = controls[i]
+        if is_within(states[i], np.inf) and is_within(controls[i], np.inf):
+            copy(controls[i], sim.ctrl)
             read(sim, plan, states[i], out[i])
         else:
             out[i] = np.nan
 
 
-@compiled
+@compiled_part
 def read(sim, plan, x, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the readings of a state, for the control that the simulation holds."""
     if plan.needs > NOTHING:
@@ -62,7 +62,7 @@ def read(sim, plan, x, out):  # type: ignore[no-untyped-def]  # pragma: no cover
             out[i] = np.sin(x[place]) if kind == SINE else np.cos(x[place])
 
 
-@compiled
+@compiled_part
 def _compute(sim, needs, positions_too):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Computes the sensors; those of positions may be valid already."""
     if needs == EVERYTHING:
@@ -91,7 +91,7 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
     by_control[:] = 0.0
     for n in range(len(states)):
         x = states[n]
-        sim.ctrl[:] = controls[n]
+        copy(controls[n], sim.ctrl)
         read(sim, plan, x, out[n])
         for j in plan.columns:  # each is moved in the simulation, and put back
             if j < n_v:
@@ -99,7 +99,7 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
                 mj.mj_integrate_pos(sim.model, sim.qpos.ctypes.data, direction.ctypes.data, 1.0)
                 direction[j] = 0.0
                 _compute(sim, plan.needs, True)
-                sim.qpos[:] = x[:n_q]
+                copy(x, sim.qpos)
             elif j < 2 * n_v:
                 sim.qvel[j - n_v] += eps
                 _compute(sim, plan.needs, False)
@@ -128,20 +128,20 @@ def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_contr
                 by_state[n, i, first] = _slope(kind, x[place])
 
 
-@compiled
+@compiled_part
 def _turn(q, part, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the derivative of w, x, y or z of a quaternion with respect to a rotation."""
-    half = 0.5 * q
     if part == 0:
-        out[:] = -half[1:]
+        for i in range(3):
+            out[i] = -0.5 * q[1 + i]
         return
     axis, next_one, last = part - 1, part % 3, (part + 1) % 3
-    out[axis] = half[0]
-    out[next_one] = -half[1 + last]
-    out[last] = half[1 + next_one]
+    out[axis] = 0.5 * q[0]
+    out[next_one] = -0.5 * q[1 + last]
+    out[last] = 0.5 * q[1 + next_one]
 
 
-@compiled
+@compiled_part
 def _slope(kind, value):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns the derivative of a reading with respect to its coordinate."""
     return 1.0 if kind == COORDINATE else np.cos(value) if kind == SINE else -np.sin(value)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import StepStructure
 from vgps_ros.simulation.mujoco_functions import mj_differentiate_pos, mj_integrate_pos
@@ -33,6 +33,7 @@ class BodyPush(NamedTuple):
 
 
 NO_PUSH = BodyPush(0, 0, 0, np.zeros(3))
+NEVER = np.int64(-1)  # a step in which no push acts
 
 
 class CompiledSimulation(NamedTuple):
@@ -78,7 +79,7 @@ class CompiledSimulation(NamedTuple):
     push: BodyPush
 
 
-@compiled
+@compiled_part
 def put_state(sim, z):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Puts the simulation into the state x with which z begins."""
     n_q, n_v, n_a = len(sim.qpos), len(sim.qvel), len(sim.act)
@@ -90,16 +91,32 @@ def put_state(sim, z):  # type: ignore[no-untyped-def]  # pragma: no cover
         sim.act[i] = z[n_q + n_v + i]
 
 
-@compiled
+@compiled_part
+def copy(source, target):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Copies an array, as long as the target."""
+    for i in range(len(target)):
+        target[i] = source[i]
+
+
+@compiled_part
+def is_within(values, bound):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns whether all values are inside the bound; NaN is not."""
+    for value in values:  # noqa: SIM110 - numba compiles a loop sooner
+        if not abs(value) < bound:
+            return False
+    return True
+
+
+@compiled_part
 def push_at(sim, t):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Applies the push if it acts in control step t; returns whether it does. None acts in -1."""
+    """Applies the push if it acts in control step t, or NEVER; returns whether it does."""
     acts = sim.push.first <= t < sim.push.last
     for i in range(len(sim.push.force)):
         sim.applied[sim.push.body, i] = sim.push.force[i] if acts else 0.0
     return acts
 
 
-@compiled
+@compiled_part
 def get_state(sim, x):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the simulation's state."""
     n_q, n_v, n_a = len(sim.qpos), len(sim.qvel), len(sim.act)
@@ -111,7 +128,7 @@ def get_state(sim, x):  # type: ignore[no-untyped-def]  # pragma: no cover
         x[n_q + n_v + i] = sim.act[i]
 
 
-@compiled
+@compiled_part
 def subtract(sim, x, origin, deviation):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes x ⊖ origin."""
     n_q, n_v = len(sim.qpos), len(sim.qvel)
@@ -120,7 +137,7 @@ def subtract(sim, x, origin, deviation):  # type: ignore[no-untyped-def]  # prag
         deviation[i - n_q + n_v] = x[i] - origin[i]
 
 
-@compiled
+@compiled_part
 def add(sim, x, deviation, size):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Moves x by a deviation times `size`."""
     n_q, n_v = len(sim.qpos), len(sim.qvel)
@@ -129,7 +146,7 @@ def add(sim, x, deviation, size):  # type: ignore[no-untyped-def]  # pragma: no 
         x[i] += size * deviation[i - n_q + n_v]
 
 
-@compiled
+@compiled_part
 def move(sim, x, direction, j, size):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Moves x along coordinate j of its deviations; `direction`, (n_v,), is zero before and after.
 

@@ -55,7 +55,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compiled, compiled_part
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
 
@@ -150,6 +150,9 @@ def backward_pass(
     return LocalPolicy(k, gains, q_uu, free, slope, curvature, complete)
 
 
+_FROM_TOP, _LOWER_HALF = np.int64(0), np.int64(0)  # see `add_transposed_product`
+
+
 @compiled
 def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
     f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps, slopes
@@ -192,11 +195,11 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
         for i in range(n_x):
             for j in range(n_z):
                 q_z[j] += f_z[i, j] * v_x[i]
-        add_transposed_product(v_xx, f_z, vf, 0, n_z)
-        add_transposed_product(f_z, vf, q_zz, 0, 0)
+        add_transposed_product(v_xx, f_z, vf, _FROM_TOP, n_z)
+        add_transposed_product(f_z, vf, q_zz, _FROM_TOP, _LOWER_HALF)
         if mu > 0.0:
             ff[n_x:] = 0.0
-            add_transposed_product(f_z, f_z, ff, n_x, 0)
+            add_transposed_product(f_z, f_z, ff, n_x, _LOWER_HALF)
 
         # Solve (Quu + μ BᵀB) [k K] = −[Q_u  Q_ux + μ BᵀA] by a Cholesky factorisation; where k
         # reaches a bound, it is the start of the search for the k within the bounds.
@@ -214,7 +217,8 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
         for i in range(n_u):
             is_outside |= right[i, 0] <= low[t, i] or right[i, 0] >= high[t, i]
         if is_outside:
-            k[t] = right[:, 0]
+            for i in range(n_u):
+                k[t, i] = right[i, 0]
             minimize_in_box(regularized, q_z[n_x:], low[t], high[t], k[t], free[t])
             for i in range(n_u):
                 row = n_x + i
@@ -256,7 +260,7 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
             curvature += k[t, i] * quu_k
             for j in range(n_x):
                 v_x[j] += gains[t, i, j] * (quu_k + q_z[n_x + i]) + upper[n_u + i, j] * k[t, i]
-        add_transposed_product(upper, lower, q_zz, 0, 0)
+        add_transposed_product(upper, lower, q_zz, _FROM_TOP, _LOWER_HALF)
         for i in range(n_x):
             for j in range(i + 1):
                 v_xx[i, j] = v_xx[j, i] = q_zz[i, j]
@@ -318,10 +322,11 @@ def minimize_in_box(hessian, gradient, low, high, k, free):  # type: ignore[no-u
             size *= 0.5
         if size <= _SHORTEST:
             return
-        k[:] = moved
+        for i in range(n):
+            k[i] = moved[i]
 
 
-@compiled
+@compiled_part
 def solve_free(hessian, free, left, right):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Overwrites `right` (n, m) with H⁻¹ of it over free coordinates, and zero in the others' rows.
 
@@ -338,7 +343,7 @@ def solve_free(hessian, free, left, right):  # type: ignore[no-untyped-def]  # p
     return solve_in_place(left, right)
 
 
-@compiled
+@compiled_part
 def add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Adds aᵀb to out from row `first` on: `width` columns, or the lower half if that is 0."""
     n = len(b)
@@ -358,7 +363,7 @@ def add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-
                 out[i, j] += f * b[n - 1, j]
 
 
-@compiled
+@compiled_part
 def solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Overwrites b with a⁻¹b; returns false if a is not positive definite or not finite."""
     n, m = b.shape
