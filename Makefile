@@ -10,7 +10,7 @@ ifneq ($(unknown),)
     $(unknown) $(VARIABLES)) `make help` lists the variables of each target)
 endif
 .DEFAULT_GOAL := help
-.PHONY: help setup development demo test test-all coverage faults damages bench bench-peers site lint clean distclean
+.PHONY: help setup development demo test test-all coverage faults damages bench bench-peers web wheels site lint clean distclean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -47,6 +47,12 @@ bench: development  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=
 bench-peers: development  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
 	@scripts/run_benchmarks.bash reinforcement_learning
 
+web: setup  ## what pages in the browser are made of (npm); `vgps export --web` and `vgps demo` need it
+	@scripts/build_web_parts.bash
+
+wheels: web  ## wheels of vgps_ros and of its messages, into dist/
+	@scripts/build_wheels.bash
+
 site: development  ## the documentation site, into build/site; every link and reference must hold
 	@scripts/build_site.bash
 
@@ -54,7 +60,7 @@ lint: development  ## ruff (rules and format) and mypy
 	@scripts/check_style.bash
 
 clean:  ## remove build, install, log and caches; keeps the virtual environment
-	@rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	@rm -rf build dist install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
 	@find vgps_ros tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean  ## the same, and the virtual environment

@@ -18,7 +18,7 @@ python_probe='
 import os, sys, sysconfig
 
 def finding(ros):
-    if not (3, 10) <= sys.version_info[:2] <= (3, 12):
+    if not (3, 10) <= sys.version_info[:2] <= (3, 14):
         return "version"
     if ros == "system":
         try:
@@ -36,11 +36,11 @@ def finding(ros):
 print(finding(sys.argv[1]))
 '
 
-# find_python ROS VENV: sets $python to a Python 3.10 to 3.12 outside VENV that has everything, which
+# find_python ROS VENV: sets $python to a Python 3.10 to 3.14 outside VENV that has everything, which
 # includes rclpy if ROS is "system". $PYTHON may name the Python to use.
 find_python() {
   local name candidate finding lack='' lacking=''
-  for name in ${PYTHON:-python3 python3.12 python3.11 python3.10}; do
+  for name in ${PYTHON:-python3 python3.14 python3.13 python3.12 python3.11 python3.10}; do
     while read -r candidate; do
       # The environment is about to be replaced, so its own Python cannot make it.
       if [[ $candidate == "$2"/* ]]; then continue; fi
@@ -62,7 +62,7 @@ find_python() {
     dev) fail "$lacking has no C headers: install them, on Debian or Ubuntu with 'sudo apt-get install python3-dev'." ;;
   esac
   # shellcheck disable=SC2016
-  fail "no Python 3.10, 3.11 or 3.12 ${PYTHON:+by the name of '$PYTHON' }starts here: install one, on Debian or Ubuntu with 'sudo apt-get install python3 python3-venv python3-dev', or name one with 'make setup PYTHON=/path/to/python3'."
+  fail "no Python 3.10 to 3.14 ${PYTHON:+by the name of '$PYTHON' }starts here: install one, on Debian or Ubuntu with 'sudo apt-get install python3 python3-venv python3-dev', or name one with 'make setup PYTHON=/path/to/python3'."
 }
 
 # Prints the setup.bash of the ROS installation that $python takes rclpy from.

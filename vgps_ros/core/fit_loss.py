@@ -28,7 +28,6 @@ The samples are passed in blocks, on all cores. Where the blocks end depends on 
 network alone, and their sums are added in order, so that no bit depends on the number of cores.
 """
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -40,6 +39,7 @@ import numpy as np
 import torch
 from scipy.sparse.linalg import LinearOperator, cg
 
+from vgps_ros.core.cores import count_cores
 from vgps_ros.core.policy import Architecture
 from vgps_ros.core.policy_network import Passes
 from vgps_ros.core.records import Array
@@ -57,7 +57,7 @@ _BLOCK = 2**23
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(len(os.sched_getaffinity(0)), "m_step")
+    return ThreadPoolExecutor(count_cores(), "m_step")
 
 
 def _total(parts: Sequence[Any]) -> Any:

@@ -3,7 +3,7 @@
 
 A file is read without opening anything outside it. onnxruntime cannot end an operator, so it gets
 only those whose work depends on sizes alone, and `check_work` bounds both before it executes any.
-The package `onnx` (requirements/onnx.txt) is imported only when a file is read or written.
+The package `onnx` is imported only when a file is read or written.
 
 The graph of a policy of ours maps `obs`, shape (batch, n_o), to
 
@@ -71,9 +71,10 @@ def package(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
+        needed = name.partition(".")[0]
+        wheel = "vgps-ros[onnx]" if needed == "onnxruntime" else "vgps-ros"
         raise VgpsError(
-            f"An ONNX policy needs the package {name.partition('.')[0]}: pip install -r "
-            "requirements/onnx.txt."
+            f"An ONNX policy needs the package {needed}: pip install '{wheel}'."
         ) from error
 
 

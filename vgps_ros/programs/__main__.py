@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Learns locomotion policies by variational guided policy search, in this process or in ROS 2."""
 
-import ast
 import importlib
 import os
 import re
@@ -10,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from errno import EDQUOT, ENOSPC
 from importlib.util import find_spec
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from vgps_ros.programs.command_line import Parser
 
 _SHARED = {"command_line", "policy_run", "training_client"}  # modules that are no commands
+_EXTRAS = {  # by the package that it brings
+    **dict.fromkeys(("mcap", "mcap_ros2", "pyarrow", "rerun", "rosbags"), "bags"),
+    "onnxruntime": "onnx",
+    "viser": "live",
+}
 COMMANDS = sorted(
     file.stem.replace("_", "-")
     for file in Path(__file__).parent.glob("[!_]*.py")
@@ -38,26 +43,52 @@ def main(arguments: Sequence[str] | None = None) -> None:
         words.insert(0, "node")
     if words and words[0] != "node":
         words[0] = words[0].replace("_", "-")  # as in `ros2 run vgps_ros execute_policy`
+    _set_environment()
     try:
         if words[:1] == ["node"] and words[1:2] and words[1] in NODES:
             start(words[1:])
-        _run(words)
+        run_command(words)
     except KeyboardInterrupt:
         sys.exit("vgps: interrupted.")
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in ("", "vgps_ros"):
             raise
-        is_ros = re.fullmatch(r"rclpy|(ament|rosidl)_\w+|\w+_(msgs|interfaces)", package)
-        advice = (
-            "needs ROS 2 Jazzy: run `make setup`, then `source env.bash`"
-            if is_ros
-            else "needs more than is installed: run `pip install '.[standalone]'`"
-        )
-        sys.exit(f"vgps {words[0]}: this command {advice} (there is no package '{package}').")
+        sys.exit(f"vgps {words[0]}: {_installation_advice(package)}")
 
 
-def _run(words: Sequence[str]) -> None:
+def _set_environment() -> None:
+    """Sets what env.bash sets in a checkout, as far as the user has not set it himself.
+
+    docs/how_to/install.md says what each variable is for.
+    """
+    defaults = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ORT_DISABLE_TELEMETRY": "1"}
+    share = Path(sys.prefix, "share")
+    if (share / "ament_index/resource_index/packages/rclpy").exists():  # ROS 2 from wheels
+        defaults |= {"AMENT_PREFIX_PATH": sys.prefix, "ROS_DISTRO": "jazzy"}
+        defaults |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "RMW_FASTRTPS_USE_QOS_FROM_XML": "1"}
+        profile = share / "vgps_ros/config/fastdds_loopback.xml"
+        if profile.exists() and not os.environ.get("FASTDDS_DEFAULT_PROFILES_FILE"):
+            defaults["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    for name, value in defaults.items():
+        os.environ.setdefault(name, value)
+
+
+def _installation_advice(package: str) -> str:
+    """Returns a sentence on how to install what a command lacks."""
+    if re.fullmatch(r"rclpy|(ament|rosidl)_\w+|\w+_(msgs|interfaces)", package):
+        needed, extra = "ROS 2 Jazzy", "ros"
+    else:
+        needed, extra = f"the package '{package}'", _EXTRAS.get(package, "")
+    wheel = f"vgps-ros[{extra}]" if extra else "vgps-ros"
+    return (
+        f"this command needs {needed}, which is not installed; run `pip install '{wheel}'`, or in "
+        "a checkout `make setup` and `source env.bash`."
+    )
+
+
+def run_command(words: Sequence[str]) -> None:
+    """Runs a command as if it were typed; exits with a sentence where it fails."""
     from vgps_ros.core.checks import printable
     from vgps_ros.core.errors import VgpsError
 
@@ -122,7 +153,7 @@ def _parser(words: Sequence[str]) -> "Parser":
 def _description(command: str) -> str:
     """Returns a module's docstring without importing it, which may need packages."""
     file = Path(__file__).parent / f"{command.replace('-', '_')}.py"
-    return str(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))))
+    return cleandoc(file.read_text(encoding="utf-8").split('"""', 2)[1])
 
 
 def _module(command: str) -> Any:

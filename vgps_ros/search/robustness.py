@@ -2,7 +2,6 @@
 """The share of a policy's rollouts that survive disturbances, from pushes to noise of sensors."""
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
@@ -14,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vgps_ros.core.cores import count_cores
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
@@ -177,7 +177,7 @@ def behaviours(
         here = disturbed(task, disturbance)
         return behaviour(here, driver, trial.of(rows[disturbance]), (seconds,))
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(count_cores()) as pool:
         found = Behaviour.joined(list(pool.map(tried, rows)))
     return found.of(np.argsort(np.concatenate([*rows.values()])))
 

@@ -8,7 +8,6 @@ A control is held for a number of simulator steps:
 with f_x, f_u from finite differences on the tangent space (`core.dynamics`).
 """
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +21,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
+from vgps_ros.core.cores import count_cores
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
@@ -88,7 +88,7 @@ class Simulations:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.space = state_space(model)
         self.substeps = substeps
-        cores = 1 if _others_use_the_cores else len(os.sched_getaffinity(0))
+        cores = 1 if _others_use_the_cores else count_cores()
         self.threads = threads or cores
         self._data = [mujoco.MjData(model) for _ in range(self.threads)]
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using

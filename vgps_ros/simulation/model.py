@@ -9,6 +9,7 @@ import math
 import multiprocessing
 import re
 import resource
+import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import lru_cache
@@ -101,8 +102,9 @@ def _try(mjcf: str) -> None:
 
 
 def _compile_within_limits(mjcf: str, finds: Connection) -> None:
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + _BYTES, used + _BYTES))
+    if sys.platform == "linux":  # macOS limits no process's memory
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + _BYTES, used + _BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
