@@ -6,6 +6,7 @@ the robot's sensors are. Where a robot's left and right are alike, a sample teac
 motion as well: each draw mirrors every sample or not, at random.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,13 @@ from vgps_ros.core.records import Array
 
 Samples = tuple[Array, Array, Array]
 """What the policy reads (N, n_o), the wanted controls' means (N, n_u) and variances (N, n_u)."""
+
+
+def exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
+    """Returns a name with the parts of each pair exchanged."""
+    for one, other in pairs:
+        name = other.join(part.replace(other, one) for part in name.split(one))
+    return name
 
 
 @dataclass(frozen=True)

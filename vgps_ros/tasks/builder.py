@@ -12,7 +12,7 @@ import msgspec
 import mujoco
 import numpy as np
 
-from vgps_ros.core.augmentation import Augmentation, Mirror
+from vgps_ros.core.augmentation import Augmentation, Mirror, exchanged
 from vgps_ros.core.checks import known, matching, quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
@@ -293,13 +293,6 @@ class _Reader:
                 for name in matching("coordinate", pattern, names):
                     values[names.index(name)] = value
         return values
-
-
-def exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
-    """Returns a name with the parts of each pair exchanged."""
-    for one, other in pairs:
-        name = other.join(part.replace(other, one) for part in name.split(one))
-    return name
 
 
 def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:

@@ -8,7 +8,7 @@ robot is for is found in `robot_kind`, and the lines that the facts pick and fil
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -16,11 +16,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vgps_ros.core.augmentation import exchanged
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names, joint_names
-from vgps_ros.tasks.builder import exchanged
 from vgps_ros.tasks.robot_kind import (
     BALL,
     HINGE,
@@ -67,7 +67,7 @@ def first_task_file(
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    robot = recognised(model)
+    robot = replace(recognised(model))
     if former.nu > model.nu:
         largest = controls_of(former).largest
         pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)

@@ -6,6 +6,7 @@ one says `target`.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -181,6 +182,7 @@ def shakes_its_legs(model: mujoco.MjModel) -> bool:
     return bool(PERIOD * accelerations[range(len(dofs)), dofs].max() > _SHAKEN)
 
 
+@lru_cache(maxsize=2)  # of a model, which is the same only if it is one
 def recognised(model: mujoco.MjModel) -> Robot:
     """Returns the facts about a model; its kind decides how it starts, and what its goal is."""
     data = mujoco.MjData(model)
