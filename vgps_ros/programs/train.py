@@ -76,18 +76,20 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.training import train
+    from vgps_ros.search.trajectory_optimization import prepare
     from vgps_ros.views.console import TrainingProgress
     from vgps_ros.views.learning_curve import EventLog, learning_curve
     from vgps_ros.views.plots import save
 
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
+    prepare(task)  # before the first bar, and before processes would each compile the loops
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
     solvers = SolverProcesses(make) if settings.situations > 1 else None
     with (
         _claimed(output.path),
         solvers or nullcontext(),
-        TrainingProgress(settings.initial_ddp_iterations) as progress,
+        TrainingProgress() as progress,
     ):
         checkpoints = Checkpoints(output.checkpoints, progress.say)
 
@@ -105,9 +107,10 @@ def run(arguments: argparse.Namespace) -> None:
             arguments.seed,
             output,
             on_iteration=show,
-            on_initial_ddp=lambda i: progress.ddp_iteration(i.index),
+            on_initial_progress=progress.initial_solves,
             checkpoints=checkpoints,
-            optimize_many=solvers.optimize_all if solvers else None,
+            solvers=solvers,
+            command=shlex.join(["vgps", "train", *arguments.parser.words]),
         )
     if events:
         events.close()

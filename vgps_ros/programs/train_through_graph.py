@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
             iterations=[arguments.iterations] if "iterations" in arguments else [],
             hidden_units=getattr(arguments, "hidden_units", []),
         )
-        with TrainingProgress(SearchSettings().initial_ddp_iterations) as progress:
+        with TrainingProgress() as progress:
             result = node.train(goal, arguments.timeout, progress)
         policy = policy_from_msg(result.policy)
         content = result_from_msgs(result.history, policy)

@@ -19,6 +19,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import progress_from_msg
 from vgps_ros.ros_runtime.qos import STREAM, Liveness
 from vgps_ros.ros_runtime.runner import spin_once
+from vgps_ros.search.settings import SearchSettings
 from vgps_ros.views.console import TrainingProgress
 
 _WAKE_PERIOD = 0.2  # longest wait for a message [s]
@@ -83,11 +84,11 @@ class TrainingClient(Node):
 
     def _show_solves(self, progress: TrainingProgress) -> None:
         """Shows the iterations of the initial DDP, also of optimizers that are discovered late."""
-        shown: set[str] = set()
+        shown, most = set[str](), SearchSettings().initial_ddp_iterations
 
         def show_solve(message: OptimizerIteration) -> None:
             if message.search_iteration == 0:
-                progress.ddp_iteration(message.iteration)
+                progress.initial_solves(min(1.0, message.iteration / most))
 
         def find_solvers() -> None:
             for topic, types in self.get_topic_names_and_types():

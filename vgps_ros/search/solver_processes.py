@@ -9,11 +9,12 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from types import TracebackType
 
+from vgps_ros.core.cores import count_cores
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.trajectory_optimization import Outcome, attempt
@@ -34,7 +35,7 @@ class SolverProcesses:
     def __init__(self, make_task: Callable[[], Task], count: int | None = None):
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([_PRELOADED])
-        self.count = count or len(os.sched_getaffinity(0))
+        self.count = count or count_cores()
         self._pool = ProcessPoolExecutor(self.count, context, _begin, (make_task,))
 
     def __enter__(self) -> "SolverProcesses":
@@ -48,14 +49,25 @@ class SolverProcesses:
                 process.terminate()
         self._pool.shutdown(cancel_futures=True)
 
-    def optimize_all(self, requests: Sequence[OptimizationRequest]) -> list[Outcome]:
+    def optimize_all(
+        self,
+        requests: Sequence[OptimizationRequest],
+        on_progress: Callable[[float], None] = lambda _: None,
+    ) -> list[Outcome]:
         """Solves several requests; their outcomes are in order.
+
+        Args:
+            requests: what to solve.
+            on_progress: called at the end of each solve, with the share that is done.
 
         Raises:
             VgpsError: a process was ended from outside, as where memory is short.
         """
         try:
-            return list(self._pool.map(_solve, requests))
+            solves = [self._pool.submit(_solve, request) for request in requests]
+            for done, _ in enumerate(as_completed(solves), 1):
+                on_progress(done / len(solves))
+            return [solve.result() for solve in solves]
         except BrokenProcessPool as error:
             raise VgpsError(
                 "A process that solves trajectories was ended from outside, perhaps since memory "

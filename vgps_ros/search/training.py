@@ -5,8 +5,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import yaml
 
 from vgps_ros.core.ddp.solve import Iteration
+from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.settings import values_of
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
@@ -14,8 +17,8 @@ from vgps_ros.search.metrics import result_content
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.search.settings import SearchSettings
+from vgps_ros.search.solver_processes import SolverProcesses
 from vgps_ros.search.trajectory_optimization import Outcome, attempt
-from vgps_ros.search.workspace import OptimizeAll
 from vgps_ros.storage.files import replacing
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.storage.software import environment
@@ -30,9 +33,10 @@ def train(
     output: RunFolder,
     *,
     on_iteration: Callable[[SearchIteration], None] = lambda _: None,
-    on_initial_ddp: Callable[[Iteration], None] = lambda _: None,
+    on_initial_progress: Callable[[float], None] = lambda _: None,
     checkpoints: Checkpoints | None = None,
-    optimize_many: OptimizeAll | None = None,
+    solvers: SolverProcesses | None = None,
+    command: str = "",
 ) -> dict[str, Any]:
     """Trains a policy.
 
@@ -46,9 +50,11 @@ def train(
         seed: seed of all random draws.
         output: folder for the files, which is made if it is missing.
         on_iteration: called at the end of each iteration.
-        on_initial_ddp: called at the end of each DDP iteration of the initial solve.
+        on_initial_progress: called during the initial solves, with the share that is done.
         checkpoints: checkpoints from which a training that was stopped goes on, if given.
-        optimize_many: solves several requests at once; None: this process solves them in turn.
+        solvers: processes that solve several requests at once; None: this one solves them in turn.
+
+        command: the command of the training, for its record.
 
     Returns:
         The content of result.json.
@@ -59,13 +65,23 @@ def train(
     """
     output.path.mkdir(parents=True, exist_ok=True)  # before hours of learning, if it cannot be made
     with replacing(output.environment) as file:
-        file.write(environment().encode())
+        file.write((environment() + _record(method, task, settings, seed, command)).encode())
 
     def optimize_all(requests: Sequence[OptimizationRequest]) -> Sequence[Outcome]:
-        if optimize_many and len(requests) > 1:
-            return optimize_many(requests)
-        reports = [on_initial_ddp if r.iteration == 0 else lambda _: None for r in requests]
-        return [attempt(task, r, report) for r, report in zip(requests, reports, strict=True)]
+        report = on_initial_progress if requests[0].iteration == 0 else lambda _: None
+        if solvers and len(requests) > 1:
+            return solvers.optimize_all(requests, report)
+        total = sum(request.max_iterations for request in requests)
+        outcomes, done = list[Outcome](), 0
+        for request in requests:
+            before = done
+
+            def show(iteration: Iteration, before: int = before) -> None:
+                report((before + iteration.index) / total)
+
+            outcomes.append(attempt(task, request, show))
+            done += request.max_iterations
+        return outcomes
 
     for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
         policy, history = iteration.policy, iteration.history
@@ -74,6 +90,19 @@ def train(
         on_iteration(iteration)
     _save_motions(task, iteration, content, output)
     return content
+
+
+def _record(method: str, task: Task, settings: SearchSettings, seed: int, command: str) -> str:
+    """Returns what was trained as YAML, with the settings that differ from their defaults."""
+    usual = values_of(SearchSettings(), OptimizerSettings())
+    values = values_of(settings, task.optimizer).items()
+    record = {
+        "command": command,
+        "method": method,
+        "seed": seed,
+        "settings": {name: value for name, value in values if value != usual[name]},
+    }
+    return str(yaml.safe_dump({"training": record}, sort_keys=False))
 
 
 def _save_motions(

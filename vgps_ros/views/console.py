@@ -8,8 +8,9 @@ Names, paths and units come from outside, so nothing in what is printed is marku
 import math
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.search.metrics import IterationMetrics
 
 _WIDE = 140  # characters; more than any table needs
@@ -38,26 +39,29 @@ def table_console(*, wide: bool = False) -> Console:
 
 
 class TrainingProgress(Progress):
-    """One line an iteration; on a terminal also a bar, which moves during the first solve too."""
+    """One line an iteration; on a terminal also a bar, which moves during the first solves too."""
 
-    def __init__(self, initial_ddp_iterations: int):
+    def __init__(self) -> None:
         console = plain_console()
         super().__init__(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
-            MofNCompleteColumn(),
+            TaskProgressColumn(),
             TimeElapsedColumn(),
             console=console,
             disable=not console.is_terminal,
             transient=True,
         )
-        self._initial = self.add_task("initial DDP", total=initial_ddp_iterations)
+        self._initial = self.add_task("first solutions", total=1.0)
+        self._initial_lines = progress_lines("First solutions")
         self._learning = self.add_task("learning", total=None, visible=False)
         self._has_header = False
 
-    def ddp_iteration(self, index: int) -> None:
-        """Shows an iteration of the initial solve."""
-        self.update(self._initial, completed=index)
+    def initial_solves(self, share: float) -> None:
+        """Shows how much of the initial solves is done; without a terminal, every 10 s."""
+        self.update(self._initial, completed=share)
+        if not self.console.is_terminal:
+            self._initial_lines(share)
 
     def iteration(self, metrics: IterationMetrics, iterations: int, remaining: float) -> None:
         """Shows one of so many iterations of Algorithm 1, and the time left [s]."""
