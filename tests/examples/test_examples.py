@@ -60,9 +60,9 @@ def test_the_own_cost_straightens_the_elbow():
 
 
 def test_the_own_method_learns():
-    text = run("05_own_method.py", iterations=8)
+    text = run("05_own_method.py", iterations=5)
     *learned, ddp = [float(line.split(": ")[1]) for line in text.splitlines()]
-    assert len(learned) == 8
+    assert len(learned) == 5
     assert ddp < learned[-1] < learned[0]
 
 

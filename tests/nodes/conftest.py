@@ -186,6 +186,10 @@ class Graph:
         self.processes.append(process)
         return process
 
+    def start_program(self, program: str, *arguments: str) -> Process:
+        """Starts a program that waits for nodes, as long as a busy machine may need."""
+        return self.start(program, *arguments, "--timeout", str(PATIENCE))
+
     def close(self) -> None:
         """Ends what still runs; a process that does not end well fails the test."""
         running = [process for process in self.processes if process.running]
@@ -297,7 +301,7 @@ class Graph:
         for topic, count in (("joint_states", 2), ("joint_command", 2), (MJCF, 1)):
             heard = partial(self.node.count_subscribers, topic)
             self.spin_until(lambda n=count, heard=heard: heard() == n, what=f"who hears {topic}")
-        program = self.start("execute_policy", "--task", task, "--steps", str(steps))
+        program = self.start_program("execute_policy", "--task", task, "--steps", str(steps))
         self.ends(program)
         if to_its_end:
             assert executor.end() == 0

@@ -41,7 +41,7 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
     graph.start("policy_executor", task=task.name, policy_file=path)
     graph.spin_until_output(simulation, "The controls are position [rad] now.")
     graph.spin_until(lambda: graph.node.count_subscribers("joint_command") == 3)
-    program = graph.start("execute_policy", "--task", task.name, "--steps", str(STEPS))
+    program = graph.start_program("execute_policy", "--task", task.name, "--steps", str(STEPS))
     graph.ends(program)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
 

@@ -26,7 +26,7 @@ def test_its_figures_are_those_of_a_rollout_in_process_each_time(
     for course in ([], ["--course", "figure_of_eight", "--picture", str(tmp_path / "none.png")]):
         figures = tmp_path / "figures.json"
         words = ["--steps", str(steps), "--json", str(figures), *course]
-        program = graph.start("execute_policy", *words)
+        program = graph.start_program("execute_policy", *words)
         graph.ends(program)
         written = json.loads(figures.read_text())
         assert written["cost"] == swimmer.trajectory_cost(rollout)

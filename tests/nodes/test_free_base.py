@@ -70,13 +70,13 @@ def test_it_is_driven_in_lock_step_recorded_checked_and_drawn(
     graph.spin_until_output(visualizer, "Recording what is seen")
     graph.publish_policy(policy, robot.name)
     graph.start("simulation", task=robot.name, start_paused=True)
-    graph.start("policy_executor", task=robot.name)
+    graph.start("policy_executor", task=robot.name, state_timeout=60.0)
     for topic in (*states.topics, "joint_command", "policy"):
         count = graph.node.count_subscribers
         graph.spin_until(lambda t=topic, n=count: n(t) == 3, what=f"listeners of {topic}")
     graph.spin_until(lambda: graph.node.count_subscribers("mjcf_description") == 2)
     words = ["--task", robot.name, "--steps", str(STEPS), "--json", str(figures)]
-    program = graph.start("execute_policy", *words)
+    program = graph.start_program("execute_policy", *words)
     graph.ends(program)
     assert recorder.end(signal.SIGINT) == 0, recorder.output
     assert visualizer.end(signal.SIGINT) == 0, visualizer.output

@@ -153,7 +153,7 @@ def test_without_another_learner_the_program_gives_up_in_time(graph, tmp_path):
     graph.start("trajectory_optimizer", task="rotor")
     learner = graph.start("policy_learner", **PARAMETERS)
     iterations = graph.messages(LearningProgress, "learning_progress")
-    program = graph.start(
+    program = graph.start_program(
         "train_through_graph",
         *("--iterations", "10000", "--output", str(tmp_path / "out"), "--lost-timeout", "1"),
     )

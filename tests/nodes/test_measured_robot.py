@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A robot whose sensors each have stamps of their own: what the executor makes of them."""
 
+import time
 from pathlib import Path
 
 import mujoco
@@ -75,6 +76,14 @@ class Robot:
         self.sent[topic][nanoseconds(message.header.stamp)] = message
         (self.joints if topic == JOINTS else self.base).publish(message)
 
+    def keep_pace(self, at):
+        """Gives a busy executor some seconds to answer what was measured three periods ago [ns]."""
+        due, end = at - 3 * PERIOD, time.monotonic() + 5.0
+        if due < min(self.sent[JOINTS], default=at):
+            return
+        while time.monotonic() < end and not (self.commands and self.stamps()[-1] >= due):
+            self.graph.spin_for(0.005)
+
     def state(self, at):
         """A state near that in which it stands, which the time [ns] draws."""
         rng, space = np.random.default_rng(at), self.task.dynamics.space
@@ -146,10 +155,11 @@ def test_a_blind_policy_is_driven_at_its_own_rate_by_joints_and_an_imu_without_o
         if tick % 2 == 0 and rng.random() < 0.9:
             late.append((tick + rng.integers(0, 2), robot.send_joints, at))
         graph.spin_for(0.005)
+        robot.keep_pace(at)
     graph.spin_for(0.5)
     commands, stamps = list(robot.commands), robot.stamps()
     steps = np.diff(stamps) / MS
-    assert 48 < len(stamps) < 63  # 1.2 s at 50 Hz; a busy machine loses some
+    assert 48 < len(stamps) < 63  # 1.2 s at 50 Hz
     assert np.all(steps >= 10.0)
     assert np.median(steps) == 20.0
     for command in commands:
@@ -166,26 +176,26 @@ def test_a_blind_policy_is_driven_at_its_own_rate_by_joints_and_an_imu_without_o
 
 def test_an_imu_that_falls_silent_is_named_and_the_policy_drives_again_once_it_comes(graph, blind):
     robot = Robot(graph, blind, state_timeout=0.3, safe_action="zero", **REAL)
-    time = 1000 * MS
+    at = 1000 * MS
 
-    def run(seconds, *, with_imu):
-        nonlocal time
-        for _ in range(round(seconds / 0.01)):
-            time += 10 * MS
+    def run_until_torques_are(wanted, *, with_imu):
+        def is_so():
+            nonlocal at
+            at += 10 * MS
             if with_imu:
-                robot.send_imu(time)
-            robot.send_joints(time)
+                robot.send_imu(at)
+            robot.send_joints(at)
             graph.spin_for(0.01)
+            return robot.commands and any(robot.commands[-1].effort) == wanted
 
-    run(0.3, with_imu=True)
-    assert any(any(command.effort) for command in robot.commands)
-    run(1.0, with_imu=False)
+        graph.spin_until(is_so, what=f"torques to be {wanted}")
+
+    run_until_torques_are(True, with_imu=True)
+    run_until_torques_are(False, with_imu=False)
     said = graph.diagnosis("policy_executor", ERROR, "no usable imu within 0.05 s").message
     assert "Safe action active (zero)" in said
     assert "before it)" in said
-    assert not any(robot.commands[-1].effort)
-    run(0.3, with_imu=True)
-    assert any(robot.commands[-1].effort)
+    run_until_torques_are(True, with_imu=True)
     assert "No state is complete" not in robot.executor.output  # it says one thing once
 
 
@@ -208,8 +218,9 @@ def test_an_odometry_at_half_the_rate_does_not_halve_the_commands(graph, seeing)
             robot.send_odometry(at - 1000)  # and it is measured a microsecond earlier
         robot.send_joints(at)
         graph.spin_for(0.03)
+        robot.keep_pace(at)
     graph.spin_for(0.3)
-    assert len(robot.commands) > 32  # a busy machine loses some
+    assert len(robot.commands) > 32
     assert np.median(np.diff(robot.stamps())) == PERIOD
     assert all(robot.is_explained(command, 50 * MS) for command in robot.commands)
 
@@ -276,20 +287,23 @@ def test_a_turned_imu_tells_the_same_as_one_along_the_axes_of_the_base(blind, rn
 # What the simulation publishes
 
 
-@pytest.mark.parametrize("noise", [(0.0, 0.0, 0.0), (0.02, 0.1, 0.2)])
+@pytest.mark.parametrize(
+    "noise", [pytest.param((0.0, 0.0, 0.0), marks=pytest.mark.slow), (0.02, 0.1, 0.2)]
+)
 def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torques(
     graph, blind, tmp_path, noise
 ):
     save_policy(a_policy(blind), blind.name, tmp_path / "policy.json")
     recorder = graph.record()
-    graph.start("policy_executor", task=blind.name, policy_file=tmp_path / "policy.json")
+    given = {"policy_file": tmp_path / "policy.json", "state_timeout": 60.0}
+    graph.start("policy_executor", task=blind.name, **given)
     graph.start("simulation", task=blind.name, start_paused=True, imu_noise=list(noise), seed=3)
     imus, odometry = graph.messages(Imu, "imu"), graph.messages(Odometry, "odom")
     graph.spin_until(lambda: imus and odometry)
     for topic in ("imu", "odom", "joint_states", "joint_command", "context", "policy"):
         graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
     graph.spin_for(1.0)
-    program = graph.start("execute_policy", "--task", blind.name, "--steps", "40")
+    program = graph.start_program("execute_policy", "--task", blind.name, "--steps", "40")
     graph.ends(program)
     graph.spin_for(1.2)
     assert recorder.end() == 0, recorder.output

@@ -34,7 +34,7 @@ def policy(task):
     return GaussianPolicy(shape, 0.2 * draw(shape.num_parameters), np.full(1, 0.3))
 
 
-@pytest.mark.parametrize("stochastic", [False, True])
+@pytest.mark.parametrize("stochastic", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
     graph, task, policy, tmp_path, stochastic
 ):

@@ -48,6 +48,7 @@ def listens(name: str, graph, topic: str) -> bool:
     return name in {info.node_name for info in listeners}
 
 
+@pytest.mark.slow
 def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp_path, bag_says):
     rotor, settings = make_task("rotor"), replace(SHORT, iterations=3)
     recorder = graph.start("recorder", output=str(tmp_path / "bag"))
@@ -64,11 +65,11 @@ def test_two_robots_in_one_domain_learn_and_move_bit_for_bit_as_alone(graph, tmp
     for namespace, seed in ROBOTS.items():
         flags = ["--namespace", namespace, "--iterations=3", "--hidden-units=4", f"--seed={seed}"]
         output = f"--output={tmp_path / namespace[1:]}"
-        trainings[namespace] = graph.start("train_through_graph", *flags, output)
+        trainings[namespace] = graph.start_program("train_through_graph", *flags, output)
     for program in trainings.values():
         assert program.wait() == 0, program.output
     executions = {
-        namespace: graph.start(
+        namespace: graph.start_program(
             *("execute_policy", "--task=rotor", "--namespace", namespace),
             f"--json={tmp_path / namespace[1:]}.json",
         )

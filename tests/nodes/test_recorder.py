@@ -141,7 +141,7 @@ def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
     recorder.send(signal.SIGCONT)
     graph.diagnosis("recorder", DiagnosticStatus.ERROR, "/joint_states came faster")
     before, now = 0, sent
-    while now > before + STREAM.depth // 10:  # until what still waited is taken, however slowly
+    while now > before + STREAM.depth // 100:  # until what still waited is taken, however slowly
         status = graph.diagnosis("recorder", DiagnosticStatus.OK)
         before, now = now, next(int(v.value) for v in status.values if v.key == "messages")
     assert recorder.end(signal.SIGINT) == 0
@@ -181,23 +181,28 @@ def test_two_signals_at_once_end_it_with_a_whole_bag(graph, tmp_path, number):
     assert rows(tmp_path / "bag")["/diagnostics"]
 
 
-def test_what_came_a_second_ago_is_in_the_file_before_the_recorder_ends(graph, tmp_path):
+def recorded_so_far(bag: Path) -> list[int]:
+    """The stamps of the states in a file without an index: read from its start as far as it goes.
+
+    One that is written at this moment may not be readable, and then gives none.
+    """
+    [file] = bag.glob("*.mcap")
+    stamps = []
+    with file.open("rb") as stream, suppress(EndOfFile):
+        reader = NonSeekingReader(stream, record_size_limit=None)
+        for _, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.topic == "/joint_states":
+                stamps.append(deserialize_message(message.data, JointState).header.stamp.sec)
+    return stamps
+
+
+def test_what_came_is_in_the_file_before_the_recorder_ends(graph, tmp_path):
     recorder = graph.record()
     stream = graph.publisher(JointState, "joint_states", STREAM)
     for i in range(50):
         stream.publish(joint_state(i))
         graph.spin_for(0.005)
-    graph.spin_for(1.5)
-    assert recorder.running
-    [file] = (tmp_path / "bag").glob("*.mcap")
-    with file.open("rb") as stream_in:  # no index: read from the start, as far as it goes
-        reader = NonSeekingReader(stream_in, record_size_limit=None)
-        stamps = []
-        with suppress(EndOfFile):
-            for _, channel, message in reader.iter_messages(log_time_order=False):
-                if channel.topic == "/joint_states":
-                    stamps.append(deserialize_message(message.data, JointState).header.stamp.sec)
-    assert stamps == list(range(50))
+    graph.spin_until(lambda: recorded_so_far(tmp_path / "bag") == list(range(50)), what="all")
     assert recorder.end(signal.SIGINT) == 0, recorder.output
 
 
@@ -327,7 +332,7 @@ def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whol
         stream.publish(joint_state(i))
         graph.spin_for(0.005)
         if i == 149:
-            graph.spin_for(1.0)
+            graph.spin_until(lambda: len(recorded_so_far(bag)) == 150, what="150 states")
     recorder.kill()
     with pytest.raises(SystemExit) as stop:
         vgps(["bag", "check", str(bag)])

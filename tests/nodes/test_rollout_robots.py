@@ -88,7 +88,10 @@ class Training:
         self.graph.spin_until(is_there, what=f"iteration {k}")
 
 
-@pytest.mark.parametrize(("objective", "count"), [("average", 1), ("likelihood", 2)])
+@pytest.mark.parametrize(
+    ("objective", "count"),
+    [pytest.param("average", 1, marks=pytest.mark.slow), ("likelihood", 2)],
+)
 def test_robots_and_process_learn_the_same_bits(graph, short, tmp_path, objective, count):
     training = Training(graph, short, ROBOTS[:count], **{"mirror.objective": objective})
     graph.ends(training.start(tmp_path / "out"))

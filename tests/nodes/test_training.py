@@ -50,7 +50,7 @@ def parameters(settings: SearchSettings) -> dict[str, object]:
 
 
 def start_training(graph, settings: SearchSettings, seed: int, output: Path, *flags: str):
-    return graph.start(
+    return graph.start_program(
         "train_through_graph",
         *("--iterations", str(settings.iterations), "--seed", str(seed)),
         *("--hidden-units", *map(str, settings.hidden_units), "--output", str(output), *flags),
@@ -106,7 +106,7 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     method = {"task": "rotor", "method": "adaptive_gps"}
     graph.start("policy_learner", **method, **own, **parameters(SHORT))
     # What the goal does not say is the learner's parameter.
-    program = graph.start("train_through_graph", "--seed=2", f"--output={tmp_path / 'out'}")
+    program = graph.start_program("train_through_graph", "--seed=2", f"--output={tmp_path / 'out'}")
     assert program.wait() == 0, program.output
     policies = graph.messages(GaussianPolicyMsg, "policy", LATCHED)
     graph.spin_until(lambda: policies, what="the policy, for one who comes late")
@@ -143,25 +143,37 @@ def test_commands_clock_and_memory_reach_the_optimizer_and_situations_are_renewe
     assert not same_bits(policy, kept[-1].policy)
 
 
-def test_four_initial_states_share_two_optimizers_and_one_policy_swims_from_all(
+def share(graph, task, settings, output):
+    """Trains with two optimizers, and returns the indices of the trajectories that each solved."""
+    for name in ("optimizer_a", "optimizer_b"):
+        given = ("--ros-args", "-r", f"__node:={name}", "-p", f"task:={task}")
+        graph.start("trajectory_optimizer", *given)
+    named = {"task": task, "optimizers": "[optimizer_a, optimizer_b]"}
+    graph.start("policy_learner", **named, **parameters(settings))
+    solved = {
+        name: graph.messages(OptimizerIteration, f"{name}/iterations")
+        for name in ("optimizer_a", "optimizer_b")
+    }
+    graph.ends(start_training(graph, settings, 3, output))
+    return [{message.trajectory_index for message in log} for log in solved.values()]
+
+
+def test_four_initial_states_share_two_optimizers(graph, tmp_path):
+    settings = replace(SHORT, situations=4)
+    indices = share(graph, "rotor", settings, tmp_path / "out")
+    assert all(indices)
+    assert indices[0] | indices[1] == {0, 1, 2, 3}
+    checked(tmp_path / "out", train_in_process(make_task("rotor"), settings, 3))
+
+
+@pytest.mark.slow
+def test_of_four_initial_states_and_two_optimizers_one_policy_swims_from_all(
     graph, swimmer, tmp_path
 ):
     settings = replace(
         SHORT, iterations=8, hidden_units=(10,), initial_ddp_iterations=25, situations=4
     )
-    for name in ("optimizer_a", "optimizer_b"):
-        graph.start("trajectory_optimizer", "--ros-args", "-r", f"__node:={name}")
-    graph.start("policy_learner", optimizers="[optimizer_a, optimizer_b]", **parameters(settings))
-    solved = {
-        name: graph.messages(OptimizerIteration, f"{name}/iterations")
-        for name in ("optimizer_a", "optimizer_b")
-    }
-    program = start_training(graph, settings, 3, tmp_path / "out")
-    graph.ends(program)
-
-    indices = [{message.trajectory_index for message in log} for log in solved.values()]
-    assert all(indices)
-    assert indices[0] | indices[1] == {0, 1, 2, 3}
+    share(graph, "swimmer", settings, tmp_path / "out")
     policy, _ = load_policy(tmp_path / "out" / "policy.json")
     starts = initial_states(swimmer, settings, 3)
     assert np.std(starts, axis=0)[2:5].min() > 0.05
