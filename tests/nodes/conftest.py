@@ -233,7 +233,7 @@ class Graph:
 
     def ends(self, process: Process, code: int = 0) -> None:
         """Spins until a process has ended by itself, with an exit code."""
-        self.spin_until(lambda: not process.running, 120.0, f"the end of {process.name}")
+        self.spin_until(lambda: not process.running, 2.0 * PATIENCE, f"the end of {process.name}")
         assert process.wait() == code, process.output
 
     def messages(self, kind: type, topic: str, qos: Any = STREAM) -> list[Any]:

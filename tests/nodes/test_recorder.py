@@ -102,7 +102,7 @@ def test_bags_hold_what_was_published_and_independent_readers_agree(graph, tmp_p
 
 def test_of_a_run_in_lock_step_nothing_is_lost_on_a_busy_machine(graph, random_policy, tmp_path):
     """Although no sender of states or commands keeps more than ten."""
-    steps = 300
+    steps = 100
     save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
     graph.start("simulation", start_paused=True)
     graph.start("policy_executor", policy_file=tmp_path / "policy.json")
