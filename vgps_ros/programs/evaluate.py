@@ -27,6 +27,8 @@ from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from vgps_ros.policies.driver import Driver
     from vgps_ros.tasks import Task
 
@@ -90,12 +92,31 @@ def _try_disturbances(
     return robustness(task, driver, trial, values, arguments.seed, settings)
 
 
-def _show(result: dict[str, Any], *, can_fall: bool) -> None:
+def measure(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
+    """Returns what a policy does without disturbances; `own` are the settings named in OWN.
+
+    Raises:
+        InvalidInputError: the rollouts are too short or too many.
+    """
+    from vgps_ros.search.evaluation import measure_driving
+    from vgps_ros.search.judgement import judge_controller
+
+    if task.signals.commands:
+        return {"task": task.name, **own, **judge_controller(task, driver, **own)}
+    return measure_driving(task, driver, **own)
+
+
+def show(result: dict[str, Any], task: "Task", console: "Console") -> None:
+    """Prints a result of `measure` as a table."""
+    print_table = _show_controller if task.signals.commands else _show
+    print_table(result, console, can_fall=bool(task.fallen.lowest.size))
+
+
+def _show(result: dict[str, Any], console: "Console", *, can_fall: bool) -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     from rich.table import Column, Table
 
     from vgps_ros.search.evaluation import FIGURES, SPREAD
-    from vgps_ros.views.console import table_console
 
     policy = "stochastic" if result["stochastic"] else "deterministic"
     survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
@@ -107,16 +128,15 @@ def _show(result: dict[str, Any], *, can_fall: bool) -> None:
     )
     for key, name in FIGURES.items():
         table.add_row(name, *(f"{value:.3f}" for value in result[key].values()))
-    table_console().print(table)
-    _show_robustness(result)
+    console.print(table)
+    _show_robustness(result, console)
 
 
-def _show_controller(result: dict[str, Any], *, can_fall: bool) -> None:
+def _show_controller(result: dict[str, Any], console: "Console", *, can_fall: bool) -> None:
     """Prints how a policy obeys commands as a table."""
     from rich.table import Column, Table
 
     from vgps_ros.search.judgement import CHANGE, LATE, SETTLING, TOLERANCE
-    from vgps_ros.views.console import table_console
 
     times, units = result["times"], result["units"]
     policy = "stochastic" if result["stochastic"] else "deterministic"
@@ -153,8 +173,8 @@ def _show_controller(result: dict[str, Any], *, can_fall: bool) -> None:
         table.rows[-1].end_section = i == len(result["commands"]) - 1
     row("all of these", result["all_commands"])
     row(f"changing each {CHANGE:g} s", result["changing"])
-    table_console().print(table)
-    _show_robustness(result)
+    console.print(table)
+    _show_robustness(result, console)
 
 
 def _share(share: float, interval: list[float]) -> str:
@@ -162,12 +182,11 @@ def _share(share: float, interval: list[float]) -> str:
     return f"{100 * share:.0f} % ({low:.0f}-{high:.0f})"
 
 
-def _show_robustness(result: dict[str, Any]) -> None:
+def _show_robustness(result: dict[str, Any], console: "Console") -> None:
     """Prints how many rollouts survive each disturbance, if any was tried."""
     from rich.table import Table
 
     from vgps_ros.search.robustness import ENOUGH, KINDS
-    from vgps_ros.views.console import table_console
 
     if not (tried := result.get("robustness")):
         return
@@ -188,7 +207,7 @@ def _show_robustness(result: dict[str, Any]) -> None:
             )
             cells.append(f"{ends[0]:g} to {ends[1]:g}" if ends else "none")
         table.add_row(*cells, end_section=True)
-    table_console().print(table)
+    console.print(table)
 
 
 def add_arguments(parser: Parser) -> None:
@@ -270,8 +289,6 @@ def run(arguments: argparse.Namespace) -> None:
     file = open_policy(RunFolder(path).policy if path.is_dir() else path)
     if not (arguments.task or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
-    from vgps_ros.search.evaluation import measure_driving
-    from vgps_ros.search.judgement import judge_controller
     from vgps_ros.tasks import make_task, recorded_task
     from vgps_ros.tasks.disturbed_task import for_policy
 
@@ -282,11 +299,7 @@ def run(arguments: argparse.Namespace) -> None:
     own = {name: getattr(arguments, name) for name in OWN}
     task = for_policy(task, file)
     driver = task.driver(file)
-    if commanded:
-        found = judge_controller(task, driver, **own)
-        result = {"task": task.name, **own, **found}
-    else:
-        result = measure_driving(task, driver, **own)
+    result = measure(task, driver, **own)
     if tried := _try_disturbances(task, driver, arguments):
         result["robustness"] = tried
     if arguments.plot:
@@ -301,7 +314,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json == Path("-"):
         print(json.dumps(result))
         return
-    show = _show_controller if commanded else _show
-    show(result, can_fall=bool(task.fallen.lowest.size))
+    from vgps_ros.views.console import table_console
+
+    show(result, task, table_console())
     if arguments.json:
         write_json(arguments.json, result)

@@ -8,6 +8,7 @@ the numbers mean, and of which robot and commit they are. It needs the package `
 
 import argparse
 import hashlib
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,13 @@ def add_arguments(parser: Parser) -> None:
         metavar="FOLDER",
         help="also write a page, index.html, on which anyone drives the policy in a browser",
     )
+    parser.add_argument(
+        "--card",
+        type=Path,
+        metavar="FOLDER",
+        help="also write a folder for a model hub: README.md, which says what the policy is and "
+        "how it does, policy.onnx and a moving picture",
+    )
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     parser.add_settings(_PRECISION)
 
@@ -74,6 +82,10 @@ def run(arguments: argparse.Namespace) -> None:
         outputs += [arguments.leapp / "policy.yaml"]
     if arguments.web:
         outputs += [arguments.web / name for name in PAGE_FILES]
+    if arguments.card:
+        from vgps_ros.views.policy_card import PICTURE, Exported, card_files, write_card
+
+        outputs += card_files(arguments.card)
     refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
@@ -106,6 +118,13 @@ def run(arguments: argparse.Namespace) -> None:
         write_unitrees(task, exported, arguments.unitree)
     if arguments.leapp:
         write_leapp(task, exported, arguments.leapp)
+    if arguments.card:
+        print("Measures and draws the policy for its card ...", flush=True)
+        command = shlex.join(["vgps", "export", *map(str, arguments.parser.words)])
+        made = Exported(content, arguments.precision, command)
+        if missing := write_card(task, policy, RunFolder(path.parent), made, arguments.card):
+            outputs.remove(arguments.card / PICTURE)
+            print(f"No moving picture: {missing}")
     print(
         f"Wrote {' and '.join(map(str, outputs))}: {len(policy.observed)} readings to "
         f"{len(policy.noise_std)} controls, in {arguments.precision}."
