@@ -140,7 +140,7 @@ def test_what_came_faster_than_it_could_take_it_is_counted(graph, tmp_path):
         stream.publish(joint_state(i))
     recorder.send(signal.SIGCONT)
     graph.diagnosis("recorder", DiagnosticStatus.ERROR, "/joint_states came faster")
-    before, now = 0, sent
+    before, now = -sent, 0
     while now > before + STREAM.depth // 100:  # until what still waited is taken, however slowly
         status = graph.diagnosis("recorder", DiagnosticStatus.OK)
         before, now = now, next(int(v.value) for v in status.values if v.key == "messages")
