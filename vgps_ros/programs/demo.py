@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     print("1. A policy that comes with vgps_ros. Drive it while yours is trained.", flush=True)
     if arguments.overwrite or not (shipped / "index.html").exists():
-        _run("export", _SHIPPED, "--output", shipped / "policy.onnx", "--web", shipped, *overwrite)
+        _run("export", _SHIPPED, "--web", shipped, *overwrite)
     _open(shipped / "index.html", arguments.no_browser)
 
     print("\n2. A policy of your own, trained on this machine.", flush=True)
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     _run("evaluate", run_folder, "--seconds", "6", "--rollouts", "4", "--pushes", "20")
 
     print("\n4. Its page, and its ONNX file.", flush=True)
-    _run("export", run_folder, "--output", trained / "policy.onnx", "--web", trained, *overwrite)
+    _run("export", run_folder, "--web", trained, *overwrite)
     _open(trained / "index.html", arguments.no_browser)
 
 

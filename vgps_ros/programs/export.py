@@ -2,8 +2,7 @@
 """Writes a policy as an ONNX file, which other programs and robots execute.
 
 One graph maps what the policy reads to controls within the robot's limits. Its metadata say what
-the numbers mean, and of which robot and commit they are. It needs the package `onnx`: pip install
--r requirements/onnx.txt.
+the numbers mean, and of which robot and commit they are.
 """
 
 import argparse
@@ -12,6 +11,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
 from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder, load_policy, read_result
@@ -32,7 +32,7 @@ _PRECISION = Setting(
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, or a policy.json")
-    parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
+    parser.add_output("--output", "ONNX file to write, such as policy.onnx")
     parser.add_argument(
         "--mjcf",
         type=Path,
@@ -74,8 +74,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Exports the policy that the arguments name."""
-    others = (arguments.mjcf, arguments.deployment)
-    outputs = [arguments.output, *(path for path in others if path)]
+    outputs = [p for p in (arguments.output, arguments.mjcf, arguments.deployment) if p]
     if arguments.unitree:
         outputs += [arguments.unitree / "params" / "deploy.yaml"]
     if arguments.leapp:
@@ -86,6 +85,10 @@ def run(arguments: argparse.Namespace) -> None:
         from vgps_ros.views.policy_card import PICTURE, Exported, card_files, write_card
 
         outputs += card_files(arguments.card)
+    if not outputs:
+        raise InvalidInputError(
+            "There is nothing to write; name an ONNX file by --output, or a page's folder by --web."
+        )
     refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
@@ -102,7 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     exported = ExportedPolicy(policy, task.controls.limits, arguments.precision, start)
     says = metadata(task, policy, arguments.run)
     content = to_onnx(exported, says)
-    files = {arguments.output: content}
+    files = {arguments.output: content} if arguments.output else {}
     if arguments.mjcf:
         files[arguments.mjcf] = task.mjcf.encode()
     if arguments.web:
