@@ -47,10 +47,10 @@ bench: development  ## speed, as ratios to peers and floors (BENCHMARKS= OUTPUT=
 bench-peers: development  ## against PPO and SAC of Stable-Baselines3 (OUTPUT=); takes long
 	@scripts/run_benchmarks.bash reinforcement_learning
 
-web: setup  ## what pages in the browser are made of (npm); `vgps export --web` and `vgps demo` need it
+web:  ## fetch what pages in the browser are made of (npm): `vgps export --web` and `vgps demo` need it
 	@scripts/build_web_parts.bash
 
-wheels: web  ## wheels of vgps_ros and of its messages, into dist/
+wheels: setup web  ## wheels of vgps_ros and of its messages, into dist/
 	@scripts/build_wheels.bash
 
 site: development  ## the documentation site, into build/site; every link and reference must hold

@@ -21,8 +21,7 @@ fail() {
 
 if ! npm --version >/dev/null 2>&1; then
   printf 'web: there is no npm; taking that of requirements/web.txt\n'
-  python=$root/.venv/bin/python
-  "$python" -m pip install --quiet --no-input --target "$scratch/node" \
+  python3 -m pip install --quiet --no-input --target "$scratch/node" \
     -r "$root/requirements/web.txt" >>"$log" 2>&1 ||
     fail 'the packages of requirements/web.txt cannot be installed'
   npm() { PYTHONPATH=$scratch/node PATH=$scratch/node/bin:$PATH "$scratch/node/bin/npm" "$@"; }
