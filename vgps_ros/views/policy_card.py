@@ -106,7 +106,7 @@ def _text(
     known = yaml.safe_load(run.environment.read_text()) if run.environment.is_file() else {}
     training = known.get("training") or {}
     settings = training.get("settings")  # None where nothing is recorded
-    trained = training.get("command", "not recorded: this is the policy alone, without its run")
+    trained = training.get("command", "# not recorded: this is the policy alone, without its run")
     result = measure(
         task,
         task.driver(PolicyFile("the policy", task.name, policy)),
