@@ -49,7 +49,7 @@ class Training:
         return "is lost with a solve, which is done again" in self.learner.output[self._said :]
 
     def end(self):
-        assert self.program.wait() == 0, self.program.output
+        self.graph.ends(self.program)
         return load_policy(self.folder / "out" / "policy.json")[0]
 
 

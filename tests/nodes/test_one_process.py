@@ -24,10 +24,10 @@ def test_all_nodes_of_a_training_in_one_process_learn_the_same_bits(graph, tmp_p
     nodes = graph.start("node", *names, *given, **parameters(settings))
     flags = ["--namespace=/robot1", "--iterations=3", "--hidden-units=4", "--seed=3"]
     training = graph.start_program("train_through_graph", *flags, f"--output={tmp_path / 'run'}")
-    assert training.wait() == 0, training.output + nodes.output
+    graph.ends(training)
     flags = ("--task=rotor", "--namespace=/robot1", f"--json={tmp_path / 'driven.json'}")
     execution = graph.start_program("execute_policy", *flags)
-    assert execution.wait() == 0, execution.output
+    graph.ends(execution)
     iterations = train_in_process(make_task("rotor"), settings, 3)
     checked(tmp_path / "run", iterations)
     assert nodes.end(signal.SIGTERM) == 0, nodes.output

@@ -89,7 +89,7 @@ def test_graph_and_process_learn_the_same_bits(graph, swimmer, tmp_path):
     graph.start("trajectory_optimizer")
     graph.start("policy_learner", **parameters(settings))
     program = start_training(graph, settings, 7, tmp_path / "out")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
 
     iterations = train_in_process(swimmer, settings, 7)
     result, _, task = checked(tmp_path / "out", iterations)
@@ -107,7 +107,7 @@ def test_another_method_learns_the_same_bits_through_the_graph(graph, tmp_path):
     graph.start("policy_learner", **method, **own, **parameters(SHORT))
     # What the goal does not say is the learner's parameter.
     program = graph.start_program("train_through_graph", "--seed=2", f"--output={tmp_path / 'out'}")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     policies = graph.messages(GaussianPolicyMsg, "policy", LATCHED)
     graph.spin_until(lambda: policies, what="the policy, for one who comes late")
     assert policies[0].iteration == SHORT.iterations  # the newest comes first
@@ -133,7 +133,7 @@ def test_commands_clock_and_memory_reach_the_optimizer_and_situations_are_renewe
     graph.start("trajectory_optimizer", task=told)
     graph.start("policy_learner", task=told, **parameters(settings))
     program = start_training(graph, settings, 1, tmp_path / "out")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
 
     iterations = train_in_process(task, settings, 1)
     _, policy, name = checked(tmp_path / "out", iterations)
@@ -190,7 +190,7 @@ def test_learner_alone_says_once_what_it_waits_for_and_goes_on_when_it_comes(gra
     program = start_training(graph, SHORT, 0, tmp_path / "out")
     assert learner.output.count("Waiting for the service of trajectory_optimizer") == 1
     graph.start("trajectory_optimizer", task="rotor")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     graph.diagnosis("policy_learner", DiagnosticStatus.OK)
 
 
@@ -258,7 +258,7 @@ def test_a_second_learner_disturbs_no_training(graph, tmp_path):
     second = graph.start("policy_learner", **parameters(SHORT))
     assert second.wait() == 1
     assert "/policy_learner publishes /learning_progress already" in second.output
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     assert "has died" not in program.output
 
 
@@ -279,7 +279,7 @@ def test_a_training_tells_which_iterations_had_trouble(graph, tmp_path):
     graph.start("policy_learner", task="rotor", **parameters(settings), **given)
     program = start_training(graph, settings, 0, tmp_path / "out")
     graph.diagnosis("policy_learner", DiagnosticStatus.WARN, "found nothing better")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
     warned = [i.k for i in train_in_process(make_task("rotor"), settings, 0) if i.warnings]
     assert f"{len(warned)} had trouble, last iteration {warned[-1]}: " in program.output
 
@@ -355,7 +355,7 @@ def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, c
     own = {name: list(v) if isinstance(v, tuple) else v for name, v in chosen.items()}
     graph.start("policy_learner", *given, task="walker", **parameters(settings), **own)
     program = start_training(graph, settings, 7, tmp_path / "out")
-    assert program.wait() == 0, program.output
+    graph.ends(program)
 
     iterations = train_in_process(walker, settings, 7)
     assert checked(tmp_path / "out", iterations)[2] == "walker"
