@@ -51,9 +51,6 @@ NOT_RUN = {
     r"make (setup|test|lint|site)|\.ci/run|python -m pytest": "this test is a part of it, or it "
     "would change the environment that runs it",
     r"make w|(UV_\S+ )?uv|python -m venv": "downloads; the tests of the wheels install them",
-    r"vgps demo": "opens a browser; the tests of the demo run it without one",
-    r"make faults": "takes ten minutes; tests/nodes/test_faults.py runs a short one",
-    r"pip install": "downloads; make setup has installed it, and make test-all installs anew",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "
     "workspace, which make test-all builds",
     r"rosdep|echo .*rosdep|export PIP_": "needs a ROS installation, which the wheels are not",
@@ -66,6 +63,7 @@ NOT_RUN = {
     "tests/nodes/test_drive.py steers one",
     r"vgps export .*--unitree": "is for robots of servos, for which the swimmer stands here; "
     "tests/programs/test_field_export.py exports one",
+    r"vgps export .*--web": "needs what make web fetches; tests/views/test_web_page.py writes one",
     r"vgps import .*(--contract|policy\.yaml)": "needs files of other projects; "
     "tests/policies and tests/programs read such",
     r".*--pictures": "needs EGL; tests/bags/test_data_sets.py renders where there is one",

@@ -59,7 +59,7 @@ def test_all_files_name_the_same_version():
         ElementTree.parse(ROOT / folder / "package.xml").findtext("version")
         for folder in (".", "msg_schemas", "requirements/training")
     }
-    (in_setup,) = re.findall(r'version="([\d.]+)"', (ROOT / "setup.py").read_text())
+    (in_setup,) = re.findall(r'VERSION = "([\d.]+)"', (ROOT / "setup.py").read_text())
     assert versions == {in_setup} == {vgps_ros.__version__}
     assert f"## {in_setup} " in (ROOT / "CHANGELOG.md").read_text()
     heading = re.compile(rf"^{re.escape(in_setup)} \(\d{{4}}-\d\d-\d\d\)$", re.M)
