@@ -210,6 +210,12 @@ class TestInABrowser:
             view.mouse.up()  # which pushes it to the left
             wait(view, "vgps.done[1] > 0.1")
             view.screenshot(path=tmp_path / "2.png")
+            wait_for(view, 1.0)
+            view.mouse.move(350, 180)  # the robot is in the middle; it is pulled to the right
+            view.mouse.down()
+            view.mouse.move(450, 180)
+            wait(view, "Math.hypot(vgps.done[0], vgps.done[1]) > 0.15")
+            view.mouse.up()
             wait_for(view, 2.0)
             assert not view.evaluate("vgps.fallen")
             assert view.evaluate("vgps.time") > 6.0  # it never fell and began anew

@@ -31,6 +31,7 @@ const KEYS = [["KeyW", "ArrowUp", "KeyS", "ArrowDown"], ["KeyA", "ArrowLeft", "K
 const side = ({axis}, i) => i && !axis ? -1 : 1;
 const GAMEPAD = [pad => -pad.axes[1], pad => -pad.axes[0], pad => -pad.axes[2]];
 const DEAD = 0.12;  // a gamepad's inexactness
+const FASTEST = 1.5;  // how much the hardest push changes the robot's speed [m/s]
 
 // An area whose knob follows the pointer; `moved` gets where it is, up and to the left, or null.
 function pad(kind, moved) {
@@ -89,7 +90,7 @@ function interact(robot, view, hand) {
   const hint = [[first, second].filter(Boolean).join(", "), ...others].join(" · ");
   drive.append(Object.assign(show("div", hint), {className: "hint"}));
 
-  const strongest = robot.mass;  // changes the robot's speed by 1 m/s
+  const strongest = FASTEST * robot.mass;
   let aim = [0, 0];
   const target = pad("stick", at => {
     if (at) aim = at;
