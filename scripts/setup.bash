@@ -95,15 +95,17 @@ unset PIP_TARGET PIP_PREFIX PIP_ROOT
 base_key=$({ printf '%s\n' "$ros" "$root"; cat requirements/{pip,build_tools,ros_wheels}.txt; } | sha256sum)
 venv_key="$base_key $(cat requirements/{runtime,base,bags,live,onnx}.txt | sha256sum)"
 development_key="$base_key $(cat requirements/*.txt | sha256sum)"
+sums_of() { find "$@" -type f -print0 | sort -z | xargs -0 sha256sum; }
+messages_key=$({ printf '%s\n' "$base_key"; sums_of msg_schemas requirements/interfaces scripts/quick_messages.cmake; } | sha256sum)
 build_key=$({
-  printf '%s\n' "$base_key" config/* launch/* scripts/executables/*
-  find msg_schemas requirements/interfaces package.xml setup.py resource scripts/{setup.bash,executable,quick_messages.cmake} -type f -print0 |
-    sort -z | xargs -0 sha256sum
+  printf '%s\n' "$messages_key" config/* launch/* scripts/executables/*
+  sums_of package.xml setup.py resource scripts/{setup.bash,executable}
 } | sha256sum)
 
 venv_runs() { "$venv/bin/python" -c '' 2>/dev/null; }
 venv_stands() { is_complete "$venv" "$venv_key" && venv_runs; }
 build_stands() { is_complete install "$build_key"; }
+messages_stand() { is_complete install/vgps_msgs "$messages_key"; }
 development_stands() { [[ ${1:-} != development ]] || is_complete "$venv/development" "$development_key"; }
 
 if venv_stands && build_stands && development_stands "$@"; then exit 0; fi
@@ -189,26 +191,30 @@ build() {
 }
 
 # Messages are built while packages are downloaded, and loops compiled.
-builds=0
 if ! build_stands; then
-  builds=1
-  check_compilers
   rm -f install/.complete
-  begin "messages, beside the rest" messages build --packages-skip vgps_ros
+  if ! messages_stand; then
+    check_compilers
+    rm -rf build install # what another version has configured there may not fit
+    begin "messages, beside the rest" messages build --packages-skip vgps_ros
+  fi
 fi
 if ! venv_stands; then
   rm -f "$venv/.complete" # an update that is interrupted leaves an environment that is replaced
   step "Python packages (about 2 GB)" wheels pip_install -r requirements/runtime.txt
   printf '%s\n' "$venv_key" >"$venv/.complete"
 fi
-if ((builds)); then
+if ! build_stands; then
   # Compiled loops of another version, which numba cannot read once a module has another name.
   find vgps_ros -name '*.nb[ic]' -delete
   step "numerical loops" loops "$venv/bin/python" -c '
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
 prepare(make_task("rotor"))'
-  finish messages
+  if ! messages_stand; then
+    finish messages
+    printf '%s\n' "$messages_key" >install/vgps_msgs/.complete
+  fi
   step "vgps_ros" build build --packages-select vgps_ros
   printf '%s\n' "$build_key" >install/.complete
 fi

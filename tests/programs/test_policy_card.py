@@ -6,9 +6,10 @@ import pytest
 import yaml
 from PIL import Image
 
+from vgps_ros.programs import policy_card
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
-from vgps_ros.views import filmstrip, policy_card
+from vgps_ros.views import filmstrip
 
 TRAINED = ["--task", "swimmer", "--hidden-units", "3", "--iterations", "1"]
 QUICK = ["--initial-ddp-iterations", "3", "--evaluation-rollouts", "2", "--disturb-payload", "0.1"]

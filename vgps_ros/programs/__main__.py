@@ -19,7 +19,7 @@ from vgps_ros.programs.node import start
 if TYPE_CHECKING:
     from vgps_ros.programs.command_line import Parser
 
-_SHARED = {"command_line", "policy_run", "training_client"}  # modules that are no commands
+_SHARED = {"command_line", "policy_card", "policy_run", "training_client"}  # no commands
 _EXTRAS = {  # by the package that it brings
     **dict.fromkeys(("mcap", "mcap_ros2", "pyarrow", "rerun", "rosbags"), "bags"),
     "onnxruntime": "onnx",

@@ -92,7 +92,7 @@ def _try_disturbances(
     return robustness(task, driver, trial, values, arguments.seed, settings)
 
 
-def measure(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
+def evaluate_policy(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
     """Returns what a policy does without disturbances; `own` are the settings named in OWN.
 
     Raises:
@@ -106,8 +106,8 @@ def measure(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
     return measure_driving(task, driver, **own)
 
 
-def show(result: dict[str, Any], task: "Task", console: "Console") -> None:
-    """Prints a result of `measure` as a table."""
+def show_evaluation(result: dict[str, Any], task: "Task", console: "Console") -> None:
+    """Prints a result of `evaluate_policy` as a table."""
     print_table = _show_controller if task.signals.commands else _show
     print_table(result, console, can_fall=bool(task.fallen.lowest.size))
 
@@ -299,7 +299,7 @@ def run(arguments: argparse.Namespace) -> None:
     own = {name: getattr(arguments, name) for name in OWN}
     task = for_policy(task, file)
     driver = task.driver(file)
-    result = measure(task, driver, **own)
+    result = evaluate_policy(task, driver, **own)
     if tried := _try_disturbances(task, driver, arguments):
         result["robustness"] = tried
     if arguments.plot:
@@ -316,6 +316,6 @@ def run(arguments: argparse.Namespace) -> None:
         return
     from vgps_ros.views.console import table_console
 
-    show(result, task, table_console())
+    show_evaluation(result, task, table_console())
     if arguments.json:
         write_json(arguments.json, result)

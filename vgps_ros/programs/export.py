@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.web:
         outputs += [arguments.web / name for name in PAGE_FILES]
     if arguments.card:
-        from vgps_ros.views.policy_card import PICTURE, Exported, card_files, write_card
+        from vgps_ros.programs.policy_card import PICTURE, Exported, card_files, write_card
 
         outputs += card_files(arguments.card)
     if not outputs:

@@ -69,7 +69,8 @@ def arithmetic() -> dict[str, Any]:
 def _blas_kernels() -> list[str]:
     """Returns the kernels of the OpenBLAS libraries that this process has loaded."""
     maps = Path("/proc/self/maps")
-    paths = set(re.findall(r"/\S*openblas\S*", maps.read_text() if maps.is_file() else ""))
+    # A path ends its line, and may have blanks.
+    paths = set(re.findall(r"/.*openblas.*", maps.read_text() if maps.is_file() else ""))
     kernels = set()
     for library in map(ctypes.CDLL, sorted(paths)):
         for name in (f"{base}{suffix}" for base in _KERNEL_NAMES for suffix in ("", "64_")):

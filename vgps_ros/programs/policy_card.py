@@ -18,7 +18,7 @@ from rich.console import Console
 from vgps_ros.core.memory import LAST_ACTION, terms_of
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.policies.policy_file import PolicyFile
-from vgps_ros.programs.evaluate import measure, show
+from vgps_ros.programs.evaluate import evaluate_policy, show_evaluation
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.simulation.model import deviation_names, sensor_numbers
 from vgps_ros.storage.files import replacing
@@ -107,14 +107,14 @@ def _text(
     training = known.get("training") or {}
     settings = training.get("settings")  # None where nothing is recorded
     trained = training.get("command", "# not recorded: this is the policy alone, without its run")
-    result = measure(
+    result = evaluate_policy(
         task,
         task.driver(PolicyFile("the policy", task.name, policy)),
         **_rollouts(task),
         **_MEASURED,
     )
     figures = Console(file=io.StringIO(), width=_WIDTH, markup=False, emoji=False)
-    show(result, task, figures)
+    show_evaluation(result, task, figures)
     dt, name = task.dynamics.time_step, Path(task.name).parent.name or task.name
     front = {
         "library_name": "vgps_ros",
