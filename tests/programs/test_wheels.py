@@ -47,7 +47,8 @@ def install(wheels, folder, extra=""):
     """Installs the wheel into a new environment, and returns its `vgps`."""
     venv.create(folder, with_pip=True)
     pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-input"]
-    ran(*pip, "--no-compile", "--find-links", wheels, f"vgps-ros{extra}")
+    pins = ("-c", ROOT / "requirements" / "base.txt")  # and so the build of torch without CUDA
+    ran(*pip, "--no-compile", "--find-links", wheels, *pins, f"vgps-ros{extra}")
     return folder / "bin" / "vgps"
 
 
@@ -86,3 +87,15 @@ def test_with_the_extra_ros_a_graph_learns_without_a_compiler_or_an_environment(
         graph.send_signal(signal.SIGINT)
         assert graph.wait(60) == 0
     assert "vgps_msgs/msg/GaussianPolicy" in ran(vgps, "bag", "info", bag, **alone)
+
+
+def test_the_demo_trains_a_quadruped_that_obeys_and_writes_both_pages(wheels, tmp_path):
+    vgps, folder = install(wheels, tmp_path / "venv"), tmp_path / "a demo"
+    alone = {"PATH": str(vgps.parent), "HOME": str(tmp_path)}
+    shown = ran(vgps, "demo", "--output", folder, **alone)
+    obeys = re.search(r"all of these\D+(\d+) % .*?(\d+) %", shown)
+    assert obeys is not None
+    assert min(map(int, obeys.groups())) > 80
+    for name in ("shipped", "trained"):
+        assert (folder / name / "index.html").stat().st_size > 5e6
+    assert "exists already" in ran(vgps, "demo", "--output", folder, code=1, **alone)
