@@ -48,8 +48,8 @@ SHORTER = {
 LASTING = r"vgps (node|live|view)\b"
 
 NOT_RUN = {
-    r"make (setup|test|lint|site)|\.ci/run|python -m pytest": "this test is a part of it, or it "
-    "would change the environment that runs it",
+    r"make (setup|development|test|lint|site)|\.ci/run|python -m pytest": "this test is a part "
+    "of it, or it would change the environment that runs it",
     r"make w|(UV_\S+ )?uv|python -m venv": "downloads; the tests of the wheels install them",
     r"ln -sfn|colcon build|cd WORKSPACE|source install/|ros2 run vgps_ros simulation": "needs a "
     "workspace, which make test-all builds",
