@@ -2,13 +2,12 @@
 # Set-up names this file as CMAKE_PROJECT_INCLUDE. It builds messages in a third of the time, while the
 # interface packages themselves stay standard ones.
 
-# On ROS wheels only Python and Fast DDS read them: code for C++, and for middleware that reads
-# descriptions of messages at run time (introspection), is not generated.
+# On ROS wheels only Python reads them, by way of C: code for C++ is not generated.
 if(ROS_WHEELS)
   macro(find_package)
     _find_package(${ARGV})
     list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX
-      "^rosidl_(generator_cpp|typesupport_(cpp|fastrtps_cpp|introspection_c|introspection_cpp)):")
+      "^rosidl_(generator|typesupport|typesupport_fastrtps|typesupport_introspection)_cpp:")
   endmacro()
 endif()
 
@@ -27,7 +26,7 @@ function(change_targets)
   # one. Descriptions of types are left out, since all define the same static names.
   get_directory_property(targets BUILDSYSTEM_TARGETS)
   foreach(target IN LISTS targets)
-    if(target MATCHES "__rosidl_(generator_(c|py)|typesupport_(c|fastrtps_c|fastrtps_cpp))$")
+    if(target MATCHES "__rosidl_(generator_(c|py)|typesupport_(c|introspection_c|fastrtps_c|fastrtps_cpp))$")
       get_target_property(descriptions ${target} SOURCES)
       list(FILTER descriptions INCLUDE REGEX "__description\\.c$")
       set_source_files_properties(${descriptions} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
