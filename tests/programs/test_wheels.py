@@ -64,9 +64,9 @@ def test_a_plain_install_trains_evaluates_plots_and_exports_a_page_without_ros(w
     assert "<html" in (page / "index.html").read_text()[:1000].lower()
     bag = ROOT / "recordings" / "sample"
     for words, needed in (
-        (["node", "simulation"], r"needs ROS 2 Jazzy.*pip install 'vgps-ros\[ros\]'"),
-        (["execute-policy"], r"needs ROS 2 Jazzy.*pip install 'vgps-ros\[ros\]'"),
-        (["bag", "info", bag], r"needs the package.*pip install 'vgps-ros\[bags\]'"),
+        (["node", "simulation"], r"needs ROS 2 Jazzy.*the extra \[ros\]"),
+        (["execute-policy"], r"needs ROS 2 Jazzy.*the extra \[ros\]"),
+        (["bag", "info", bag], r"needs the package 'rosbags'.*the extra \[bags\]"),
     ):
         assert re.search(needed, ran(vgps, *words, code=1, **alone))
 

@@ -72,9 +72,8 @@ def package(name: str) -> Any:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         needed = name.partition(".")[0]
-        wheel = "vgps-ros[onnx]" if needed == "onnxruntime" else "vgps-ros"
         raise VgpsError(
-            f"An ONNX policy needs the package {needed}: pip install '{wheel}'."
+            f"An ONNX policy needs the package {needed}: run `pip install {needed}`."
         ) from error
 
 

@@ -80,10 +80,10 @@ def _installation_advice(package: str) -> str:
         needed, extra = "ROS 2 Jazzy", "ros"
     else:
         needed, extra = f"the package '{package}'", _EXTRAS.get(package, "")
-    wheel = f"vgps-ros[{extra}]" if extra else "vgps-ros"
+    wheel = f"vgps_ros with the extra [{extra}]" if extra else "vgps_ros"
     return (
-        f"this command needs {needed}, which is not installed; run `pip install '{wheel}'`, or in "
-        "a checkout `make setup` and `source env.bash`."
+        f"this command needs {needed}, which is not installed; install {wheel} by pip, or in a "
+        "checkout run `make setup` and `source env.bash`."
     )
 
 
