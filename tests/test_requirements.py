@@ -39,5 +39,5 @@ def test_each_locked_version_has_a_hash():
 
 def test_each_package_of_the_run_time_is_justified():
     table = (FOLDER / "README.md").read_text()
-    for package, _ in pins((FOLDER / "runtime.txt").read_text()):
+    for package, _ in pinned("runtime.txt"):
         assert re.search(rf"^\| .*\b{re.escape(package)}\b.* \|", table, re.M), package
