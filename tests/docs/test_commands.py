@@ -33,7 +33,7 @@ SHORTER = {
     r"vgps train-through-graph ": "--iterations 1",
     r"vgps evaluate ": "--rollouts 2 --seconds 1",
     # The errors of commands count after 1 s.
-    r"vgps evaluate recordings/commanded": "--seconds 3",
+    r"vgps evaluate recordings/c": "--seconds 3",
     r"vgps node .*rollout_robots": "-p mirror.first_steps:=1",
     r"vgps node .*task:=quadruped": "-p task:=swimmer",  # whose policy stands for DIR's
     r"python -m benchmarks.figure1 run ": "--panels swimmer-5 --methods vgps --seeds 1 "
