@@ -91,6 +91,7 @@ def test_a_short_training_makes_a_controller_of_the_quadruped(policy):
     assert judged(task, idle)[0] == 0.0
 
 
+@pytest.mark.slow
 def test_it_drives_a_figure_of_eight_by_cmd_vel_and_the_bag_agrees(policy, graph, tmp_path):  # noqa: F811
     save_policy(policy, "quadruped", tmp_path / "policy.json")
     recorder = graph.start("recorder", output=tmp_path / "bag")

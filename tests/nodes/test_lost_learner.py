@@ -87,6 +87,7 @@ def test_a_training_outlives_the_program_that_asked_for_it(graph, tmp_path, expe
     assert len(training.progress) <= begin + 1  # from the checkpoints, not learned again
 
 
+@pytest.mark.slow
 def test_one_that_is_killed_goes_on_where_it_was(graph, tmp_path, expected):
     training = Training(graph, tmp_path)
     for _ in range(2):

@@ -108,6 +108,7 @@ def test_robots_and_process_learn_the_same_bits(graph, short, tmp_path, objectiv
     assert training.learner.output.count("Waiting for the service of") == 0
 
 
+@pytest.mark.slow
 def test_killed_robots_are_missed_and_the_training_goes_on_with_the_same_bits(
     graph, short, tmp_path
 ):

@@ -172,7 +172,9 @@ def test_unitrees_controller_does_the_same(robot, tmp_path):
     np.testing.assert_allclose(again, expected, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("robot", ["quadruped", "arm", "swimmer"])
+@pytest.mark.parametrize(
+    "robot", [pytest.param("quadruped", marks=pytest.mark.slow), "arm", "swimmer"]
+)
 def test_leapps_loader_does_the_same(robot, tmp_path):
     text = REMEMBERING.replace("history: 2", "")
     task = arm(tmp_path, text) if robot == "arm" else make_task(robot)

@@ -31,7 +31,7 @@ def short(monkeypatch):
 def sections(folder):
     """Returns the front matter of a card, and its text by title."""
     _, front, text = (folder / "README.md").read_text().split("---\n", 2)
-    parts = [part.partition("\n\n") for part in text.replace("\n# ", "\n## ").split("\n## ")[1:]]
+    parts = [part.partition("\n\n") for part in text.replace("\n# ", "\n## ", 1).split("\n## ")[1:]]
     return yaml.safe_load(front), {title: body for title, _, body in parts}
 
 

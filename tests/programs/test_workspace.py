@@ -177,7 +177,8 @@ def test_every_requirement_has_a_key_of_rosdistro_or_a_rule_of_ours():
     rules = yaml.safe_load((ROOT / "requirements" / "rosdep.yaml").read_text())
     ours = {rule["ubuntu"]["pip"]["packages"][0]: key for key, rule in rules.items()}
     assert all(rule["debian"] == rule["ubuntu"] for rule in rules.values())
-    text = "".join((ROOT / "requirements" / f"{n}.txt").read_text() for n in ("runtime", "onnx"))
+    files = [ROOT / "requirements" / f"{name}.txt" for name in ("base", "bags", "onnx")]
+    text = "".join(file.read_text() for file in files)
     needed = {line.partition("==")[0] for line in text.splitlines() if line[:1].isalpha()}
     assert needed - {"rerun-sdk"} == rosdistro.keys() | ours.keys()  # it needs NumPy 2
     known = {*rosdistro.values(), *ours.values()}

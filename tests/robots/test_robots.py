@@ -70,6 +70,7 @@ def test_the_urdf_of_a_robot_has_mujocos_kinematics(task, rng):
     assert largest_difference(task.dynamics.model, rng) < 1e-12
 
 
+@pytest.mark.slow
 def test_the_first_file_of_a_humanoid_makes_it_step(tmp_path, monkeypatch):
     if find_spec("mjlab") is None:
         pytest.skip("mjlab is not installed: pip install --no-deps -r requirements/robots.txt")

@@ -38,6 +38,7 @@ def test_it_swings_up_what_hangs_at_rest_where_nothing_would_move_it(tmp_path):
     assert np.cos(end_of(hanging(tmp_path, "{law: zero}"))).max() > 0.99
 
 
+@pytest.mark.slow
 def test_the_choice_is_the_same_in_each_process_and_goes_on_from_other_starts(tmp_path, rng):
     one, other = (hanging(tmp_path, "{law: best, iterations: 2}") for _ in range(2))
     start, steps = one.initial_state, one.planned_horizon
@@ -77,6 +78,7 @@ def test_an_arrival_comes_up_early_and_rests_there(tmp_path, rng):
     assert open_gaps.min() >= steps - arrived - 1  # until then it was executed
 
 
+@pytest.mark.slow
 def test_a_check_does_not_ask_for_another_motion_than_the_best(tmp_path, capsys):
     task = hanging(tmp_path, "{law: best}")
     main(["check", task.name, "--iterations", "1"])

@@ -6,6 +6,7 @@ model has none.
 """
 
 import os
+import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -45,7 +46,8 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
     chosen = os.environ.get("MUJOCO_GL", "").replace("disable", "")
     try:
         if not chosen:  # MuJoCo's own default would need a screen, and the programs disable it
-            gl_context.GLContext = import_module("mujoco.egl").GLContext
+            library = "cgl" if sys.platform == "darwin" else "egl"
+            gl_context.GLContext = import_module(f"mujoco.{library}").GLContext
         model = _with_surroundings(mjcf)
         renderer = mujoco.Renderer(model, height, width)
     except (AttributeError, ImportError, RuntimeError, ValueError, mujoco.FatalError) as error:
