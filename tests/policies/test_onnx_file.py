@@ -80,9 +80,7 @@ def test_a_path_that_the_system_refuses_is_named(tmp_path):
 
 
 def test_a_package_that_is_missing_is_named_with_the_way_to_install_it():
-    with pytest.raises(
-        VgpsError, match="needs the package no_such_package: run `pip install no_such_package`"
-    ):
+    with pytest.raises(VgpsError, match="needs the package no_such_package: run `pip install"):
         package("no_such_package.part")
 
 
