@@ -21,11 +21,11 @@ def test_nobody_is_told_of_a_moment(capsys):
 
 
 def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
-    clock = iter([0.0, 1.0, 10.0, 19.0, 20.0, 40.0])
+    clock = iter([0.0, 1.0, 9.0, 10.0, 19.0, 20.0, 40.0])
     monkeypatch.setattr(slow_steps, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     monkeypatch.setattr(slow_steps, "_DELAY", 2.0)
     report = slow_steps.progress_lines("Samples")
-    for share in (0.1, 0.25, 0.4, 0.5, 1.0):
+    for share in (0.1, 0.01, 0.25, 0.4, 0.5, 1.0):
         report(share)
     assert capsys.readouterr().out.splitlines() == [
         "Samples: 25 %, about 30 s left.",

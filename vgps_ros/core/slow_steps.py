@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 _DELAY = 2.0  # time after which progress is printed [s]
 _EVERY = 10.0  # time between lines of progress [s]
+_LEAST = 0.05  # share from which on the time left can be told
 
 
 def progress_lines(what: str) -> Callable[[float], None]:
@@ -16,7 +17,7 @@ def progress_lines(what: str) -> Callable[[float], None]:
     def report(share: float) -> None:
         nonlocal due
         now = time.monotonic()
-        if now < due or share >= 1.0:
+        if now < due or not _LEAST <= share < 1.0:
             return
         due = now + _EVERY
         left = (now - began) * (1.0 - share) / share
