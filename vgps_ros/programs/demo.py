@@ -19,7 +19,7 @@ from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
 
 _SHIPPED = Path(__file__).parents[1] / "tasks" / "quadruped" / "policy.json"
-_ITERATIONS = "12"  # of 22: most seeds obey all commands by then
+_ITERATIONS = "12"  # of 22; each seed that was tried (0, 5, 6) obeyed all commands by then
 
 
 def add_arguments(parser: Parser) -> None:
