@@ -53,7 +53,6 @@ def train(
         on_initial_progress: called during the initial solves, with the share that is done.
         checkpoints: checkpoints from which a training that was stopped goes on, if given.
         solvers: processes that solve several requests at once; None: this one solves them in turn.
-
         command: the command of the training, for its record.
 
     Returns:
