@@ -41,6 +41,7 @@ from std_msgs.msg import String
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 import vgps_ros.tasks
+from tests.nodes.forked import ForkedCommand, prepare
 from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
@@ -54,6 +55,8 @@ from vgps_ros.messages.conversions import (
 from vgps_ros.messages.names import MJCF
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST, STREAM
 from vgps_ros.tasks import Task
+
+prepare()
 
 T = TypeVar("T")
 
@@ -74,12 +77,21 @@ def executed(policy: GaussianPolicy, inputs: Array) -> Array:
 
 
 class Process:
-    """A running executable, ended by its process id."""
+    """A running executable, ended by its process id.
+
+    One of `vgps` goes on in a fork: see `forked`. A word before it, such as "env", starts it anew.
+    """
 
     def __init__(self, name: str, command: list[str], environment: dict[str, str], log: Path):
         self.name = name
         self._began = time.monotonic()
         self._log = log
+        log.touch()
+        executable = Path(command[0])
+        if executable.parent == EXECUTABLES:
+            words = [executable.name, *command[1:]]
+            self._process = ForkedCommand(words, environment, log)
+            return
         with log.open("w") as file:
             self._process = subprocess.Popen(
                 command,
