@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
@@ -295,6 +296,12 @@ def test_recovery_by_hand_needs_a_new_activation_and_rates_are_limited(
         np.testing.assert_array_equal(robot.drive(), [0.0, 0.0])
     status = robot.diagnosis(ERROR, "is nan at index 0")
     assert "until the node is deactivated and activated" in status.message
+    for name in ("drive", "stand", "hold", "sit"):  # which would do nothing
+        answer = graph.call(Trigger, f"policy_executor/{name}")
+        assert not answer.success
+        assert answer.message.startswith("Deactivate and activate the node first")
+        assert "is nan at index 0" in answer.message
+    np.testing.assert_array_equal(robot.drive(), [0.0, 0.0])
     assert robot.change(Transition.TRANSITION_DEACTIVATE)
     assert robot.change(Transition.TRANSITION_ACTIVATE)
     np.testing.assert_array_equal(robot.drive(), np.clip(mean(policy), -change, change))

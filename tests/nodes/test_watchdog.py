@@ -11,13 +11,21 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
+from tests.nodes.test_servos import driven as driven_arm
+from tests.servo_arm import SERVOS, write_arm
 from vgps_ros.messages.conversions import stamp_of, state_to_msg
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.storage.run_folder import save_policy
+from vgps_ros.tasks import make_task
 
 PERIOD = 20_000_000  # of the swimmer's control [ns]
+
+
+def an_array(label):
+    dimension = [MultiArrayDimension(label=label)] if label else []
+    return Float64MultiArray(layout=MultiArrayLayout(dim=dimension), data=[1.0])
 
 
 class Bus:
@@ -72,17 +80,46 @@ def test_the_watchdog_sends_zero_torque_where_a_controller_is_killed_or_hangs(
     executor.kill()
 
 
-def test_targets_of_servos_are_left_alone(graph):
-    graph.start("watchdog", silence=0.1, commands_are_efforts=False)
-    sent = graph.publisher(JointState, "joint_command")
-    heard = graph.messages(JointState, "joint_command")
+@pytest.mark.parametrize("label", ["position", "", "position,effort"])
+def test_what_zeros_would_move_or_who_knows_what_is_left_alone(graph, label):
+    graph.start("watchdog", silence=0.1)
     plain = graph.messages(Float64MultiArray, "commands")
     targets = graph.node.create_publisher(Float64MultiArray, "commands", STREAM)
-    graph.spin_until(targets.get_subscription_count)
-    targets.publish(Float64MultiArray(data=[1.0]))
+    graph.spin_until(lambda: targets.get_subscription_count() == 2)  # its own, and this test's
+    targets.publish(an_array(label))
+    graph.spin_for(1.0)
+    assert len(plain) == 1
+    if label != "position":
+        warned = graph.diagnosis("watchdog", DiagnosticStatus.WARN, "do not say what they hold")
+        assert "effort, velocity or position" in warned.message
+    targets.publish(an_array("effort"))
+    graph.spin_until(lambda: len(plain) == 3)
+    assert list(plain[-1].data) == [0.0]
+
+
+def test_of_joint_states_targets_of_servos_are_left_alone(graph):
+    graph.start("watchdog", silence=0.1)
+    sent = graph.publisher(JointState, "joint_command")
+    heard = graph.messages(JointState, "joint_command")
+    graph.spin_until(lambda: sent.get_subscription_count() == 2)
     sent.publish(JointState(name=["a", "b"], position=[1.0, 2.0]))
     graph.spin_for(1.0)
-    assert (len(heard), len(plain)) == (1, 1)
+    assert len(heard) == 1
     sent.publish(JointState(name=["a", "b"], effort=[1.0, 2.0]))
     graph.spin_until(lambda: len(heard) == 3)
     assert list(heard[-1].effort) == [0.0, 0.0]
+
+
+def test_a_servos_targets_stay_where_its_controller_is_killed(graph, tmp_path):
+    task = make_task(write_arm(tmp_path, SERVOS))
+    commands = graph.messages(Float64MultiArray, "commands")
+    graph.start("watchdog", silence=0.1)
+    graph.diagnosis("watchdog", DiagnosticStatus.OK, "Running")
+    arm = driven_arm(graph, task, [0.4, -0.6], command_type="float64_multi_array")
+    state = [-0.7, 0.5, 0.0, 0.0]
+    graph.spin_until(lambda: arm.send(state, PERIOD) or graph.spin_for(0.05) or commands)
+    assert commands[0].layout.dim[0].label == "position"
+    graph.processes[-1].kill()
+    graph.spin_for(1.0)
+    assert all(list(message.data) == [0.4, -0.6] for message in commands)
+    assert graph.diagnosis("watchdog", None).message == "Running."

@@ -2,7 +2,8 @@
 """Node `watchdog`: sends zero torque where a controller that drives has fallen silent.
 
 Motors, and the forward controllers of ros2_control, hold the last torque or velocity that they were
-sent, also of a controller that was killed or hangs. Targets of positions are left alone: they hold.
+sent, also of a controller that was killed or hangs. Targets of positions are left alone: they hold,
+and zeros would move the robot. What an array of numbers is, its label says, never a default.
 """
 
 import time
@@ -14,6 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from vgps_ros.core.controls import INTERFACES
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
@@ -28,11 +30,12 @@ SILENCE = Setting(
     minimum=0.001,
     maximum=10.0,
 )
-COMMANDS_ARE_EFFORTS = Setting(
-    "commands_are_efforts",
-    True,
-    "whether the topic commands has torques, of which zero is safe, and not the targets of servos",
+TOPICS = {"joint_command": JointState, "commands": Float64MultiArray}
+UNLABELLED = (
+    "The arrays on commands do not say what they hold, so they are left alone; set the label of "
+    "their first dimension to effort, velocity or position."
 )
+STOPPED_BY_ZERO = ("effort", "velocity")
 
 
 class Watchdog(Node):
@@ -41,25 +44,26 @@ class Watchdog(Node):
     def __init__(self) -> None:
         super().__init__("watchdog")
         silence = declare(self, SILENCE)
-        topics = {"joint_command": JointState}
-        if declare(self, COMMANDS_ARE_EFFORTS):
-            topics["commands"] = Float64MultiArray
         self._health = Health(self)
         self._newest: dict[str, tuple[float, Any]] = {}  # by topic: when it came [s], and it
-        self._zeros = {t: self.create_publisher(kind, t, STATES) for t, kind in topics.items()}
-        for topic, kind in topics.items():
+        self._zeros = {t: self.create_publisher(kind, t, STATES) for t, kind in TOPICS.items()}
+        for topic, kind in TOPICS.items():
             self.create_subscription(kind, topic, partial(self._take, topic), NEWEST)
         steady_timer(self, silence / 4, self._look)
 
     def _take(self, topic: str, message: Any) -> None:
         self._newest[topic] = time.monotonic(), message
+        is_known = isinstance(message, JointState) or _label(message) in INTERFACES
+        self._health.report(f"what {topic} holds", warning="" if is_known else UNLABELLED)
 
     def _look(self) -> None:
         """Sends zeros on a topic whose last torques are not zero, and are old."""
         silence = value(self, SILENCE)
         for topic, (received, message) in self._newest.items():
-            is_state = isinstance(message, JointState)
-            driving = [message.effort, message.velocity] if is_state else [message.data]
+            if isinstance(message, JointState):
+                driving = [message.effort, message.velocity]
+            else:
+                driving = [message.data] if _label(message) in STOPPED_BY_ZERO else []
             # NaN stands where a joint has another kind of command.
             if not any(number for values in driving for number in values if number == number):
                 self._health.clear(topic)
@@ -69,6 +73,11 @@ class Watchdog(Node):
                 self._zeros[topic].publish(message)
                 sentence = f"No {topic} came for {silence:g} s after a torque: zeros were sent."
                 self._health.report(topic, error=sentence)
+
+
+def _label(message: Float64MultiArray) -> str:
+    """Returns what an array says that its numbers are; nothing where it says nothing."""
+    return message.layout.dim[0].label if message.layout.dim else ""
 
 
 NODE = Runnable(Watchdog, streaming_executor)

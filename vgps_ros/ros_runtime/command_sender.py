@@ -7,11 +7,12 @@ from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from vgps_ros.core.checks import one_of, quoted
 from vgps_ros.core.controls import INTERFACES, Controls
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
 from vgps_ros.messages.names import COMMANDS_SENT
@@ -25,7 +26,7 @@ COMMAND_TYPE = Setting(
     "joint_state",
     "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
     "float64_multi_array: std_msgs/Float64MultiArray, as the forward controllers of ros2_control "
-    "take it",
+    "take it; the label of its dimension says what it holds",
     choices=("joint_state", "float64_multi_array"),
 )
 COMMAND_INTERFACES = Setting(
@@ -82,10 +83,17 @@ class CommandSender:
         messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
         if self._is_plain:
             rows = controls.by_interface(command.control, self._interfaces)
-            several = rows.T if len(self._publishers) > 1 else rows
-            messages = [Float64MultiArray(data=pack(values)) for values in several]
+            is_per_joint = len(self._publishers) > 1
+            label = ",".join(self._interfaces)
+            messages = [_array(values, label) for values in (rows.T if is_per_joint else rows)]
         for publisher, message in zip(self._publishers, messages, strict=True):
             publisher.publish(message)
+
+
+def _array(values: Array, label: str) -> Float64MultiArray:
+    """Returns numbers with a label that says which interfaces they are for."""
+    dimension = MultiArrayDimension(label=label, size=len(values), stride=len(values))
+    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=pack(values))
 
 
 def command_interfaces(names: str, controls: Controls) -> list[str]:

@@ -376,10 +376,13 @@ class Controller(LifecycleNode):
     def _answer_pose(
         self, name: str, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.success = self._active and not self._supervisor.has_stopped
+        response.success = self._active and not self._supervisor.is_latched
         if response.success:
             self._take_pose(name)
             response.message = f"It {self._pose.name}." if self._pose else "It is driven."
+        elif self._active and not self._supervisor.has_stopped:
+            fault = self._supervisor.fault
+            response.message = f"Deactivate and activate the node first: {fault}"
         else:
             response.message = self._emergency or "Nothing moves: activate the node again first."
         return response

@@ -90,6 +90,11 @@ class Supervisor:
         """Lets the safe action drive for this reason, until it begins again."""
         self.fault, self.has_stopped = reason, True
 
+    @property
+    def is_latched(self) -> bool:
+        """Whether the safe action drives until it begins again, whatever state comes."""
+        return self.has_stopped or bool(self.fault and self._settings.recovery == "manual")
+
     def forget_time(self) -> None:
         """Accepts any stamp next, because the clock was set back."""
         self._newest = -1
@@ -205,8 +210,7 @@ class Supervisor:
 
     def _fail(self, reason: str | None) -> None:
         """Sets the fault, or ends it. With manual recovery the first fault stays."""
-        is_kept = self.has_stopped or (self.fault and self._settings.recovery == "manual")
-        self.fault = self.fault if is_kept else reason
+        self.fault = self.fault if self.is_latched else reason
 
     def _is_fresh(self, now: float) -> bool:
         return now - self._received <= self._settings.state_timeout
