@@ -79,27 +79,28 @@ def executed(policy: GaussianPolicy, inputs: Array) -> Array:
 class Process:
     """A running executable, ended by its process id.
 
-    One of `vgps` goes on in a fork: see `forked`. A word before it, such as "env", starts it anew.
+    A command of `vgps` goes on in a fork: see `forked`. With a word before it, such as "env", its
+    installed executable is started.
     """
 
     def __init__(self, name: str, command: list[str], environment: dict[str, str], log: Path):
         self.name = name
         self._began = time.monotonic()
         self._log = log
-        log.touch()
+        self._process: ForkedCommand | subprocess.Popen[bytes]
         executable = Path(command[0])
-        if executable.parent == EXECUTABLES:
-            words = [executable.name, *command[1:]]
-            self._process = ForkedCommand(words, environment, log)
-            return
         with log.open("w") as file:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                env=environment,
-            )
+            if executable.parent == EXECUTABLES:
+                words = [executable.name, *command[1:]]
+                self._process = ForkedCommand(words, environment, log)
+            else:
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=file,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                )
 
     @property
     def pid(self) -> int:

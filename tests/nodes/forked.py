@@ -63,7 +63,7 @@ class ForkedCommand:
 
     def kill(self) -> None:
         """Sends KILL."""
-        self.send_signal(9)
+        self._process.kill()
 
 
 def _run(words: list[str], environment: dict[str, str], output: str) -> None:

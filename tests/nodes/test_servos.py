@@ -116,6 +116,14 @@ def test_forward_controllers_of_ros2_control_get_what_their_interfaces_are(graph
     assert list(of_shoulder[0].data) == [-0.6, 0.0, 0.0, 120.0, 0.0]
 
 
+def test_controls_of_two_kinds_are_refused_where_one_array_would_hold_them(graph, tmp_path):
+    servo, motor = '<position name="second" joint="elbow" kp="60"/>', '<motor joint="elbow"/>'
+    name = write_arm(tmp_path, SERVOS.replace(servo, motor))
+    node = graph.start("policy_executor", task=name, command_type="float64_multi_array")
+    graph.ends(node, 1)
+    assert "set command_interfaces to 'effort,position'" in node.output
+
+
 def test_an_interface_that_the_controls_are_not_is_refused(graph, tmp_path):
     name = write_arm(tmp_path, SERVOS)
     node = graph.start("policy_executor", task=name, command_interfaces="effort")

@@ -90,8 +90,8 @@ def test_what_zeros_would_move_or_who_knows_what_is_left_alone(graph, label):
     graph.spin_for(1.0)
     assert len(plain) == 1
     if label != "position":
-        warned = graph.diagnosis("watchdog", DiagnosticStatus.WARN, "do not say what they hold")
-        assert "effort, velocity or position" in warned.message
+        warned = graph.diagnosis("watchdog", DiagnosticStatus.WARN, "are left alone")
+        assert f"label is '{label}'; set it to effort, velocity or position." in warned.message
     targets.publish(an_array("effort"))
     graph.spin_until(lambda: len(plain) == 3)
     assert list(plain[-1].data) == [0.0]

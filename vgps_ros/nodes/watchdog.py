@@ -3,7 +3,7 @@
 
 Motors, and the forward controllers of ros2_control, hold the last torque or velocity that they were
 sent, also of a controller that was killed or hangs. Targets of positions are left alone: they hold,
-and zeros would move the robot. What an array of numbers is, its label says, never a default.
+and zeros would move the robot. The label of an array of numbers says what they are.
 """
 
 import time
@@ -15,7 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from vgps_ros.core.controls import INTERFACES
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
@@ -31,10 +31,6 @@ SILENCE = Setting(
     maximum=10.0,
 )
 TOPICS = {"joint_command": JointState, "commands": Float64MultiArray}
-UNLABELLED = (
-    "The arrays on commands do not say what they hold, so they are left alone; set the label of "
-    "their first dimension to effort, velocity or position."
-)
 STOPPED_BY_ZERO = ("effort", "velocity")
 
 
@@ -53,8 +49,14 @@ class Watchdog(Node):
 
     def _take(self, topic: str, message: Any) -> None:
         self._newest[topic] = time.monotonic(), message
-        is_known = isinstance(message, JointState) or _label(message) in INTERFACES
-        self._health.report(f"what {topic} holds", warning="" if is_known else UNLABELLED)
+        if topic == "commands":
+            label, warning = _label(message), ""
+            if label not in (*STOPPED_BY_ZERO, "position"):
+                warning = (
+                    "Arrays on commands are left alone, since layout.dim[0].label is "
+                    f"{quoted(label)}; set it to effort, velocity or position."
+                )
+            self._health.report("label", warning=warning)
 
     def _look(self) -> None:
         """Sends zeros on a topic whose last torques are not zero, and are old."""

@@ -74,6 +74,11 @@ class CommandSender:
         """
         self._controls = controls
         self._interfaces = command_interfaces(value(self._node, COMMAND_INTERFACES), controls)
+        if self._is_plain and self.topics == ["commands"] and len(self._interfaces) > 1:
+            raise InvalidInputError(
+                f"one array on commands cannot hold controls that are {controls.label()}; set "
+                f"command_interfaces to '{','.join(self._interfaces)}', which go to JOINT/commands."
+            )
 
     def send(self, command: Answer) -> None:
         """Publishes a command."""
