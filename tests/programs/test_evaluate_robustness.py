@@ -135,7 +135,7 @@ def test_a_robot_with_commands_is_judged_at_each_and_under_usual_disturbances(co
     assert by_command[1.0]["survival"] == by_command[1.0]["obeys"] == [1.0]
     assert by_command[1.0]["rms"]["speed"] < 1e-6
     assert by_command[2.0]["survival"] == [0.0]
-    # It has no contact, so that neither friction nor hardness can be tried.
+    # It has no contact and no damping, so that neither of their kinds can be tried.
     assert [*found["robustness"]] == ["pushes", "masses", "latencies", "sensor_noise"]
     table = capsys.readouterr().out
     assert "speed 2" in table
@@ -148,6 +148,8 @@ def test_of_named_disturbances_only_those_are_tried(commanded, tmp_path):
     found = commanded("--latencies", "0", "0.05", "--plot", str(picture))["robustness"]
     assert [*found] == ["latencies"]
     assert found["latencies"]["survival"][1] < found["latencies"]["survival"][0]
+    calm, late = (errors["speed"] for errors in found["latencies"]["rms"])
+    assert calm < 1e-6 < late
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -156,6 +158,8 @@ def test_of_named_disturbances_only_those_are_tried(commanded, tmp_path):
     [
         (["--seconds", "2"], "seconds is 2, but the errors of commands count after 1 s"),
         (["--contacts", "1"], "contacts shall be MuJoCo's, but no two geoms"),
+        (["--dampings", "2"], "No joint of the robot of .* has damping.*leave out --dampings"),
+        (["--strengths", "0.5"], "by the factor 0.5, but no actuator has one.*--strengths"),
         (["--contacts", "2"], "contacts is 2, but it must be from 0 to 1"),
         (["--latencies", "-1"], "latencies is -1.0, but it must be from 0"),
         (["--masses", "0"], "masses is 0.0, but it must be from 0.01"),

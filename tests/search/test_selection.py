@@ -14,7 +14,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search import methods
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
-from vgps_ros.search.selection import Tried, is_tried, tried
+from vgps_ros.search.selection import Tried, is_tried, sound_step, tried
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
@@ -93,6 +93,38 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     )
     assert_array_equal(again.policy.parameters, last.policy.parameters)
     assert again.policy_digest == last.policy_digest
+
+
+def test_a_step_that_ruins_the_policy_is_taken_as_far_as_it_does_not(task, settings):
+    """Half of the way to a policy that drives much too hard is as bad, a quarter of it is not."""
+    (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    good = last.policy
+    size = np.abs(good.parameters).max()
+    many = with_values(settings, {"keep.rollouts": 20})
+    least = tried(task, many, 0, good, 3).success - 0.25
+    assert least > 0.0
+
+    def step(by, k=3):
+        return sound_step(task, many, 0, good, far(by), k)
+
+    def far(by):
+        return replace(good, parameters=good.parameters + by * size)
+
+    assert step(1e-6).parameters[0] != good.parameters[0]
+    ruined = 1e3
+    assert tried(task, many, 0, far(ruined), 3).success < least
+    assert step(ruined) is good
+    by = next(by for by in np.geomspace(1e-3, 1e3, 60) if is_ruined(task, many, far(by), least))
+    taken = step(by)
+    assert tried(task, many, 0, taken, 3).success >= least
+    half, quarter = (good.parameters + share * by * size for share in (0.5, 0.25))
+    assert any(np.allclose(taken.parameters, one) for one in (half, quarter))
+    early = far(ruined)
+    assert sound_step(task, many, 0, good, early, 2) is early  # when no policy is tried
+
+
+def is_ruined(task, settings, policy, least):
+    return tried(task, settings, 0, policy, 3).success < least
 
 
 def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):

@@ -84,6 +84,42 @@ def test_a_sled_on_a_slope_slides_as_coulomb_says(sled):
         assert found[20, 3] == pytest.approx(0.2 * expected, rel=0.05)
 
 
+def test_joints_with_other_damping_and_armature_move_as_their_inertia_says(sled):
+    """A slide's armature is mass that its joint moves, and damping c brakes mass m by e^(−ct/m)."""
+    mjcf = SLED.replace('axis="1 0 0"/>', 'axis="1 0 0" damping="2" armature="1"/>', 1)
+    task = sled(gravity="[0, 0, 0]", mjcf=mjcf)
+    start = task.initial_state.copy()
+    start[3] = 1.0
+    for damping, armature in ((1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, 3.0)):
+        here = disturbed(task, Disturbance(damping=damping, armature=armature))
+        end = here.dynamics.rollout(start, lambda *_: np.zeros(1), 100).states[-1, 3]
+        assert end == pytest.approx(np.exp(-2.0 * damping / (3.0 + armature)), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    "limit",
+    ['ctrlrange="-4 4"', 'forcerange="-4 4"', 'ctrlrange="-2 2" gear="2" forcerange="-2 2"'],
+)
+def test_actuators_of_another_strength_give_other_largest_forces(sled, limit):
+    task = sled(
+        gravity="[0, 0, 0]",
+        mjcf=SLED.replace('joint="x"/>', f'joint="x" {limit}/>').replace(
+            "<mujoco>", '<mujoco><compiler autolimits="true"/>'
+        ),
+    )
+    for strength in (1.0, 0.5, 0.25):
+        here = disturbed(task, Disturbance(strength=strength))
+        states = here.dynamics.rollout(task.initial_state, lambda *_: np.full(1, 9.0), 50).states
+        assert states[-1, 3] == pytest.approx(4.0 * strength * 0.5 / 3.0, rel=1e-3)
+
+
+def test_a_joints_limit_of_all_actuators_is_scaled_with_them(sled):
+    mjcf = SLED.replace('axis="1 0 0"/>', 'axis="1 0 0" actuatorfrcrange="-3 3"/>', 1)
+    here = disturbed(sled(gravity="[0, 0, 0]", mjcf=mjcf), Disturbance(strength=0.5))
+    states = here.dynamics.rollout(here.initial_state, lambda *_: np.full(1, 9.0), 50).states
+    assert states[-1, 3] == pytest.approx(0.25, rel=1e-3)
+
+
 def test_a_payload_is_pushed_with_the_body_that_bears_it(sled):
     task = sled(gravity="[0, 0, 0]")
     push = Disturbance("sled", push=(6.0, 0.0), payload=4.0)
@@ -143,6 +179,24 @@ def test_ridges_lift_what_lies_on_them(sled):
     assert other[-1, 1] != states[-1, 1]
 
 
+def test_joints_are_drawn_as_often_weaker_as_stronger_and_no_other_draw_changes(sled, rng):
+    task, settings = sled(), DisturbanceSettings(push=5.0, payload=2.0)
+    states = [np.random.default_rng(i) for i in range(200)]
+    changed = [
+        draw_disturbance(task, replace(settings, joints=1.0, strength=0.3), rng) for rng in states
+    ]
+    for name in ("damping", "armature"):
+        drawn = np.array([getattr(each, name) for each in changed])
+        assert 0.5 <= drawn.min() < 0.55 < 1.8 < drawn.max() <= 2.0
+        assert 60 < np.count_nonzero(drawn < 1.0) < 140
+    assert 0.7 <= min(each.strength for each in changed) < 0.75
+    assert 0.95 < max(each.strength for each in changed) <= 1.0
+    assert len({each.damping / each.armature for each in changed}) > 100
+    usual = [draw_disturbance(task, settings, np.random.default_rng(i)) for i in range(200)]
+    calm = [replace(each, damping=1.0, armature=1.0, strength=1.0) for each in changed]
+    assert usual == calm
+
+
 def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, rng):
     settings = DisturbanceSettings(push=5.0, push_before=2.0, payload=2.0, friction=0.3, slope=0.1)
     task = sled()
@@ -169,6 +223,8 @@ def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, r
         ({"payload": -1.0}, r"disturbance.payload is -1.0, but it must be finite and from 0"),
         ({"push": (np.nan, 0.0)}, "disturbance.push is .*nan"),
         ({"slope": (2.0, 0.0)}, "disturbance.slope is"),
+        ({"armature": -1.0}, "disturbance.armature is -1.0, but it must be finite and from 0"),
+        ({"strength": 0.5}, r"forces shall change by the factor 0\.5, but no actuator has one"),
     ],
 )
 def test_what_does_not_suit_is_refused(sled, disturbance, sentence):

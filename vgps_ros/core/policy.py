@@ -111,7 +111,7 @@ class Architecture:
         ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # two policies are the same only if they are one
 class GaussianPolicy:
     """π_θ(u|x) = N(μ_θ(o), diag(σ)²).
 

@@ -5,9 +5,10 @@ Where disturbances are named, it also measures how many rollouts survive each.
 
 Of a task with commands it measures at each command of a grid, and while commands change every 3 s:
 the share of rollouts that are up after 20 s, 60 s and at the end; the share that obeys then, whose
-mean error over the last 2 s is at most a fifth of the range of each command; and the errors of each
-commanded number, from 1 s after the start or a change of a command on. Disturbances are tried while
-commands change, for 20 s at most. Intervals are Wilson's, of 95 %.
+mean error over the last 2 s is at most a tenth of each command, or 0.1 m/s or rad/s, or an eighth
+of its range if that is less than these; and the errors of each commanded number, from 1 s after the
+start or a change of a command on. Disturbances are tried while commands change, for 20 s at most.
+Intervals are Wilson's, of 95 %.
 """
 
 import argparse
@@ -27,6 +28,8 @@ from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rich.console import Console
 
     from vgps_ros.policies.driver import Driver
@@ -109,15 +112,16 @@ def evaluate_policy(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any
 def show_evaluation(result: dict[str, Any], task: "Task", console: "Console") -> None:
     """Prints a result of `evaluate_policy` as a table."""
     print_table = _show_controller if task.signals.commands else _show
-    print_table(result, console, can_fall=bool(task.fallen.lowest.size))
+    print_table(result, console, task)
 
 
-def _show(result: dict[str, Any], console: "Console", *, can_fall: bool) -> None:
+def _show(result: dict[str, Any], console: "Console", task: "Task") -> None:
     """Prints a result as a table; of a robot that cannot fall it says nothing about survival."""
     from rich.table import Column, Table
 
     from vgps_ros.search.evaluation import FIGURES, SPREAD
 
+    can_fall = bool(task.fallen.lowest.size)
     policy = "stochastic" if result["stochastic"] else "deterministic"
     survival = f", survival {100 * result['survival']:.0f} %" if can_fall else ""
     table = Table(
@@ -132,13 +136,16 @@ def _show(result: dict[str, Any], console: "Console", *, can_fall: bool) -> None
     _show_robustness(result, console)
 
 
-def _show_controller(result: dict[str, Any], console: "Console", *, can_fall: bool) -> None:
+def _show_controller(result: dict[str, Any], console: "Console", task: "Task") -> None:
     """Prints how a policy obeys commands as a table."""
     from rich.table import Column, Table
 
-    from vgps_ros.search.judgement import CHANGE, LATE, SETTLING, TOLERANCE
+    from vgps_ros.search.judgement import CHANGE, LATE, SETTLING, TOLERANCE, allowed_at_rest
 
     times, units = result["times"], result["units"]
+    limits = zip(task.signals.commands, allowed_at_rest(task.signals), strict=True)
+    up = "not fallen" if task.fallen.lowest.size else "not diverged"
+    allowed = ", ".join(f"{c.name} {limit:g}{f' {c.unit}' * bool(c.unit)}" for c, limit in limits)
     policy = "stochastic" if result["stochastic"] else "deterministic"
     table = Table(
         Column("command", no_wrap=True),
@@ -150,10 +157,9 @@ def _show_controller(result: dict[str, Any], console: "Console", *, can_fall: bo
         ),
         title=f"{result['task']}, {policy} policy, {result['rollouts']} rollouts of "
         f"{result['seconds']:g} s at each command",
-        caption=f"Up: {'not fallen' if can_fall else 'not diverged'} (interval of 95 %). Obeys: "
-        f"up, and the mean error over the last {LATE:g} s is at most {100 * TOLERANCE:g} % of each "
-        f"range. On the right: errors, root mean square (mean), from {SETTLING:g} s after a change "
-        "on.",
+        caption=f"Up: {up} (interval of 95 %). Obeys: up, and the mean error over the last "
+        f"{LATE:g} s is at most {100 * TOLERANCE:g} % of each command, or as small as {allowed}. "
+        f"On the right: errors, root mean square (mean), from {SETTLING:g} s after a change on.",
         caption_justify="left",
     )
 
@@ -182,6 +188,10 @@ def _share(share: float, interval: list[float]) -> str:
     return f"{100 * share:.0f} % ({low:.0f}-{high:.0f})"
 
 
+def _errors(errors: "Iterable[float | None]") -> str:
+    return " ".join("none" if error is None else f"{error:.3f}" for error in errors)
+
+
 def _show_robustness(result: dict[str, Any], console: "Console") -> None:
     """Prints how many rollouts survive each disturbance, if any was tried."""
     from rich.table import Table
@@ -193,7 +203,7 @@ def _show_robustness(result: dict[str, Any], console: "Console") -> None:
     obeys = any("obeys" in found for found in tried.values())
     enough = f"{100 * ENOUGH:.0f} %"
     columns = ["disturbance", "size", "survive", f"{enough} survive"]
-    table = Table(*columns, *(["obey", f"{enough} obey"] if obeys else []))
+    table = Table(*columns, *(["obey", f"{enough} obey", "errors (rms)"] if obeys else []))
     for kind, found in tried.items():
         cells = [KINDS[kind], "\n".join(f"{value:g}" for value in found["values"])]
         for shares, borne in (("survival", "borne"), ("obeys", "obeyed"))[: 1 + obeys]:
@@ -206,6 +216,8 @@ def _show_robustness(result: dict[str, Any], console: "Console") -> None:
                 )
             )
             cells.append(f"{ends[0]:g} to {ends[1]:g}" if ends else "none")
+        if obeys:
+            cells.append("\n".join(_errors(one.values()) for one in found["rms"]))
         table.add_row(*cells, end_section=True)
     console.print(table)
 
@@ -247,6 +259,17 @@ def add_arguments(parser: Parser) -> None:
             maximum=100.0,
         ),
         Setting("frictions", (1.0,), "factors on friction", minimum=0.0, maximum=100.0),
+        Setting(
+            "dampings", (1.0,), "factors on the damping of all joints", minimum=0.0, maximum=100.0
+        ),
+        Setting(
+            "armatures", (1.0,), "factors on the armature of all joints, the inertia of their "
+            "rotors", minimum=0.0, maximum=100.0,
+        ),
+        Setting(
+            "strengths", (1.0,), "factors on the largest forces of all actuators", minimum=0.0,
+            maximum=100.0,
+        ),
         Setting(
             "latencies", (0.0,), "times by which the policy reads the state too late, rounded up "
             "to control steps [s]", minimum=0.0, maximum=10.0,

@@ -8,8 +8,8 @@ reading, in the command's unit:
 
 Errors count from `SETTLING` after the start and after each change of a command, and until a fall. A
 rollout obeys if it is up, and if over its last `LATE` seconds the mean error of no command is more
-than `TOLERANCE` of the command's range. So a robot that slides on its back does not obey, even
-where the task does not call that a fall.
+than a tenth of what is commanded, or than `allowed_at_rest`, whichever is larger. So a robot that
+slides on its back does not obey, even where the task does not call that a fall.
 
 All draws are of a stream that no training uses.
 """
@@ -39,7 +39,9 @@ TIMES = (20.0, 60.0)  # at which a long rollout is judged, beside its end [s]
 CHANGE = 3.0  # time after which commands are drawn anew [s]
 SETTLING = 1.0  # time after a change of a command in which errors do not count [s]
 LATE = 2.0  # time at the end of a rollout in which it must obey [s]
-TOLERANCE = 0.2  # largest mean error of a rollout that obeys, as a share of the command's range
+TOLERANCE = 0.1  # largest mean error of a rollout that obeys, as a share of what is commanded
+AT_REST = 0.1  # and where less is commanded, of speeds [m/s, rad/s]
+_OF_RANGE = 0.125  # and where that is less, of all commands, as a share of their range
 STEPS = 100_000_000  # of all rollouts of a judgement together
 _GOLDEN = 0.6180339887498949  # its multiples fill a turn evenly
 _AT_ONCE = 400_000  # steps of the rollouts whose states are in memory at once
@@ -197,21 +199,32 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
     counted = is_settled & standing[:, :-1]
     errors = np.where(counted[..., None], errors, 0.0)
     counts = counted.sum(axis=1)
-    ranges = np.array([c.highest - c.lowest for c in task.signals.commands])
-    allowed = TOLERANCE * ranges[list(achieved.commands)]
+    told = np.abs(rollouts.commands[..., list(achieved.commands)])
+    allowed = np.maximum(TOLERANCE * told, allowed_at_rest(task.signals)[list(achieved.commands)])
     up, obeys = [], []
     for time in times:
         end = round(time / period)
         late = slice(max(0, end - round(LATE / period)), end)
         mean = _mean(errors[:, late], counted[:, late].sum(axis=1))
         up.append(standing[:, end])
-        obeys.append(standing[:, end] & (np.abs(mean) <= allowed).all(axis=1))
+        obeys.append(standing[:, end] & (np.abs(mean) <= allowed[:, end - 1]).all(axis=1))
     return Behaviour(
         np.stack(up, axis=1),
         np.stack(obeys, axis=1),
         _mean(errors, counts),
         _mean(errors**2, counts),
         counts,
+    )
+
+
+def allowed_at_rest(signals: Signals) -> Array:
+    """Returns the mean error of each command that obeys however little is commanded, (n_c,)."""
+    speeds = ("m/s", "rad/s")
+    return np.array(
+        [
+            min(AT_REST if c.unit in speeds else np.inf, _OF_RANGE * (c.highest - c.lowest))
+            for c in signals.commands
+        ]
     )
 
 
@@ -250,7 +263,7 @@ def judge_controller(
         stochastic: whether the policy's noise is drawn.
 
     Returns:
-        Figures at each command and while commands change, each as `_figures` gives them, and those
+        Figures at each command and while commands change, each as `figures` gives them, and those
         of all rollouts at the grid's commands together.
 
     Raises:
@@ -292,11 +305,11 @@ def judge_controller(
             names[i]: name for i, name in zip(achieved.commands, achieved.names, strict=True)
         },
         "commands": [
-            {"command": dict(zip(names, row.tolist(), strict=True)), **_figures(task, own)}
+            {"command": dict(zip(names, row.tolist(), strict=True)), **figures(task, own)}
             for row, own in zip(grid, each, strict=False)
         ],
-        "all_commands": _figures(task, found.of(slice(0, len(grid) * rollouts))),
-        "changing": _figures(task, each[-1]),
+        "all_commands": figures(task, found.of(slice(0, len(grid) * rollouts))),
+        "changing": figures(task, each[-1]),
     }
 
 
@@ -363,7 +376,7 @@ def interval(share: float, count: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _figures(task: Task, found: Behaviour) -> dict[str, Any]:
+def figures(task: Task, found: Behaviour) -> dict[str, Any]:
     """Returns shares at each time with their intervals, and errors of each command.
 
     The errors are over all steps that count: a root of the mean square `rms`, and the `mean`, each

@@ -164,7 +164,8 @@ def _new_situation(
     if least_obeyed:
         at = steps - 1 - int(rng.integers(min(steps, round(LATE / period))))
     elif 0 < end < fall:
-        at = min(end + int(rng.integers(1 + round(_AFTER_PUSH / period))), fall - 1)
+        latest = min(round(_AFTER_PUSH / period), (fall - end) // 2 if fall < steps else steps)
+        at = min(end + int(rng.integers(1 + latest)), fall - 1)
     elif fall < steps and rng.uniform() < settings.renew.before_fall:
         at = max(0, fall - int(rng.integers(late, max(early, late + 1))))
     else:

@@ -25,7 +25,7 @@ from vgps_ros.search.judgement import (
     Trial,
     behaviour,
     check_lengths,
-    interval,
+    figures,
 )
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import sensor_numbers
@@ -48,17 +48,33 @@ KINDS = {
     "payloads": "payload [kg]",
     "masses": "factor on the body's mass",
     "frictions": "factor on friction",
+    "dampings": "factor on the joints' damping",
+    "armatures": "factor on the joints' armature",
+    "strengths": "factor on the largest forces",
     "latencies": "latency [s]",
     "sensor_noise": "factor on usual sensor noise",
     "contacts": "contacts: 0 the model's, 1 MuJoCo's",
 }
-_FACTORS = ("masses", "frictions")  # that change nothing where they are 1, the others at 0
+# Those that change nothing where they are 1, the others at 0.
+_FACTORS = ("masses", "frictions", "dampings", "armatures", "strengths")
+# What some of them are called in a disturbance.
+_IN_DISTURBANCE = {
+    "payloads": "payload",
+    "frictions": "friction",
+    "dampings": "damping",
+    "armatures": "armature",
+    "strengths": "strength",
+}
+
+_IN_JOINTS = {"dampings": "dof_damping", "armatures": "dof_armature"}  # of MuJoCo's model
 
 # Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
 USUAL = {
     "pushes": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 40.0),
     "masses": (0.6, 1.0, 1.4),
     "frictions": (0.4, 0.7, 1.0, 1.2),
+    "dampings": (0.5, 1.0, 2.0),
+    "armatures": (0.5, 1.0, 2.0),
     "latencies": (0.0, 0.02),
     "sensor_noise": (0.0, 1.0),
     "contacts": (0, 1),
@@ -110,7 +126,8 @@ def robustness(
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
         values it is `ENOUGH`; None where not even so many survive without a disturbance. Of a task
-        with commands also the intervals of the shares, and the same for the rollouts that obey.
+        with commands also the intervals of the shares, the same for the rollouts that obey, and by
+        command the root mean square errors; see `judge_controller`.
 
     Raises:
         InvalidInputError: the task does not say what a fall is and has no commands, the rollouts
@@ -121,33 +138,37 @@ def robustness(
             f"The task {task.name} does not say when the robot has fallen, so that survival tells "
             "nothing; add `fallen` to its file."
         )
+    for kind in _IN_JOINTS.keys() & values.keys():
+        if not suits(task, kind):
+            raise InvalidInputError(
+                f"No joint of the robot of {task.name} has {_IN_DISTURBANCE[kind]}, so that "
+                f"factors on it change nothing; leave out --{kind}."
+            )
     body_number(task, settings.body)
     check_lengths(task, trial.noise.shape[1] * task.dynamics.time_step)
 
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
-    def shares(kind: str, value: float) -> tuple[float, float]:
-        found = _tried(task, driver, kind, value, trial, seed, settings)
-        return float(found.up[:, -1].mean()), float(found.obeys[:, -1].mean())
+    def tried(kind: str, value: float) -> dict[str, Any]:
+        return figures(task, _tried(task, driver, kind, value, trial, seed, settings))
 
     found: dict[str, dict[str, Any]] = {}
-    count = len(trial.starts)
     for kind, given in values.items():
         ordered, calm = sorted(given), float(kind in _FACTORS)
-        both = [(shares("", 0.0) if v == calm else shares(kind, v)) for v in ordered]
-        survive, obey = ([each[i] for each in both] for i in range(2))
-        base = shares("", 0.0)
-        found[kind] = {
-            "values": ordered,
-            "survival": survive,
-            "borne": _borne(ordered, survive, calm) if base[0] >= ENOUGH else None,
-        }
+        each = [tried("", 0.0) if v == calm else tried(kind, v) for v in ordered]
+        found[kind] = {"values": ordered}
+        judged = {"survival": "borne"}
         if task.signals.commands:
+            judged["obeys"] = "obeyed"
+            found[kind] |= {key: [one[key] for one in each] for key in ("rms", "mean")}
+        for share, enough in judged.items():
+            shares = [one[share][-1] for one in each]
+            is_calm_enough = tried("", 0.0)[share][-1] >= ENOUGH
             found[kind] |= {
-                "survival_interval": [list(interval(share, count)) for share in survive],
-                "obeys": obey,
-                "obeys_interval": [list(interval(share, count)) for share in obey],
-                "obeyed": _borne(ordered, obey, calm) if base[1] >= ENOUGH else None,
+                share: shares,
+                enough: _borne(ordered, shares, calm) if is_calm_enough else None,
             }
+            if task.signals.commands:
+                found[kind][f"{share}_interval"] = [one[f"{share}_interval"][-1] for one in each]
     return found
 
 
@@ -155,6 +176,8 @@ def suits(task: Task, kind: str, body: str = "") -> bool:
     """Returns whether a kind of disturbance can be tried on a robot at all."""
     if kind in ("frictions", "contacts"):
         return may_rub(task.dynamics.model)
+    if kind in _IN_JOINTS:
+        return bool(getattr(task.dynamics.model, _IN_JOINTS[kind]).any())
     if kind == "pushes":
         try:
             settings = DisturbanceSettings(body=body, push=1.0)
@@ -233,10 +256,9 @@ def _tried(
     body, here = settings.body, task
     if kind == "slopes":
         here = disturbed(task, Disturbance(slope=(value, 0.0)))
-    elif kind == "payloads":
-        here = disturbed(task, Disturbance(body=body, payload=value))
-    elif kind == "frictions":
-        here = disturbed(task, Disturbance(friction=value))
+    elif kind in _IN_DISTURBANCE:
+        changed: dict[str, Any] = {_IN_DISTURBANCE[kind]: value}
+        here = disturbed(task, Disturbance(body=body, **changed))
     elif kind == "masses":
         here = _heavier(task, body_number(task, body), value)
     elif kind == "contacts":

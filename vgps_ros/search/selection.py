@@ -2,13 +2,17 @@
 """Keeps the best policy of a search, since survival moves from iteration to iteration.
 
 In the second half of a search each policy is tried in the same rollouts: from starts around the
-task's, without noise, under commands that change, and with one push each of those that new
-situations have. A training whose situations are renewed ends with the policy that was up and obeyed
-its commands most often (see `judgement`); of several that did so equally often, with the one of the
-least error.
+task's, without noise, every other one under commands that change, the others under one that holds,
+and with one push each of those that new situations have. A training whose situations are renewed
+ends with the policy that was up and obeyed its commands most often (see `judgement`); of several
+that did so equally often, with the one of the least error.
+
+The M-step knows only the states that it was shown, and one may ruin a policy elsewhere. So a step
+after which much fewer rollouts succeed is taken only as far as they do not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,6 +31,9 @@ from vgps_ros.search.robustness import behaviours
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbed_task import UNDISTURBED
+
+_LOST = 0.25  # share of the rollouts that no step may lose: four deviations of 40 at 80 %
+_SHORTER = (1.0, 0.5, 0.25)  # of a step, that are tried one after another
 
 
 @dataclass(frozen=True)
@@ -68,14 +75,54 @@ def is_tried(settings: SearchSettings, k: int) -> bool:
     return settings.renew.share > 0.0 and settings.keep.rollouts > 0 and 2 * k > settings.iterations
 
 
+def sound_step(
+    task: Task,
+    settings: SearchSettings,
+    seed: int,
+    before: GaussianPolicy,
+    fitted: GaussianPolicy,
+    k: int,
+) -> GaussianPolicy:
+    """Returns the policy of iteration k's M-step, or of a shorter step where it ruins the policy.
+
+    Args:
+        task: the control problem.
+        settings: settings of the search.
+        seed: seed of the search.
+        before: the policy from which the step starts.
+        fitted: the policy with which it ends.
+        k: the iteration.
+    """
+    if not is_tried(settings, k):
+        return fitted
+    least = tried(task, settings, seed, before, k).success - _LOST
+    change = fitted.parameters - before.parameters
+    for share in _SHORTER:
+        policy = fitted
+        if share < 1.0:
+            policy = replace(fitted, parameters=before.parameters + share * change)
+        if tried(task, settings, seed, policy, k).success >= least:
+            return policy
+    return before
+
+
 def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
     """Tries the policy of iteration k; all are tried in the same rollouts."""
+    return Tried(policy, k, *_success_and_loss(task, settings, seed, policy))
+
+
+@lru_cache(maxsize=4)  # each policy is tried as the result of one step, and as the start of another
+def _success_and_loss(
+    task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy
+) -> tuple[float, float]:
     rng, space = generator(seed, Stream.JUDGEMENT, SELECTION), task.dynamics.space
     count, steps = settings.keep.rollouts, round(settings.keep.seconds / task.dynamics.time_step)
     starts = task.initial_std * rng.standard_normal((count, space.tangent_dim))
+    commands = np.array([changing_commands(task, steps, rng) for _ in range(count)])
+    commands[1::2] = commands[1::2, :1]
     trial = Trial(
         space.add(task.initial_state, starts),
-        np.array([changing_commands(task, steps, rng) for _ in range(count)]),
+        commands,
         np.zeros((count, steps, task.dynamics.control_dim)),
         phases=first_phases(count),
     )
@@ -85,15 +132,15 @@ def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolic
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
     found = behaviours(task, Driver.of(task.observation, policy), pushes, trial)
     if not task.signals.commands:
-        return Tried(policy, k, float(found.up[:, -1].mean()), _mean_cost(task, policy, trial))
-    commands = [task.signals.commands[i] for i in Achieved.of(task).commands]
+        return float(found.up[:, -1].mean()), _mean_cost(task, policy, trial)
+    achieved = [task.signals.commands[i] for i in Achieved.of(task).commands]
     error = 0.0
-    if commands and not found.counts.any():
+    if achieved and not found.counts.any():
         error = np.inf
-    elif commands:
-        ranges = np.array([c.highest - c.lowest for c in commands])
+    elif achieved:
+        ranges = np.array([c.highest - c.lowest for c in achieved])
         error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
-    return Tried(policy, k, float(found.obeys[:, -1].mean()), float(error))
+    return float(found.obeys[:, -1].mean()), float(error)
 
 
 def _mean_cost(task: Task, policy: GaussianPolicy, trial: Trial) -> float:

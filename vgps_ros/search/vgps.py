@@ -26,8 +26,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.renewal import is_due, renew
+from vgps_ros.search.selection import sound_step
 from vgps_ros.search.workspace import Update, Workspace
 
 
@@ -60,7 +62,7 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
         replay = kept[max(0, len(kept) - work.settings.renew.replay) :]
     work.enter(pairs[0].solutions)
     # Lines 1 and 6 include line 3, since a solution comes with its marginals.
-    pairs = [replace(p, policy=work.fit(p.policy, p.solutions, k, replay)) for p in pairs]  # line 4
+    pairs = [replace(p, policy=_fitted(work, p, k, replay)) for p in pairs]  # line 4
     if k >= min(work.settings.candidate_iterations, work.settings.iterations):
         pairs = [max(pairs, key=_likelihood)]
     # Lines 5 and 6; the first candidate is solved last, so that the latest q(ζ) are the policy's.
@@ -68,6 +70,19 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
         Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in reversed(pairs)
     )
     return Candidates(first.policy, first.solutions, tuple(reversed(others)), replay)
+
+
+def _fitted(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) -> GaussianPolicy:
+    """Returns the M-step's policy, as far as it is no worse unseen."""
+    fitted = work.fit(pair.policy, pair.solutions, k, replay)
+    taken = sound_step(work.task, work.settings, work.seed, pair.policy, fitted, k)
+    if taken is not fitted:
+        how = "not" if taken is pair.policy else "in part"
+        work.warn(
+            f"The M-step of iteration {k} is taken {how}: after all of it much fewer rollouts "
+            "would obey, or stay up."
+        )
+    return taken
 
 
 def _first(work: Workspace) -> Sequence[Update]:  # line 1

@@ -249,6 +249,16 @@ def actuated_joint_names(model: mujoco.MjModel) -> list[str]:
     return [model.actuator(i).name for i in range(model.nu)]
 
 
+def are_motors(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Returns whether the force of each actuator is proportional to its control, shape (n_u,)."""
+    return np.asarray(
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+        & (model.actuator_gainprm[:, 0] * model.actuator_gear[:, 0] != 0.0)
+    )
+
+
 def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
     """Returns the lowest and the highest control u of each actuator, shapes (n_u,).
 
@@ -257,12 +267,7 @@ def control_range(model: mujoco.MjModel) -> tuple[Array, Array]:
     motor is alone on its joint. Where nothing does, the limit is ∓inf.
     """
     gain, gear = model.actuator_gainprm[:, 0], model.actuator_gear[:, 0]
-    of_motor = (
-        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
-        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
-        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
-        & (gain * gear != 0.0)
-    )
+    of_motor = are_motors(model)
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     joints = np.where(on_joint, model.actuator_trnid[:, 0], 0)
     alone = on_joint & (np.bincount(joints[on_joint], minlength=model.njnt)[joints] == 1)

@@ -1,9 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Disturbances of a robot, as numbers that a request carries; to name them takes no MuJoCo.
 
-A policy that shall bear pushes, loads and slopes learns from situations: each has a start and a
-disturbance of its own, and its own q(ζ), since the dynamics differ. `disturbed.py` makes the task
-that a disturbance leads to.
+A policy that shall bear pushes, loads, slopes and other joints learns from situations: each has a
+start and a disturbance of its own, and its own q(ζ), since the dynamics differ.
+`disturbed_task.py` makes the task that a disturbance leads to.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _STEEPEST = 1.0  # [rad]
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One push, one load, and the ground of one situation; by default there is none of them.
+    """One push, one load, the ground and the joints of one situation; by default none is other.
 
     Attributes:
         body: name of the body that is pushed and bears the payload.
@@ -30,6 +30,9 @@ class Disturbance:
         slope: angles by which the ground rises along x and y [rad].
         ridges: largest height of ridges in the ground [m].
         ridges_seed: seed of their places and heights.
+        damping: factor on the damping of all joints.
+        armature: factor on the armature of all joints, the inertia of their rotors.
+        strength: factor on the largest forces of all actuators.
     """
 
     body: str = ""
@@ -41,6 +44,9 @@ class Disturbance:
     slope: tuple[float, float] = (0.0, 0.0)
     ridges: float = 0.0
     ridges_seed: int = 0
+    damping: float = 1.0
+    armature: float = 1.0
+    strength: float = 1.0
 
     def __post_init__(self) -> None:
         """Checks the numbers, which may come from a message."""
@@ -52,6 +58,9 @@ class Disturbance:
             "friction": (self.friction, 0.0, np.inf),
             "slope": (*self.slope, -_STEEPEST, _STEEPEST),
             "ridges": (self.ridges, 0.0, 1.0),
+            "damping": (self.damping, 0.0, np.inf),
+            "armature": (self.armature, 0.0, np.inf),
+            "strength": (self.strength, 0.0, np.inf),
         }
         for name, (*values, low, high) in numbers.items():
             if not all(np.isfinite(value) and low <= value <= high for value in values):
@@ -62,8 +71,11 @@ class Disturbance:
 
     @property
     def changes_model(self) -> bool:
-        """True if it changes more than a push does: the load, the friction or the ground."""
-        return bool(self.payload or self.friction != 1.0 or any(self.slope) or self.ridges)
+        """True if it changes more than a push does: the robot or the ground."""
+        factors = (self.friction, self.damping, self.armature, self.strength)
+        return bool(
+            self.payload or any(self.slope) or self.ridges or any(f != 1.0 for f in factors)
+        )
 
 
 @dataclass(frozen=True)
@@ -101,6 +113,16 @@ class DisturbanceSettings:
     ridges: float = setting(
         0.0, "largest height of ridges in the ground [m]", minimum=0.0, maximum=1.0
     )
+    joints: float = setting(
+        0.0,
+        "largest change of the joints' damping, and of their armature: 1 is from half to twice",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    strength: float = setting(
+        0.0, "largest loss of the actuators' largest force, as a share of it", minimum=0.0,
+        maximum=0.99,
+    )  # fmt: skip
 
 
 def check_push_ends(

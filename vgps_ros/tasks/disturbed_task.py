@@ -25,7 +25,7 @@ from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics
-from vgps_ros.simulation.model import compile_model
+from vgps_ros.simulation.model import are_motors, compile_model
 from vgps_ros.simulation.model_changes import name_all
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
@@ -115,6 +115,10 @@ def draw_disturbance(
     body = body_number(task, settings.body)
     time, angle, friction, slope, payload = rng.uniform(size=5)
     ahead = _direction(task, body, angle) if settings.push or settings.slope else np.zeros(2)
+    ridges_seed = int(rng.integers(2**32)) if settings.ridges else 0
+    damping, armature = 1.0, 1.0
+    if settings.joints:
+        damping, armature = (1.0 + settings.joints) ** rng.uniform(-1.0, 1.0, 2)
     return Disturbance(
         body=body_names(task.mjcf)[body],
         push=tuple((settings.push * ahead).tolist()),
@@ -124,7 +128,10 @@ def draw_disturbance(
         friction=1.0 + settings.friction * (2.0 * friction - 1.0),
         slope=tuple((settings.slope * (2.0 * slope - 1.0) * np.abs(ahead)).tolist()),
         ridges=settings.ridges,
-        ridges_seed=int(rng.integers(2**32)) if settings.ridges else 0,
+        ridges_seed=ridges_seed,
+        damping=float(damping),
+        armature=float(armature),
+        strength=1.0 - settings.strength * rng.uniform() if settings.strength else 1.0,
     )
 
 
@@ -182,10 +189,11 @@ _OF_FLOOR = (
 
 
 def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
-    """Returns the model of an MJCF with a disturbance's load on a body, friction and ground.
+    """Returns the model of an MJCF with a disturbance's load on a body, friction, ground, joints.
 
     Raises:
-        InvalidInputError: ridges are wanted, but there is no level floor.
+        InvalidInputError: ridges are wanted, but there is no level floor; or actuators shall be
+            weaker or stronger, but none has a largest force.
     """
     spec = _named(mjcf)
     model = spec.compile()
@@ -197,6 +205,11 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
         geom.friction[0] *= disturbance.friction
     for pair in spec.pairs:
         pair.friction[:2] *= disturbance.friction
+    for joint in spec.joints:
+        joint.damping *= disturbance.damping
+        joint.armature *= disturbance.armature
+    if disturbance.strength != 1.0:
+        _scale_forces(spec, model, disturbance.strength)
     spec.option.gravity = _turned(model.opt.gravity, disturbance.slope)
     if disturbance.ridges:
         rng = np.random.default_rng(disturbance.ridges_seed)
@@ -228,6 +241,27 @@ def _named(mjcf: str) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(mjcf)
     name_all(spec)
     return spec
+
+
+def _scale_forces(spec: mujoco.MjSpec, model: mujoco.MjModel, factor: float) -> None:
+    """Multiplies the largest force of each actuator, and that of all actuators of a joint.
+
+    That of a motor which only its control limits becomes a limit of its force.
+    """
+    motors = are_motors(model)
+    limited = (model.actuator_forcelimited > 0) | (motors & (model.actuator_ctrllimited > 0))
+    if not (limited.any() or model.jnt_actfrclimited.any()):
+        raise InvalidInputError(
+            f"The actuators' largest forces shall change by the factor {factor:.3g}, but no "
+            "actuator has one; leave out disturb.strength or --strengths."
+        )
+    for i in np.flatnonzero(limited):
+        largest = model.actuator_forcerange[i]
+        if not model.actuator_forcelimited[i]:
+            largest = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
+        spec.actuators[i].forcelimited, spec.actuators[i].forcerange = 1, factor * largest
+    for joint in spec.joints:
+        joint.actfrcrange *= factor
 
 
 def _turned(gravity: Array, slope: tuple[float, float]) -> Array:
