@@ -33,6 +33,7 @@ def linear_policy(rotor):
 
 
 def bound(task, q, policy, alpha, rng):
+    """Returns L(q, θ) of section 3."""
     divergence = expected_divergence(q, policy, task.observation, rng)
     return -alpha * expected_cost(q, task.cost) - divergence
 

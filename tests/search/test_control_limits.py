@@ -9,11 +9,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.limited_pendulum import HIGH, LOW, write_task
+from tests.search.test_bound import bound
 from vgps_ros.core.marginals import sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.methods import METHODS, search
+from vgps_ros.search.metrics import uncut
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation
@@ -76,7 +78,7 @@ def test_controls_at_a_limit_are_taught_beyond_it_and_others_as_they_are(task):
     def taught(**values):
         settings = with_values(SearchSettings(), {"initial_ddp_iterations": 50, **values})
         work = Workspace(task, settings, 0, partial(optimize_all, task))
-        (q,) = work.scored(work.initial_solutions)
+        (q,) = work.taught(work.initial_solutions)
         return q.mean.controls
 
     usual, beyond = taught(), taught(**{"fit.beyond": 0.2})
@@ -85,6 +87,16 @@ def test_controls_at_a_limit_are_taught_beyond_it_and_others_as_they_are(task):
     assert_allclose(beyond[at_limit], HIGH + 0.1 * (HIGH - LOW))
     within = (usual < HIGH) & (usual > LOW)
     assert_array_equal(beyond[within], usual[within])
+
+
+def test_the_bound_is_that_of_q_and_not_of_what_is_taught_beyond_the_limits(task):
+    values = {"iterations": 1, "initial_ddp_iterations": 50, "alphas": (1.0,), "fit.beyond": 0.2}
+    settings = with_values(SearchSettings(), values)
+    (told,) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    q = told.solutions[0].distribution.first(task.horizon)
+    assert (q.mean.controls == HIGH).any()
+    rng = generator(0, Stream.BOUND, 0)
+    assert told.bound == pytest.approx(bound(task, uncut(task, q), told.policy, 1.0, rng))
 
 
 @pytest.mark.parametrize("method", sorted(set(METHODS) - {"cost_weighted_1000"}))

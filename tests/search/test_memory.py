@@ -78,8 +78,12 @@ def drawn_policy(task, rng, scale=1.0):
 def q(random_distribution):
     """A distribution whose marginals are those of its dynamics."""
     q = random_distribution(horizon=5)
-    q = replace(q, gains=0.3 * q.gains)
-    spread = Spread(np.full(4, 0.7), np.zeros(4), np.full(4, np.inf))
+    return with_noise(replace(q, gains=0.3 * q.gains), 0.0)
+
+
+def with_noise(q, std):
+    """Returns q with the marginals of dynamics with so much noise."""
+    spread = Spread(np.full(4, 0.7), np.full(4, std), np.full(4, np.inf))
     return replace(
         q,
         state_covariances=state_covariances(
@@ -102,7 +106,9 @@ def joint_covariances(q, t):
     ]
 
 
-def test_histories_are_drawn_jointly_with_their_states(q, rng):
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_histories_are_drawn_jointly_with_their_states(q, rng, noise):
+    q = with_noise(q, noise)
     drawn = sample_histories(q, COUNT, 2, rng)
     now, before, earlier = drawn.states
     for t in range(2, 5):

@@ -24,6 +24,7 @@ from vgps_ros.core.settings import setting
 STD_BOUND = 1e6
 # Where a coordinate is exact, or follows from the others, an inverse needs some spread.
 _LEAST_STD, _LEAST_CORRELATION = 1e-9, 1e-6
+_LEAST_SHARE = 1e-9  # of a variance, that is more than rounding
 
 
 @dataclass(frozen=True)
@@ -154,11 +155,13 @@ def sample_histories(
     """Draws (δx_{t−L}, …, δx_t) from q for each t = 1 … T, in pairs ± as `sample_deviations` does.
 
     A motion of L steps begins in the marginal of x_{t−L}, and follows q's linear dynamics and
-    gains. Where a limit has narrowed a marginal on the way, the motion is narrowed alike.
+    gains, with the noise of the dynamics. Where a limit has narrowed a marginal on the way, the
+    motion is narrowed alike.
     """
     q, f = distribution, distribution.linear_dynamics
     horizon, roots = q.mean.horizon, covariance_roots(distribution.control_covariances)
-    narrowing, steps = _narrowing(q), np.arange(q.mean.horizon)
+    narrowing, dynamics_std = _narrowing(q)
+    steps = np.arange(q.mean.horizon)
     start = np.maximum(steps - length, 0)
     found = [_in_pairs(q.state_roots[start], count, rng)]
     controls = np.zeros((count, horizon, f.f_u.shape[2]))
@@ -166,6 +169,8 @@ def sample_histories(
         i = np.maximum(steps - lag, 0)
         acted = _applied(q.gains[i], found[-1]) + _in_pairs(roots[i], count, rng)
         after = _applied(f.f_x[i], found[-1]) + _applied(f.f_u[i], acted)
+        if dynamics_std.any():
+            after += _in_pairs(dynamics_std[i][:, :, None] * np.eye(after.shape[2]), count, rng)
         moves = (steps >= lag)[:, None]
         controls = np.where(moves, acted, controls)
         scale = np.where(moves, narrowing[i], 1.0)
@@ -181,7 +186,7 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
         δu_{t−1}, shape (T, n_u, n_dx); the latter is zero at t = 1.
     """
     q, f = distribution, distribution.linear_dynamics
-    steps, narrowing = np.arange(q.mean.horizon), _narrowing(q)
+    steps, (narrowing, _) = np.arange(q.mean.horizon), _narrowing(q)
     sigma, closed = q.state_covariances, f.f_x + f.f_u @ q.gains
     std = np.maximum(np.sqrt(np.diagonal(sigma[:-1], axis1=1, axis2=2)), _LEAST_STD)
     correlations = sigma[:-1] / (std[:, :, None] * std[:, None])
@@ -209,15 +214,22 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
     return np.stack(found), acted
 
 
-def _narrowing(q: TrajectoryDistribution) -> Array:
-    """Returns by how much a limit has narrowed each coordinate after steps 1 … T, (T, n_dx)."""
+def _narrowing(q: TrajectoryDistribution) -> tuple[Array, Array]:
+    """Returns how each coordinate's spread after steps 1 … T differs from that of law and noise.
+
+    Returns:
+        The factor by which a limit has narrowed it, shape (T, n_dx), and where it is wider the
+        standard deviation that the dynamics' noise Σ_f has added, of the same shape.
+    """
     f, sigma = q.linear_dynamics, q.state_covariances
     closed = f.f_x + f.f_u @ q.gains
     after = closed @ sigma[:-1] @ np.swapaxes(closed, 1, 2)
     after += f.f_u @ q.control_covariances @ np.swapaxes(f.f_u, 1, 2)
     squares = [np.diagonal(each, axis1=1, axis2=2) for each in (sigma[1:], after)]
     ratio = squares[0] / np.maximum(squares[1], _LEAST_STD**2)
-    return np.asarray(np.sqrt(np.minimum(ratio, 1.0)))
+    added = squares[0] - squares[1]
+    added[added <= _LEAST_SHARE * squares[0]] = 0.0  # which is rounding
+    return np.sqrt(np.minimum(ratio, 1.0)), np.sqrt(added)
 
 
 def sample_rollout_noise(

@@ -65,7 +65,7 @@ def imitate(
             _around(
                 work.task, q, settings.fit.samples_per_step, generator(work.seed, Stream.DATASET, i)
             )
-            for i, q in enumerate(work.scored(solutions))
+            for i, q in enumerate(work.taught(solutions))
         )
     else:
         solutions = last.solutions
@@ -75,7 +75,7 @@ def imitate(
             for states, rollouts in zip(last.visited, draws, strict=True)
         )
         targets, weights = oracle_targets(
-            work.scored(solutions), visited, work.task.observation, weighted=weighted
+            work.taught(solutions), visited, work.task.observation, weighted=weighted
         )
         policy = work.fit_samples(last.policy, targets, weights, k)
     if adapts:

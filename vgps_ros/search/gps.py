@@ -312,7 +312,7 @@ def guiding_distributions(
     """
     factor = work.settings.gps.guiding_noise**2
     guides = []
-    for q in work.scored(solutions):
+    for q in work.taught(solutions):
         variances = np.diagonal(q.control_covariances, axis1=1, axis2=2)
         free = variances > 0.0
         mean = variances.sum(axis=0) / np.maximum(free.sum(axis=0), 1)

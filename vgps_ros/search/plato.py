@@ -93,7 +93,7 @@ class Teacher:
 
 def plato(work: Workspace, last: Lessons | None, k: int) -> Lessons:
     """Does iteration k: a copy of the DDP solution first, then lessons and a fit to all of them."""
-    scored, observation = work.scored(work.initial_solutions), work.task.observation
+    scored, observation = work.taught(work.initial_solutions), work.task.observation
     if last is None:
         dims = work.task.dims
         none = np.empty((0, dims["n_x"])), np.empty((0, dims["n_u"]))

@@ -391,6 +391,6 @@ def _samples(work: Workspace, solution: OptimizationResult, k: int, i: int) -> T
     """Draws samples of a q(ζ) that is replaced, from which the policy goes on learning."""
     settings = work.settings.fit
     rng = generator(work.seed, Stream.DATASET, k, i)
-    (q,) = work.scored([solution])
+    (q,) = work.taught([solution])
     observation, count = work.task.observation, settings.samples_per_step
     return draw_targets([q], observation, settings.form, count, rng, settings.late)

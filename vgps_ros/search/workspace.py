@@ -160,7 +160,7 @@ class Workspace:
         return fit_policy(
             self.random_policies(1)[0],
             self.task.observation,
-            self.scored(self.initial_solutions) if distributions is None else distributions,
+            self.taught(self.initial_solutions) if distributions is None else distributions,
             fit,
             generator(self.seed, Stream.POLICY_FIT, 1),
         )
@@ -179,7 +179,7 @@ class Workspace:
         states of rollouts: those that were drawn already, or new ones of the policy.
         """
         rng = generator(self.seed, Stream.POLICY_FIT, k)
-        observation, scored = self.task.observation, self.scored(solutions)
+        observation, scored = self.task.observation, self.taught(solutions)
         visited, settings = self._visited(policy, scored, k, drawn), self.settings.fit
         augmentation = self.task.augmentation
         taught = self._taught_limits() if settings.beyond else None
@@ -272,8 +272,12 @@ class Workspace:
         return rollouts
 
     def scored(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
-        """Returns each q(ζ) over the horizon that the policy is trained on; see `fit.beyond`."""
-        scored = [s.distribution.first(self.task.horizon) for s in solutions]
+        """Returns each q(ζ) over the horizon that the policy is trained on."""
+        return [s.distribution.first(self.task.horizon) for s in solutions]
+
+    def taught(self, solutions: Sequence[OptimizationResult]) -> list[TrajectoryDistribution]:
+        """Returns each q(ζ) as the policy is to learn it; see `fit.beyond`."""
+        scored = self.scored(solutions)
         return list(map(self._beyond_limits, scored)) if self.settings.fit.beyond else scored
 
     def _beyond_limits(self, q: TrajectoryDistribution) -> TrajectoryDistribution:
@@ -292,7 +296,7 @@ class Workspace:
 
     def standardization(self) -> Standardization:
         """Returns units that suit the initial solutions."""
-        distributions = self.scored(self.initial_solutions)
+        distributions = self.taught(self.initial_solutions)
         shape = architecture(self.task, self.settings)
         return Standardization.of(shape, self.task.observation, distributions)
 
