@@ -5,8 +5,9 @@ States must come in the order of their stamps:
 
 - A state with the stamp of the newest state is a repetition, and is answered again.
 - The stamp 0 starts a new time, as after the reset of a simulation.
-- A state with any other older stamp is refused, unless `forget_time` was called or no usable state
-  has come for `state_timeout`.
+- A state with any other older stamp was overtaken, as networks do, and is left out with a warning.
+  It tells nothing that the newest one does not, so the policy goes on.
+- After `forget_time`, or once no usable state has come for `state_timeout`, any stamp begins anew.
 
 The rule uses no clock, because states and /clock are different topics and either may come first. A
 robot without stamps (all are 0) is not checked for order.
@@ -123,7 +124,13 @@ class Supervisor:
                 before the law, and only for a usable state.
             is_policy: whether the law is learned, so that the state must be one that it knows.
         """
-        if reason := self._unusable(stamp, age, now):
+        if 0 < stamp < self._newest and self._is_fresh(now):
+            self.warning = (
+                f"A state came after one that is {(self._newest - stamp) * 1e-9:.2g} s newer, and "
+                "was left out; if that goes on, check that only one robot publishes joint_states."
+            )
+            return None
+        if reason := self._unusable(stamp, age):
             return self.refuse(reason, now)
         self._state, self._received = state, now
         self._stamp = self._newest = stamp
@@ -162,16 +169,10 @@ class Supervisor:
         """Returns a last command that leaves the robot at rest, or None if none was sent before."""
         return None if self._state is None else self._sent_safely(self._held(self._state))
 
-    def _unusable(self, stamp: int, age: Callable[[], float], now: float) -> str | None:
+    def _unusable(self, stamp: int, age: Callable[[], float]) -> str | None:
         """Returns the reason why the stamp makes a state unusable, or None."""
         if stamp < 0:
             return f"the state's stamp is {stamp * 1e-9:g} s, but it must not be < 0."
-        if 0 < stamp < self._newest and self._is_fresh(now):
-            late = (self._newest - stamp) * 1e-9
-            return (
-                f"the state's stamp is {late:.2g} s older than that of the newest state, but "
-                "states must come in order; check that only one robot publishes joint_states."
-            )
         allowed = self._settings.max_state_age
         if allowed and not (difference := abs(age())) <= allowed:
             return (
