@@ -70,7 +70,7 @@ _IN_JOINTS = {"dampings": "dof_damping", "armatures": "dof_armature"}  # of MuJo
 
 # Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
 USUAL = {
-    "pushes": (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 40.0),
+    "pushes": (0.0, 10.0, 20.0, 25.0, 30.0, 40.0),
     "masses": (0.6, 1.0, 1.4),
     "frictions": (0.4, 0.7, 1.0, 1.2),
     "dampings": (0.5, 1.0, 2.0),
