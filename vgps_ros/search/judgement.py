@@ -47,7 +47,7 @@ _GOLDEN = 0.6180339887498949  # its multiples fill a turn evenly
 _AT_ONCE = 400_000  # steps of the rollouts whose states are in memory at once
 
 # The places of draws in the stream of judgements.
-GRID, TRIALS, PUSHES, SENSORS, SELECTION = range(5)
+GRID, TRIALS, PUSHES, SENSORS, SELECTION, CALIBRATION = range(6)
 
 
 @dataclass(frozen=True)

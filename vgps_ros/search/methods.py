@@ -23,7 +23,7 @@ from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.mdgps import Mirrored, begin, mdgps
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
 from vgps_ros.search.plato import Lessons, check_teacher, plato
-from vgps_ros.search.selection import is_tried, tried
+from vgps_ros.search.selection import finished, is_tried, tried
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -149,8 +149,12 @@ def search(
             best = this if best is None or this.beats(best) else best
             notice = f"The policy of iteration {k} {this.told(task, settings)}."
             if k == settings.iterations and best is not this:
-                update = replace(update, policy=best.policy)
                 notice += f" That of iteration {best.k} is kept, which {best.told(task, settings)}."
+            if k == settings.iterations:
+                final = finished(task, settings, seed, best)
+                update = replace(update, policy=final.policy)
+                if final is not best:
+                    notice += f" With calibrated commands it {final.told(task, settings)}."
             if k == settings.iterations and best.success < _LITTLE:
                 notice += " That is little: another --seed may do better, since seeds differ much."
         evaluation = evaluated(update, k)

@@ -7,6 +7,8 @@ and with one push each of those that new situations have. A training whose situa
 ends with the policy that was up and obeyed its commands most often (see `judgement`); of several
 that did so equally often, with the one of the least error.
 
+In the end its commands are calibrated, unless it then succeeds less often (see `calibration`).
+
 The M-step knows only the states that it was shown, and one may ruin a policy elsewhere. So a step
 after which much fewer rollouts succeed is taken only as far as they do not.
 """
@@ -19,6 +21,7 @@ import numpy as np
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.policies.driver import Driver
+from vgps_ros.search.calibration import calibrated
 from vgps_ros.search.judgement import (
     SELECTION,
     Achieved,
@@ -104,6 +107,15 @@ def sound_step(
         if tried(task, settings, seed, policy, k).success >= least:
             return policy
     return before
+
+
+def finished(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Tried:
+    """Returns the best policy with calibrated commands, if it succeeds as often with them."""
+    policy = calibrated(task, seed, best.policy)
+    if policy is best.policy:
+        return best
+    found = tried(task, settings, seed, policy, best.k)
+    return found if found.success >= best.success else best
 
 
 def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
