@@ -28,7 +28,7 @@ from vgps_ros.storage.files import from_entries, part_of, read_archive, to_tree,
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.task import task_digest
 
-FORMAT = 12  # of the files; a change of the records that they hold is a new one
+FORMAT = 13  # of the files; a change of the records that they hold is a new one
 _CONTENT = "content"  # name of the JSON text in the archive
 _CONTENT_OF_TASK = "content of the task"  # as a sentence names its digest
 
