@@ -7,7 +7,8 @@ and with one push each of those that new situations have. A training whose situa
 ends with the policy that was up and obeyed its commands most often (see `judgement`); of several
 that did so equally often, with the one of the least error.
 
-In the end its commands are calibrated, unless it then succeeds less often (see `calibration`).
+In the end its commands are calibrated, unless it then clearly succeeds less often (see
+`calibration`).
 
 The M-step knows only the states that it was shown, and one may ruin a policy elsewhere. So a step
 after which much fewer rollouts succeed is taken only as far as they do not.
@@ -36,6 +37,7 @@ from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbed_task import UNDISTURBED
 
 _LOST = 0.25  # share of the rollouts that no step may lose: four deviations of 40 at 80 %
+_ALIKE = 0.05  # share of the rollouts that tells nothing: one deviation of 40
 _SHORTER = (1.0, 0.5, 0.25)  # of a step, that are tried one after another
 
 
@@ -110,12 +112,12 @@ def sound_step(
 
 
 def finished(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Tried:
-    """Returns the best policy with calibrated commands, if it succeeds as often with them."""
+    """Returns the best policy with calibrated commands, if it succeeds about as often with them."""
     policy = calibrated(task, seed, best.policy)
     if policy is best.policy:
         return best
     found = tried(task, settings, seed, policy, best.k)
-    return found if found.success >= best.success else best
+    return found if found.success >= best.success - _ALIKE else best
 
 
 def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
