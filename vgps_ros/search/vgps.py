@@ -77,10 +77,10 @@ def _fitted(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) ->
     fitted = work.fit(pair.policy, pair.solutions, k, replay)
     taken = sound_step(work.task, work.settings, work.seed, pair.policy, fitted, k)
     if taken is not fitted:
-        how = "not" if taken is pair.policy else "in part"
+        share = "is not taken" if taken is pair.policy else "is taken in part"
         work.warn(
-            f"The M-step of iteration {k} is taken {how}: after all of it much fewer rollouts "
-            "would obey, or stay up."
+            f"The M-step of iteration {k} {share}: after all of it much fewer rollouts would "
+            "obey, or stay up."
         )
     return taken
 
