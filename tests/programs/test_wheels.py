@@ -60,7 +60,7 @@ def test_a_plain_install_trains_evaluates_plots_and_exports_a_page_without_ros(w
     ran(vgps, "plot", run, **alone)
     assert (run / "plots" / "trajectory.png").read_bytes().startswith(b"\x89PNG")
     page = tmp_path / "page"
-    ran(vgps, "export", run, "--output", page / "policy.onnx", "--web", page, **alone)
+    ran(vgps, "export", run, "--output", tmp_path / "policy.onnx", "--web", page, **alone)
     assert "<html" in (page / "index.html").read_text()[:1000].lower()
     bag = ROOT / "recordings" / "sample"
     for words, needed in (
