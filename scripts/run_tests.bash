@@ -40,11 +40,12 @@ if [[ $status -eq 1 && -f $failed && $(grep -c '": true' "$failed") -le $few ]];
   run "$@" --last-failed -n 0 || status=$?
 fi
 
-left=$(processes)
-if [[ -n $left ]]; then
-  sleep 2 # a node that just got a signal may need a moment
+# A node that just got a signal may need a moment, and one that still imports some more.
+for ((tenths = 0; tenths < 100; tenths++)); do
   left=$(processes)
-fi
+  [[ -n $left ]] || break
+  sleep 0.1
+done
 if [[ -n $left ]]; then
   printf 'run_tests: these processes are left, and are killed now:\n' >&2
   # shellcheck disable=SC2086
