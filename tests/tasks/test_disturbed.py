@@ -223,6 +223,7 @@ def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, r
         ({"payload": -1.0}, r"disturbance.payload is -1.0, but it must be finite and from 0"),
         ({"push": (np.nan, 0.0)}, "disturbance.push is .*nan"),
         ({"slope": (2.0, 0.0)}, "disturbance.slope is"),
+        ({"strength": 0.0}, "disturbance.strength is 0.0, but it must be finite and from 0.01"),
         ({"armature": -1.0}, "disturbance.armature is -1.0, but it must be finite and from 0"),
         ({"strength": 0.5}, r"forces shall change by the factor 0\.5, but no actuator has one"),
     ],

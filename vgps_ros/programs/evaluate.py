@@ -267,7 +267,7 @@ def add_arguments(parser: Parser) -> None:
             "rotors", minimum=0.0, maximum=100.0,
         ),
         Setting(
-            "strengths", (1.0,), "factors on the largest forces of all actuators", minimum=0.0,
+            "strengths", (1.0,), "factors on the largest forces of all actuators", minimum=0.01,
             maximum=100.0,
         ),
         Setting(

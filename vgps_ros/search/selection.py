@@ -11,7 +11,7 @@ In the end its commands are calibrated, unless it then clearly succeeds less oft
 `calibration`).
 
 The M-step knows only the states that it was shown, and one may ruin a policy elsewhere. So a step
-after which much fewer rollouts succeed is taken only as far as they do not.
+after which far fewer rollouts succeed is taken only as far as that does not happen.
 """
 
 from dataclasses import dataclass, replace

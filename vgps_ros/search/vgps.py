@@ -79,7 +79,7 @@ def _fitted(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) ->
     if taken is not fitted:
         share = "is not taken" if taken is pair.policy else "is taken in part"
         work.warn(
-            f"The M-step of iteration {k} {share}: after all of it much fewer rollouts would "
+            f"The M-step of iteration {k} {share}: after all of it far fewer rollouts would "
             "obey, or stay up."
         )
     return taken

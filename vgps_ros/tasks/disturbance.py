@@ -14,11 +14,12 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import setting
 
 _STEEPEST = 1.0  # [rad]
+_WEAKEST = 0.01  # of the largest forces; MuJoCo takes an empty range for none
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One push, one load, the ground and the joints of one situation; by default none is other.
+    """A push, a load, the ground and the joints of one situation; by default nothing is changed.
 
     Attributes:
         body: name of the body that is pushed and bears the payload.
@@ -60,7 +61,7 @@ class Disturbance:
             "ridges": (self.ridges, 0.0, 1.0),
             "damping": (self.damping, 0.0, np.inf),
             "armature": (self.armature, 0.0, np.inf),
-            "strength": (self.strength, 0.0, np.inf),
+            "strength": (self.strength, _WEAKEST, np.inf),
         }
         for name, (*values, low, high) in numbers.items():
             if not all(np.isfinite(value) and low <= value <= high for value in values):
