@@ -292,6 +292,40 @@ def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
     assert task.augmentation.mirror is not None
 
 
+HEAD = """<body name="torso_head" pos="0 {y} .1"><joint name="torso_head" axis="0 1 0"/>
+<geom size=".04" mass=".2"/></body>"""
+
+
+@pytest.mark.parametrize("y", [0.0, 0.03])
+@pytest.mark.parametrize(("left", "right"), [("left", "right"), ("l", "r"), ("L", "R")])
+def test_a_mirror_is_found_wherever_along_its_axis_a_joint_is_anchored(written, left, right, y):
+    """Letters as short as l and r are words of their own, as no torso has them."""
+    robot = walker((left, 0, 0.1), (right, 0, -0.1))
+    robot = robot.replace('mass="5"/>', f'mass="5"/>{HEAD.format(y=y)}')
+    _, task = written(robot.replace("</actuator>", '<motor joint="torso_head"/></actuator>'))
+    names, mirror = task.observation.names, task.augmentation.mirror
+    for name, image, sign in (
+        (f"{left}_hip/position", f"{right}_hip/position", 1.0),
+        (f"{right}_roll/velocity", f"{left}_roll/velocity", -1.0),
+        ("torso_head/position", "torso_head/position", 1.0),
+    ):
+        i = names.index(name)
+        assert (names[mirror.inputs[i]], mirror.input_signs[i]) == (image, sign)
+
+
+def test_joints_that_are_not_alike_have_no_mirror(written):
+    text, _ = written(walker(("left", 0, 0.1), ("right", 0.05, -0.1)))
+    assert "mirror" not in text
+
+
+def test_wide_short_legs_are_two_as_well(written):
+    """Microduck's feet are farther from each other than its hips are from the ground."""
+    robot = walker(("left", 0, 0.25), ("right", 0, -0.25))
+    text, _ = written(robot.replace('type="box" size=".2 .1 .05"', 'type="box" size=".1 .3 .05"'))
+    assert "Legs, 2" in text
+    assert "[joint_positions, joint_velocities, up, turning, velocity, commands, clock]" in text
+
+
 def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(written):
     text, _ = written(walker(*FOUR, motor="position", extra=SERVO))
     assert "{control: all, pose: start, weight: 12}" in text

@@ -44,6 +44,7 @@ from vgps_ros.tasks.schema import MOST_CONTACTS
 _TEMPLATE = Path(__file__).with_name("new_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
+_ALIKE = 0.04  # of a leg, within which two joints' axes are one line
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
@@ -354,6 +355,8 @@ def _strength(robot: Robot, joint: int) -> float:
         return float(np.abs(model.jnt_actfrcrange[joint]).max())
     body, is_leg = int(model.jnt_bodyid[joint]), any(joint in leg for leg in legs_of(robot))
     far = float(np.linalg.norm(data.subtree_com[body] - data.xanchor[joint]))
+    gyration = model.body_inertia[body].max() / max(model.body_mass[body], 1e-9)
+    far = max(far, float(gyration) ** 0.5)  # of what is balanced on its joint
     carried = 0.5 * robot.mass * robot.leg
     load = max(3 * model.body_subtreemass[body] * far, carried if is_leg else 0.0)
     return float(f"{(robot.gravity or 9.81) * load:.2g}")
@@ -368,26 +371,32 @@ def _places(robot: Robot) -> list[str]:
 
 
 def _mirror(robot: Robot) -> list[str]:
-    """Returns the exchange of left and right, if places and axes of joints tell it, and names."""
+    """Returns the exchange of left and right, if places and axes of joints tell it, and names.
+
+    Where along its axis a joint is anchored says nothing, but on which side of the robot it is.
+    """
     model, data, joints = robot.model, robot.data, robot.joints
     if not robot.is_free or len(robot.feet) < 2 or robot.forward[0] != "x":
         return []
     anchors = (data.xanchor - data.xpos[robot.root]) @ robot.frame
     axes = data.xaxis @ robot.frame
+    near = _ALIKE * robot.leg  # distance of two lines that are one
     motors = {joint: model.actuator(i).name for i, joint in robot.motors.items()}
     swaps, flips, pairs = set[tuple[str, str]](), list[str](), dict[str, str]()
     for j in joints:
         image = axes[j] * ([-1, 1, -1] if model.jnt_type[j] == HINGE else [1, -1, 1])
-        near = [k for k in joints if np.abs(anchors[j] * [1, -1, 1] - anchors[k]).max() < 0.01]
-        near = [k for k in near if abs(image @ axes[k]) > 0.99]
-        if len(near) != 1:
+        aside = anchors[j] * [1, -1, 1] - anchors[joints]
+        of_lines = np.linalg.norm(np.cross(aside, axes[joints]), axis=1)
+        alike = (of_lines < near) & (np.abs(axes[joints] @ image) > 0.99)
+        if not alike.any():
             return []
+        k = joints[int(np.argmin(np.where(alike, np.linalg.norm(aside, axis=1), np.inf)))]
         for names in ({k: model.joint(k).name for k in joints}, motors):
-            one, other = names.get(j, ""), names.get(near[0], "")
+            one, other = names.get(j, ""), names.get(k, "")
             pairs[one] = other
             parts = zip(*(re.split(r"([^A-Za-z]+)", n) for n in (one, other)), strict=False)
             swaps |= {(a, b) for a, b in parts if "" < a < b}
-            flips += [one] if one and one not in flips and image @ axes[near[0]] < 0 else []
+            flips += [one] if one and one not in flips and image @ axes[k] < 0 else []
     up, turning, velocity = (_new(robot, name) for name in ("up", "turning", "velocity"))
     pairs |= {up: up, turning: turning}
     if any(exchanged(a, sorted(swaps)) != b for a, b in pairs.items()):

@@ -72,12 +72,12 @@ class Robot:
 
     @property
     def is_biped(self) -> bool:
-        """Whether it has two feet, nearer to each other than its hips are to the ground.
+        """Whether it has two feet, of which none stands a leg's length before the other.
 
-        It may fall over them; one leg before the other, as a cheetah's, is no such stance.
+        It may fall over them; one before the other, as a cheetah's, is no such stance.
         """
-        places = self.data.geom_xpos[self.feet]
-        return len(places) == 2 and bool(np.linalg.norm(places[0] - places[1]) < self.leg)
+        places = self.data.geom_xpos[self.feet] @ self.frame[:, "xyz".index(self.forward[0])]
+        return len(places) == 2 and bool(abs(places[0] - places[1]) < self.leg)
 
     @property
     def hops(self) -> bool:
