@@ -168,7 +168,7 @@ def test_a_damaged_file_is_refused(content, damage, tmp_path):
         ("", "is no deployment"),
         ("[1]", "is no deployment"),
         ("{}", "is no deployment"),
-        ('{"format": 2}', "its format is 2, but this version reads 1"),
+        ('{"format": 1}', "its format is 1, but this version reads 2"),
         ('{"layers": []}', "is no deployment"),
         ("\x00", "is no deployment"),
     ],

@@ -114,3 +114,21 @@ def test_a_limit_that_the_models_own_excludes_is_refused():
     tense = controls_of(robot('<motor joint="{}" gear="10" ctrlrange="0.5 1"/>'))
     with pytest.raises(InvalidInputError, match=r"limits of j0 demand a torque of 5 at least"):
         Robot(tense, torque_limits=(4.0,))
+
+
+SHORT = SERVOS.replace('kp="120"', 'kp="120" ctrlrange="-1 1.3" forcerange="-24 24"')
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_servo_measured_beyond_its_control_stays_there_or_comes_back_softly(side):
+    controls = controls_of(mujoco.MjModel.from_xml_string(SHORT))
+    there = np.array([6.33 * side, 0.5, 0.0, 0.0])
+    arm = Robot(controls)
+    assert arm.send(there, BAD_2) == [0.5, 6.33 * side]  # which asks for no torque
+    assert arm.supervisor.stop().control.tolist() == [0.5, 6.33 * side]
+    for torque in (24.0, 6.0):
+        arm = Robot(controls, torque_limits=(1e9, torque))
+        _, target = arm.send(there, [0.4, 0.2])
+        assert 120.0 * (target - 6.33 * side) == pytest.approx(-torque * side)
+    _, target = Robot(controls).send(np.array([1.4 * side, 0.5, 0.0, 0.0]), [0.4, 0.2])
+    assert target == pytest.approx(0.2)  # no torque is limited

@@ -163,6 +163,7 @@ class RecordedExecutor:
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
         self._resting: Array | None = None  # what the safe action holds, while it drives
+        self._standing: list[Array] = []  # controls by which it may stand
         self._observations: dict[tuple[str, ...], Observation] = {}
         self.task, self.deployment = None, None
         if {"safe_action", "task"} <= set(parameters):
@@ -191,6 +192,10 @@ class RecordedExecutor:
             limits = values["torque_limits"]
             values["torque_limits"] = tuple(limits if isinstance(limits, list) else [limits])
         self.settings = with_values(defaults, values)
+        if self.deployment and self.settings.safe_action == "stand":
+            keyframe = str(parameters.get("stand_keyframe", ""))
+            standing = self.deployment.standing(keyframe, self.controls)
+            self._standing = [] if standing is None else [standing]
         self.period = round(1e9 * period)
         self.limiter = ControlLimiter(self.settings, self.controls, period)
 
@@ -261,7 +266,7 @@ class RecordedExecutor:
         """
         if self.deployment is None:
             return False
-        rests = [self.controls.resting(state)]
+        rests = [self.controls.holding(state), *self._standing]
         if self._resting is not None:
             rests.append(self._resting)
         for resting in rests:

@@ -108,6 +108,7 @@ class StateLayout:
     Attributes:
         names: of each number of x.
         joints: names of the hinges and slides, in the order of x.
+        ranges: lowest and highest position of each joint, shape (2, J); infinite without a limit.
         first_activation: index of the first activation, behind all positions and velocities.
         bodies: free and ball joints.
         planar: what a planar robot hangs on the world by, if nothing is free.
@@ -118,6 +119,7 @@ class StateLayout:
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
+    ranges: Array
     first_activation: int
     bodies: tuple[BodyJoint, ...]
     planar: PlanarBase | None

@@ -229,6 +229,21 @@ class Controls:
         held = np.where(self._hold, (self.positions * state).sum(axis=1), 0.0)
         return np.clip(self.from_joints(held), *self.limits)
 
+    def holding(self, state: Array) -> Array:
+        """Returns u as at rest, but a servo stays where it is also beyond its control's limits."""
+        held = self.from_joints((self.positions * state).sum(axis=1))
+        return np.where(self._hold & self._are_measured, held, self.resting(state))
+
+    def carrying(self, state: Array, forces: Array) -> Array:
+        """Returns u by which servos of positions exert forces τ (n_u,) in a state at rest, (n_u,).
+
+        Other controls are at rest.
+        """
+        carried = self.stiffness * (self.positions @ state) + forces - self.bias  # by (1)
+        servos = self._hold & self._are_measured
+        control = np.where(servos, carried / self.strength, self.resting(state))
+        return np.clip(control, *self.limits)
+
     def braking(self, state: Array, damping: float, resting: Array) -> Array:
         """Returns u with τ = −damping ẏ of motors, shape (n_u,); the others stay at rest."""
         rates = (self.velocities * state).sum(axis=1)
@@ -246,6 +261,15 @@ class Controls:
         forces = stiffness * (goal - y) - damping * (self.velocities @ state)
         values = np.where(self._are_motors, forces, np.where(self._hold, goal, 0.0))
         return np.clip(self.from_joints(values), *self.limits)
+
+    def asked(self, state: Array, control: Array, stiffness: float) -> Array:
+        """Returns how far beyond a state (n_x,) a control pulls: the inverse of `pulling`, (n_u,).
+
+        Of motors it is what pulls as much by that stiffness; of what is no motor or servo 0.
+        """
+        values, y = self.at_joints(control), self.positions @ state
+        of_motors = values / stiffness if stiffness else np.zeros_like(values)
+        return np.where(self._are_motors, of_motors, np.where(self._hold, values - y, 0.0))
 
     def bounds(self, states: Array, forces: Array) -> tuple[Array, Array]:
         """Returns the lowest and the highest u in states (..., n_x), shapes (..., n_u).

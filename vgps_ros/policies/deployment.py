@@ -31,7 +31,7 @@ from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Signals
 from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
 
-_FORMAT = 1
+_FORMAT = 2
 _EPS = 1e-6  # perturbation of the finite differences
 _EXACT = 1e-9  # largest deviation of a reading from what is fitted to it
 _DIGITS = 12  # to which the weights are rounded, so that 0 and 1 are exact
@@ -53,6 +53,8 @@ class Deployment:
         signals: the commands and the clock.
         initial_state: in which the robot stands, shape (n_x,).
         keyframes: other poses by name, as states at rest, shape (n_x,).
+        carrying: forces τ of the servos that hold such a pose under the robot's weight, by its
+            name, that of the initial state is empty; shape (n_u,) [N·m, N].
         observation: what a policy of the task reads.
         limits: in which states the policy must not drive.
         read: returns readings by their names, for a third-party policy.
@@ -68,6 +70,7 @@ class Deployment:
     signals: Signals
     initial_state: Array
     keyframes: dict[str, Array]
+    carrying: dict[str, Array]
     observation: Observation
     limits: Conditions
     read: Reader
@@ -83,6 +86,18 @@ class Deployment:
             return self.initial_state
         one_of(setting, keyframe, list(self.keyframes))
         return self.keyframes[keyframe]
+
+    def standing(self, keyframe: str, controls: Controls) -> Array | None:
+        """Returns u by which a robot on a free base stands in a pose, (n_u,); None of another one.
+
+        Args:
+            keyframe: name of the pose; empty for the initial state.
+            controls: the robot's, perhaps with gains of a policy.
+        """
+        if self.layout.base is None:
+            return None
+        pose = self.keyframes.get(keyframe, self.initial_state)
+        return controls.carrying(pose, self.carrying[keyframe])
 
 
 class MeasuredReadings:
@@ -168,6 +183,7 @@ class _Content:
     initial_state: Array
     keyframes: tuple[str, ...]
     poses: Array
+    forces: Array
     read: tuple[str, ...]
     told: tuple[str, ...]
     past: PastInputs | None
@@ -224,6 +240,7 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
         *(layout, deployment.controls, deployment.signals, deployment.initial_state),
         tuple(deployment.keyframes),
         np.array(list(deployment.keyframes.values())).reshape(-1, len(layout.names)),
+        np.array([deployment.carrying[name] for name in ("", *deployment.keyframes)]),
         *(observation.readings.names, observation.told, observation.past),
         *(limits.readings.names, limits.lowest, limits.highest),
         tuple(fitted),
@@ -253,6 +270,8 @@ def read_deployment(path: Path) -> Deployment:
         content: _Content = from_entries(_Content, entries, arrays)
         states = content.poses.reshape(-1, len(content.layout.names))
         poses = dict(zip(content.keyframes, states, strict=True))
+        forces = content.forces.reshape(-1, len(content.controls.names))
+        carrying = dict(zip(("", *content.keyframes), forces, strict=True))
         observation = Observation.of(
             content.readings(content.read), content.told, content.signals.names, content.past
         )
@@ -264,7 +283,7 @@ def read_deployment(path: Path) -> Deployment:
         ) from error
     return Deployment(
         *(content.name, content.mjcf, content.time_step, content.horizon, content.layout),
-        *(content.controls, content.signals, content.initial_state, poses),
+        *(content.controls, content.signals, content.initial_state, poses, carrying),
         *(observation, limits, content.readings, content.sensors),
     )
 

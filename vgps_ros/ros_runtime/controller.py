@@ -67,6 +67,7 @@ from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.tasks import DEPLOYMENT, make_deployment
 from vgps_ros.tasks.registry import TASK
@@ -121,6 +122,12 @@ IMU_FRAME = Setting(
 )
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
+_OF_REAL_ROBOTS: dict[str, Any] = {
+    "safe_action": "stand",
+    "tilt_limit": 1.2,
+    "joint_margin": 0.5,
+    "joint_speed_limit": 100.0,
+}
 _LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
 
 
@@ -151,8 +158,9 @@ class Controller(LifecycleNode):
         declare(self, SETTLE_DURATION)
         when_alone = self._start if declare(self, AUTOSTART) else self._tell_how_to_start
         limits = tuple(self.robot.controls.largest.tolist())
-        rate = max(limits) / _RISE if self._is_real and max(limits) < CONTROL_BOUND else 0.0
-        settings = SafetySettings(torque_limits=limits, torque_rate_limit=rate)
+        rate = max(limits) / _RISE if max(limits) < CONTROL_BOUND else 0.0
+        usual = {**_OF_REAL_ROBOTS, "torque_rate_limit": rate} if self._is_real else {}
+        settings = SafetySettings(torque_limits=limits, **usual)
         self._settings = declare_settings(self, settings)
         self._poses = declare_settings(self, PoseSettings())
         base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
@@ -246,8 +254,16 @@ class Controller(LifecycleNode):
         )
         self._controls = controls = self.training.controls
         self._sender.configure(controls)
-        broken, marginals = robot.limits.broken, self.training.marginals
-        self._supervisor = Supervisor(settings, controls, time_step, broken, marginals)
+        self._carrying = robot.standing(poses.stand_keyframe, controls)
+        self._supervisor = Supervisor(
+            settings,
+            controls,
+            time_step,
+            robot.limits.broken,
+            StateLimits(settings, robot.layout, robot.initial_state),
+            self._carrying,
+            self.training.marginals,
+        )
         # Of a real robot no other node of this project tells it, and a bag needs it.
         self.create_publisher(String, MJCF, LATEST).publish(String(data=robot.mjcf))
         gains = gains_to_msg(controls, self.get_clock().now().to_msg())
@@ -362,7 +378,7 @@ class Controller(LifecycleNode):
         """Lets the safe action drive until the stop is released and the node activated again."""
         before, self._emergency = self._emergency, "There is an emergency stop." * wanted.data
         if self._active and self._emergency and not before:
-            self._supervisor.stop_driving("there is an emergency stop.")
+            self._supervisor.stop_driving("there is an emergency stop.", is_frozen=True)
             self._watch()
 
     def _answer_emergency_stop(
@@ -378,7 +394,7 @@ class Controller(LifecycleNode):
     ) -> Trigger.Response:
         response.success = self._active and not self._supervisor.is_latched
         if response.success:
-            self._take_pose(name)
+            self._take_pose(name, is_driven=self._pose is None)
             response.message = f"It {self._pose.name}." if self._pose else "It is driven."
         elif self._active and not self._supervisor.has_stopped:
             fault = self._supervisor.fault
@@ -387,8 +403,11 @@ class Controller(LifecycleNode):
             response.message = self._emergency or "Nothing moves: activate the node again first."
         return response
 
-    def _take_pose(self, name: str) -> None:
-        """Lets the robot go to a pose and stay there, or then be driven by the law."""
+    def _take_pose(self, name: str, *, is_driven: bool = False) -> None:
+        """Lets the robot go to a pose and stay there, or then be driven by the law.
+
+        One on a free base that the law drives has feet in the air: it begins as it stands.
+        """
         poses, controls, self._has_law = self._poses, self._controls, name == "drive"
         says, goal, duration = {
             "drive": ("stands up", self._standing, poses.stand_duration),
@@ -397,7 +416,9 @@ class Controller(LifecycleNode):
             "sit": ("sits down", self._sitting if poses.sit_keyframe else None, poses.sit_duration),
         }[name]
         is_short = self._has_law and not duration
-        given = says, controls, poses, goal, duration, self._pose
+        first = self._standing if is_driven and self.robot.layout.base else None
+        last = self._carrying if is_driven else self._supervisor.last_control
+        given = says, controls, poses, goal, duration, first, last
         self._set_pose(None if is_short else PoseMotion(*given))
 
     def _set_pose(self, pose: PoseMotion | None) -> None:

@@ -55,7 +55,9 @@ class PoseSettings:
 
 
 class PoseMotion:
-    """Moves the joints from where they are first measured to a pose, and keeps them there.
+    """Moves the joints from where they are to a pose, and keeps them there.
+
+    It begins with what the last control has asked for, which carried the robot's weight.
 
     Args:
         name: what the robot does, for people.
@@ -64,7 +66,8 @@ class PoseMotion:
         goal: a state in the pose, shape (n_x,); None: where the joints are, and in a motion of some
             duration the motors become soft.
         duration: time of the motion [s].
-        before: the motion before it, whose correction it takes on.
+        first: a state from whose pose the joints go, shape (n_x,); None: where they are measured.
+        last: the last control, shape (n_u,), with which it begins; None: it begins without pull.
 
     Attributes:
         is_reached: whether the motion has ended.
@@ -77,31 +80,40 @@ class PoseMotion:
         settings: PoseSettings,
         goal: Array | None,
         duration: float,
-        before: "PoseMotion | None" = None,
+        first: Array | None = None,
+        last: Array | None = None,
     ):
         self.name, self.is_reached = name, False
         self._controls, self._settings = controls, settings
         self._goal, self._duration = goal, duration
+        self._first, self._last = first, last
         self._begin: tuple[int, Array] | None = None  # stamp [ns] and state
         self._newest = 0  # stamp [ns]
-        self._correction: Array = before._correction if before else np.zeros(len(controls.names))
+        self._correction = np.zeros(len(controls.names))
 
     def control(self, state: Array, stamp: int) -> Array:
         """Returns u in a state (n_x,) with a stamp [ns], shape (n_u,)."""
+        settings = self._settings
+        most = settings.pose_correction
         if self._begin is None or stamp < self._begin[0]:
-            self._begin, self._newest = (stamp, state), stamp
+            first = state if self._first is None else self._first
+            if self._begin is None and self._last is not None:
+                asked = self._controls.asked(first, self._last, settings.pose_stiffness)
+                if (np.abs(asked) <= most).all():  # else it is too far away to have carried it
+                    self._correction = asked
+            self._begin, self._newest = (stamp, first), stamp
         began, first = self._begin
         passed = (stamp - began) * 1e-9
         share = min(1.0, passed / self._duration) if self._duration else 1.0
         self.is_reached = share >= 1.0
-        at, settings, held = first, self._settings, 1.0
+        at, held = first, 1.0
         if self._goal is not None:
             at = first + share * share * (3.0 - 2.0 * share) * (self._goal - first)
         elif self._duration:
             held = 1.0 - share
         lacking = self._controls.positions @ (at - state)
         elapsed = min(max(0, stamp - self._newest) * 1e-9, _LONGEST)
-        most, self._newest = settings.pose_correction, max(stamp, self._newest)
+        self._newest = max(stamp, self._newest)
         grown = self._correction + settings.pose_integral * elapsed * lacking
         self._correction = np.clip(grown, -most, most)
         gains = held * settings.pose_stiffness, settings.pose_damping

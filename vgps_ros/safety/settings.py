@@ -47,13 +47,36 @@ class SafetySettings:
         minimum=0.0,
         maximum=86400.0,
     )
+    tilt_limit: float = setting(
+        0.0,
+        "tilt of a free base, from how it starts, beyond which the safe action drives in place of "
+        "the policy; 0: no limit; of a real robot 1.2 by default [rad]",
+        minimum=0.0,
+        maximum=3.2,
+    )
+    joint_margin: float = setting(
+        0.0,
+        "distance beyond a joint's range at which its measured position is not believed; 0: no "
+        "limit; of a real robot 0.5 by default [rad, m]",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    joint_speed_limit: float = setting(
+        0.0,
+        "speed beyond which a joint's measured velocity is not believed; 0: no limit; of a real "
+        "robot 100 by default [rad/s, m/s]",
+        minimum=0.0,
+        maximum=1e6,
+    )
     safe_action: str = setting(
         "zero",
         "action that replaces the policy after a fault: zero torque; damping, which brakes the "
         "joints of motors; in both, servos hold the measured positions, or brake if their targets "
-        "are velocities; feedback, the DDP solution's law around its nearest state, which needs a "
-        "trajectory_distribution",
-        choices=("zero", "damping", "feedback"),
+        "are velocities; stand, as damping, but the servos of a robot on a free base go at once to "
+        "the pose in which it stands, unless it is tilted beyond tilt_limit or there is an "
+        "emergency stop; feedback, the DDP solution's law around its nearest state, which needs a "
+        "trajectory_distribution; of a real robot stand by default",
+        choices=("zero", "damping", "stand", "feedback"),
     )
     damping: float = setting(
         5.0,

@@ -22,6 +22,7 @@ from vgps_ros.core.controls import Controls
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.safety.settings import SafetySettings
+from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of
 
 
@@ -46,6 +47,8 @@ class Supervisor:
         controls: what the robot's controls are.
         period: control period [s].
         broken_limit: says which limit of the task a state breaks; empty where none is broken.
+        limits: limits that hold for every task.
+        standing: the control by which a robot on a free base stands, shape (n_u,).
         marginals: training marginals by trajectory index.
 
     Attributes:
@@ -65,12 +68,14 @@ class Supervisor:
         controls: Controls,
         period: float,
         broken_limit: Callable[[Array], str] = lambda _: "",
+        limits: StateLimits | None = None,
+        standing: Array | None = None,
         marginals: dict[int, TrainingMarginals] | None = None,
     ):
         self.marginals = {} if marginals is None else marginals
         self.distance: float | None = None
         self._settings, self._controls = settings, controls
-        self._broken_limit = broken_limit
+        self._broken_limit, self._limits, self._standing = broken_limit, limits, standing
         settings.check_suits(controls)
         self._limiter = ControlLimiter(settings, controls, period)
         self._stamp = -1  # of the newest usable state
@@ -80,16 +85,26 @@ class Supervisor:
     def begin(self) -> None:
         """Forgets the newest state and the fault, as after an activation."""
         self.fault: str | None = None
-        self.has_stopped = False
+        self.has_stopped = self._is_frozen = False
         self.warning: str | None = None
         self._state: Array | None = None  # the newest usable state, and the time at which it came
         self._resting: Array | None = None  # the control that the safe action holds
         self._received = float("-inf")
         self._newest = -1  # the stamp with which the next state's is compared
 
-    def stop_driving(self, reason: str) -> None:
-        """Lets the safe action drive for this reason, until it begins again."""
+    def stop_driving(self, reason: str, *, is_frozen: bool = False) -> None:
+        """Lets the safe action drive for this reason, until it begins again.
+
+        A robot that is frozen stays where it is, whatever the safe action is.
+        """
         self.fault, self.has_stopped = reason, True
+        if is_frozen and not self._is_frozen:
+            self._is_frozen, self._resting = True, None
+
+    @property
+    def last_control(self) -> Array | None:
+        """The newest control that was sent, shape (n_u,); None where there was none."""
+        return self._limiter.last_control
 
     @property
     def is_latched(self) -> bool:
@@ -130,7 +145,7 @@ class Supervisor:
                 "was left out; if that goes on, check that only one robot publishes joint_states."
             )
             return None
-        if reason := self._unusable(stamp, age):
+        if reason := self._unusable(stamp, age) or (self._limits and self._limits.misread(state)):
             return self.refuse(reason, now)
         self._state, self._received = state, now
         self._stamp = self._newest = stamp
@@ -186,7 +201,7 @@ class Supervisor:
         if not np.isfinite(control).all():
             return f"the policy's output is {control} in this state; publish another policy."
         self.distance = self.warning = None
-        if broken := self._broken_limit(state):
+        if broken := self._broken_limit(state) or self._tilted(state):
             return broken
         settings = self._settings
         if not (settings.distance_warning or settings.distance_limit):
@@ -231,13 +246,20 @@ class Supervisor:
         )
         return self._sent_safely(self._limiter.clipped(control, self._state))
 
-    def _held(self, state: Array) -> Array:
-        """Returns the control at rest in the state in which the policy stopped driving.
+    def _tilted(self, state: Array) -> str:
+        return self._limits.tilted(state) if self._limits else ""
 
-        If servos held each newest state instead, the robot would sink under its weight.
+    def _held(self, state: Array) -> Array:
+        """Returns the control at rest where the robot stands, or where the policy stopped driving.
+
+        If servos held each newest state instead, the robot would sink under its weight. A robot
+        that walks has feet in the air: where it stopped it would tip over, so it stands at once.
         """
         if self._resting is None:
-            self._resting = self._controls.resting(state)
+            self._resting = self._controls.holding(state)
+            stands = self._settings.safe_action == "stand" and not self._is_frozen
+            if stands and self._standing is not None and not self._tilted(state):
+                self._resting = self._standing
         return self._resting
 
     def _sent_safely(self, control: Array) -> Answer:
@@ -268,7 +290,7 @@ def safe_control(
     if state is None or settings.safe_action == "zero":
         return resting
     with np.errstate(over="ignore", invalid="ignore"):
-        if settings.safe_action == "damping":
+        if settings.safe_action in ("damping", "stand"):
             control = controls.braking(state, settings.damping, resting)
         else:
             nearest = nearest_of(marginals, state, context)
@@ -304,6 +326,7 @@ class ControlLimiter:
         if not controls.are_servos.any():
             self._bounds = controls.bounds(np.zeros(controls.positions.shape[1]), self._torques)
         self._rate = settings.torque_rate_limit / np.abs(controls.strength)  # of u
+        self._reach = self._torques / np.abs(controls.strength)  # of u, at the largest torque
         # The latest command, and the one before it. A command that answered no state has the stamp
         # -1; without a control there was none.
         self._start: _Sent = (-1, None)
@@ -311,8 +334,20 @@ class ControlLimiter:
         self._earlier: _Sent = self._start
 
     def clipped(self, control: Array, state: Array) -> Array:
-        """Returns a control within the limits of the torques in a state, shape (n_u,)."""
-        return _clip(control, *(self._bounds or self._controls.bounds(state, self._torques)))
+        """Returns a control within the limits of the torques in a state, shape (n_u,).
+
+        A servo that is measured beyond its control's limits may stay there, and comes back with no
+        more than its torque.
+        """
+        if self._bounds:
+            return _clip(control, *self._bounds)
+        controls = self._controls
+        low, high = controls.bounds(state, self._torques)
+        here = controls.holding(state)
+        below, above = here < controls.limits[0], here > controls.limits[1]
+        low = np.where(above, np.maximum(controls.limits[0], here - self._reach), low)
+        high = np.where(below, np.minimum(controls.limits[1], here + self._reach), high)
+        return _clip(control, np.where(below, here, low), np.where(above, here, high))
 
     def limited(self, control: Array, stamp: int, state: Array) -> Array:
         """Returns a control within all limits in a state with a stamp [ns], shape (n_u,)."""
@@ -324,8 +359,13 @@ class ControlLimiter:
         if before_stamp >= 0:
             elapsed = min(elapsed, (stamp - before_stamp) * 1e-9)
         if before is None:
-            before = self._controls.resting(state)
+            before = self._controls.holding(state)
         return _clip(control, before - self._rate * elapsed, before + self._rate * elapsed)
+
+    @property
+    def last_control(self) -> Array | None:
+        """The newest control that was sent; None where there was none."""
+        return self._latest[1]
 
     def note(self, control: Array, stamp: int) -> None:
         """Remembers a control that was sent, from which the next change is measured."""

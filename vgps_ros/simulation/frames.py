@@ -18,7 +18,7 @@ import numpy as np
 
 from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotated
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.model import joint_names, state_names
+from vgps_ros.simulation.model import joint_names, joint_ranges, state_names
 
 ROOT = "odom"  # of every robot, as REP-105 names the frame in which a robot starts
 FIXED = -1
@@ -163,6 +163,7 @@ def state_layout(model: mujoco.MjModel) -> StateLayout:
     return StateLayout(
         tuple(state_names(model)),
         tuple(joint_names(model)),
+        joint_ranges(model),
         model.nq + model.nv,
         bodies,
         planar,

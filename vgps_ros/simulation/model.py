@@ -231,6 +231,13 @@ def joint_names(model: mujoco.MjModel) -> list[str]:
     return [model.joint(i).name for i in range(model.njnt) if _JOINT(model.jnt_type[i]) in single]
 
 
+def joint_ranges(model: mujoco.MjModel) -> Array:
+    """Returns the lowest and highest position of these joints, shape (2, J); inf: no limit."""
+    single = np.isin(model.jnt_type, (_JOINT.mjJNT_HINGE, _JOINT.mjJNT_SLIDE))
+    limited = model.jnt_limited[single, None].astype(bool)
+    return np.where(limited, model.jnt_range[single], [-np.inf, np.inf]).T
+
+
 def hinge_names(model: mujoco.MjModel) -> list[str]:
     """Returns the joints that turn, in the order of the state."""
     hinges = np.flatnonzero(model.jnt_type == _JOINT.mjJNT_HINGE)

@@ -25,6 +25,7 @@ from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import deviation_names, joint_names, sensor_numbers
 from vgps_ros.simulation.readings import Readings
+from vgps_ros.tasks.held_pose import carrying_forces
 
 
 @dataclass(frozen=True)
@@ -175,16 +176,23 @@ class Task:
         model, dynamics = self.dynamics.model, self.dynamics
         still = np.zeros(model.nv + model.na)
         keyframes = [model.key(i) for i in range(model.nkey)]
+        poses = {key.name: np.r_[key.qpos, still] for key in keyframes if key.name}
+        layout, carrying = state_layout(model), dict[str, Array]()
+        for name, pose in {"": self.initial_state, **poses}.items():
+            carrying[name] = np.zeros(model.nu)
+            if layout.base:
+                carrying[name] = carrying_forces(dynamics, self.controls, pose)
         return Deployment(
             name=self.name,
             mjcf=self.mjcf,
             time_step=dynamics.time_step,
             horizon=self.horizon,
-            layout=state_layout(model),
+            layout=layout,
             controls=self.controls,
             signals=self.signals,
             initial_state=self.initial_state,
-            keyframes={key.name: np.r_[key.qpos, still] for key in keyframes if key.name},
+            keyframes=poses,
+            carrying=carrying,
             observation=self.observation,
             limits=self.limits,
             read=partial(Readings, dynamics.simulations),

@@ -1,0 +1,73 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Limits of a robot's state that hold for every task and every policy.
+
+A joint far beyond its range, or faster than any motor turns it, was measured wrongly: such a state
+is not used at all. A base that is tilted far from where it starts is measured rightly, but no
+policy drives there, while the robot may be told to stand up.
+"""
+
+import numpy as np
+
+from vgps_ros.core.bodies import BACK, StateLayout, rotated
+from vgps_ros.core.records import Array
+from vgps_ros.safety.settings import SafetySettings
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class StateLimits:
+    """Tells which limit of the settings a state breaks, as a sentence; empty where it breaks none.
+
+    Args:
+        settings: the limits; 0 stands for none.
+        layout: what the numbers of a state are.
+        upright: a state in which the base is not tilted, shape (n_x,).
+    """
+
+    def __init__(self, settings: SafetySettings, layout: StateLayout, upright: Array):
+        self._settings, self._layout = settings, layout
+        self._up = self._vertical(upright)
+        lowest, highest = layout.ranges
+        margin = settings.joint_margin or np.inf
+        self._lowest, self._highest = lowest - margin, highest + margin
+
+    def misread(self, state: Array) -> str:
+        """Says which joint of a state (n_x,) cannot be where, or as fast as, it was measured."""
+        layout, settings = self._layout, self._settings
+        positions, velocities = np.split(state[layout.joint_places], 2)
+        if (strange := (positions < self._lowest) | (positions > self._highest)).any():
+            i = int(np.argmax(strange))
+            low, high = layout.ranges[:, i]
+            return (
+                f"{layout.joints[i]} is measured at {positions[i]:.4g}, but its range is "
+                f"{low:.4g} to {high:.4g}; check the zero, the unit and the order of the driver's "
+                "joints, or raise joint_margin."
+            )
+        fastest = settings.joint_speed_limit or np.inf
+        if (strange := np.abs(velocities) > fastest).any():
+            i = int(np.argmax(strange))
+            return (
+                f"{layout.joints[i]} is measured to move at {velocities[i]:.4g} in a second, but "
+                f"joint_speed_limit is {fastest:g}; check the driver's velocities, or raise it."
+            )
+        return ""
+
+    def tilted(self, state: Array) -> str:
+        """Says how far the base of a state (n_x,) is tilted, if it is too far for a policy."""
+        limit = self._settings.tilt_limit
+        if not limit or self._layout.base is None:
+            return ""
+        tilt = float(np.arccos(np.clip(self._vertical(state) @ self._up, -1.0, 1.0)))
+        if tilt <= limit:
+            return ""
+        return (
+            f"the base is tilted by {tilt:.2f} rad, but tilt_limit is {limit:g} rad; set the robot "
+            "upright, or let it stand up."
+        )
+
+    def _vertical(self, state: Array) -> Array:
+        """Returns the vertical in the base's axes, shape (3,)."""
+        if self._layout.base is None:
+            return _UP
+        _, quaternion, _, _ = self._layout.base.parts(state)
+        return rotated(_UP, BACK * quaternion)
