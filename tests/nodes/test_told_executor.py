@@ -79,6 +79,14 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
     check(4, 0.5, 0.0)  # again
     after(cmd_vel, twist(7.0), WARN, "angle is 7, but it must be from -1 to 1 rad")
     check(next(steps), 1.0, 0.0)
+    late, now = twist(0.5), graph.node.get_clock().now().nanoseconds
+    late.header.stamp = stamp_of(now - 5000 * 10**9)
+    sentence = "it was sent 5e+03 s ago, but command_timeout is 1000 s; synchronise the clocks"
+    after(cmd_vel, late, ERROR, sentence)
+    check(next(steps), 1.0, 0.0)
+    late.header.stamp = stamp_of(now - 10**16)  # by another clock, as that of a simulation
+    after(cmd_vel, late, OK)
+    check(next(steps), 0.5, 0.0)
     after(cmd_vel, twist(float("nan")), ERROR, "Refused a cmd_vel; any before it stays")
     after(cmd_vel, twist(0.1, "map"), ERROR, "its frame is 'map', but it must be that of")
     wrong = SignalsMsg(names=["speed"], values=[1.0])
@@ -90,7 +98,7 @@ def test_commands_reach_the_policy_and_wrong_ones_are_refused_with_a_sentence(gr
         (["lift", "lift"], [0.1, 0.2], "The names are ['lift', 'lift'], but each may come only"),
     ):
         after(command, SignalsMsg(names=names, values=values), ERROR, sentence)
-    check(next(steps), 1.0, 0.0)
+    check(next(steps), 0.5, 0.0)
     command.publish(SignalsMsg(names=["lift"], values=[0.25]))
     after(cmd_vel, twist(-0.5), OK)
     check(next(steps), -0.5, 0.25)

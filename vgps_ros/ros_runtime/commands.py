@@ -27,6 +27,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.core.signals import SOURCE, Command, Signals
 from vgps_ros.messages.conversions import (
     commands_from_twist,
+    nanoseconds,
     signals_from_msg,
     signals_to_msg,
     stamp_of,
@@ -46,10 +47,12 @@ COMMAND_TIMEOUT = Setting(
     "command_timeout",
     0.5,
     "time after its receipt, by the node's clock, from which a command is at rest, which is zero "
-    "or what of its range is nearest to zero [s]",
+    "or what of its range is nearest to zero; one whose stamp is older as it comes is refused [s]",
     minimum=1e-3,
     maximum=1e6,
 )
+
+_OTHER_CLOCK = 86400.0  # between a stamp and the node's clock, which then are of two clocks [s]
 
 # Parameters that tell what the commands are, a list for each field of a command.
 FACTS = {f"commands.{field.name}": field.name for field in dataclasses.fields(Command)}
@@ -146,6 +149,7 @@ class Instructions:
     ) -> None:
         def take(message: Any) -> None:
             try:
+                self._check_age(message)
                 clamped = self._take(values_of(message))
             except InvalidInputError as error:
                 sentence = f"Refused a {topic}; any before it stays: {error}"
@@ -154,6 +158,23 @@ class Instructions:
                 self._health.report(topic, warning=clamped)
 
         self._node.create_subscription(kind, topic, take, COMMANDED)
+
+    def _check_age(self, message: Any) -> None:
+        """Refuses a command that was sent long ago, as a link that was down may bring many at once.
+
+        A stamp of another clock tells nothing, such as one of simulated time, or zero.
+
+        Raises:
+            InvalidInputError: it is too old.
+        """
+        if not hasattr(message, "header"):
+            return
+        now, stamp = self._node.get_clock().now().nanoseconds, nanoseconds(message.header.stamp)
+        if stamp and self._timeout < (age := (now - stamp) * 1e-9) < _OTHER_CLOCK:
+            raise InvalidInputError(
+                f"it was sent {age:.2g} s ago, but command_timeout is {self._timeout:g} s; "
+                "synchronise the clocks of both machines, mend the link, or raise command_timeout."
+            )
 
     def _take(self, given: dict[str, float]) -> str:
         """Takes the values of some commands; says which of them are out of their ranges."""
