@@ -96,6 +96,38 @@ def test_a_config_yaml_of_rl_sar_with_its_base(tmp_path):
     assert [lag for _, lag, _ in found.places] == [2] * 14 + [1] * 14 + [0] * 14
 
 
+PUBLISHED = """
+  model_name: policy.pt
+  num_observations: 14
+  num_of_dofs: 4
+  torque_limits: [20.0, 20.0, 20.0, 20.0]
+  joint_controller_names: [a, b, c, d]
+  waist_joint_indices: []
+"""
+
+
+def test_a_published_config_yaml_has_keys_beside_those_that_count(tmp_path):
+    """As all that rl_sar publishes; base.yaml may be a folder further up."""
+    text, base = RL_SAR.rstrip() + PUBLISHED, "biped: {dt: 0.005, decimation: 4}"
+    folder = tmp_path / "robomimic" / "walk"
+    folder.mkdir(parents=True)
+    (tmp_path / "base.yaml").write_text(base)
+    (folder / "config.yaml").write_text(text)
+    found = read_contract(folder / "config.yaml", JOINTS, [0.0] * 4)
+    assert found["control_period"] == "0.02"
+    assert found == read_contract(written(tmp_path, RL_SAR), JOINTS, [0.0] * 4)
+    for wrong, sentence in (("num_obervations", "num_observations"), ("rl_kpp", "rl_kp")):
+        with pytest.raises(InvalidInputError, match=f"^.*'{wrong}'.*Did you mean '{sentence}'"):
+            contract(written(tmp_path, text.replace(sentence, wrong, 1)))
+
+
+def test_a_refusal_is_one_sentence(tmp_path):
+    wheels = written(tmp_path, RL_SAR.replace("rl_kp:", "wheel_indices: [3]\n  rl_kp:"))
+    with pytest.raises(InvalidInputError) as caught:
+        contract(wheels)
+    assert str(caught.value) == ("Wheels of rl_sar's config.yaml cannot be driven; use legs alone.")
+
+
 def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
     found = contract(GO1_OF_PLAYGROUND)
     assert len(found.places) == 9 + 3 * 4 + 3

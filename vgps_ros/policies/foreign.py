@@ -65,6 +65,9 @@ _KEYS_OF_RL_SAR = (
     *("observations", "observations_history", "observations_history_priority"),
     *("clip_obs", "clip_actions_lower", "clip_actions_upper", "wheel_indices"),
     *("joint_names", "joint_mapping", "state_mapping", "dt", "decimation"),
+    # What tells nothing of the network's numbers; torques are limited by the executor.
+    *("model_name", "framework", "num_observations", "num_of_dofs", "torque_limits"),
+    *("joint_controller_names", "command_mapping", "waist_joint_indices"),
 )
 _PERIOD_OF_G1 = 0.8  # of rl_sar's g1_phase [s]
 
@@ -89,9 +92,12 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
             return _said(_of_unitree(content, joints))
         one = next(iter(content.values())) if len(content) == 1 else {}
         if isinstance(one, Mapping) and "rl_kp" in one:
-            base = path.parent.parent / "base.yaml"
-            shared = next(iter(_yaml(base).values())) if base.is_file() else {}
+            bases = (folder / "base.yaml" for folder in list(path.absolute().parents)[1:3])
+            base = next(filter(Path.is_file, bases), None)
+            shared = next(iter(_yaml(base).values())) if base else {}
             return _said(_of_rl_sar({**shared, **one}, joints))
+    except InvalidInputError:
+        raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInputError(
             f"'{path}' lacks {error}, or has it in another form; write its metadata as YAML."
@@ -145,6 +151,8 @@ def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> byte
     """
     try:
         return _of_leapp(_yaml(path), path, dict(zip(joints, home, strict=True)))
+    except InvalidInputError:
+        raise
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InvalidInputError(
             f"'{path}' is no LEAPP bundle, since it lacks {error}, or has it in another form."
