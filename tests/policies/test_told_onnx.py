@@ -1,23 +1,15 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """ONNX files of policies that are told commands and a clock."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
-import onnxruntime
 
 from tests.nodes.conftest import told  # noqa: F401
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.policies.onnx_file import ExportedPolicy, from_onnx, to_onnx
+from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.programs.__main__ import main
 from vgps_ros.programs.export import metadata
-from vgps_ros.storage.run_folder import load_policy
-from vgps_ros.tasks import make_task, registry
-
-QUADRUPED = Path(registry.__file__).parent / "quadruped" / "policy.json"
+from vgps_ros.tasks import make_task
 
 TOLD = ("command/angle", "command/lift", "clock/sin", "clock/cos")
 
@@ -36,26 +28,6 @@ def test_an_exported_policy_names_what_it_is_told_and_drives_again(told, tmp_pat
     inputs = np.concatenate([state, context])
     np.testing.assert_array_equal(driver.observation.within(context)(state), inputs)
     np.testing.assert_array_equal(driver.policy.mean(inputs), policy.mean(inputs))
-
-
-def test_an_exported_network_stops_its_clock_itself(tmp_path, rng):
-    """So that a runtime whose clock always turns drives as the executor does."""
-    task = make_task("quadruped")
-    policy, _ = load_policy(QUADRUPED)
-    main(["export", str(QUADRUPED), "--output", str(tmp_path / "policy.onnx")])
-    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
-    own = from_onnx((tmp_path / "policy.onnx").read_bytes(), "The file")
-    assert own.rests == (0.0, 0.0, 0.0)
-    turning = replace(task.signals, stops=False)
-    state = task.initial_state + 0.01
-    for commands in (np.zeros(3), np.array([0.3, 0.0, 0.0]), np.array([0.0, 0.0, -0.01])):
-        phase = np.array(rng.uniform())
-        read = task.observation.within(turning.context(commands, phase))(state)
-        wanted = policy.mean(task.observation.within(task.signals.context(commands, phase))(state))
-        (mean,) = session.run(["mean"], {"obs": read[None].astype(np.float32)})
-        np.testing.assert_allclose(mean[0], wanted, atol=1e-5)
-        moved = policy.mean(read)
-        assert (np.abs(moved - wanted).max() > 1e-3) == (not commands.any())
 
 
 def test_a_third_party_network_is_told_by_name_in_any_order(told, tmp_path):  # noqa: F811

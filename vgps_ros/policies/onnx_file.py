@@ -355,15 +355,12 @@ class ExportedPolicy:
         limits: the lowest and the highest control u, shapes (n_u,); ∓inf for none.
         precision: float32 or float64, of the graph's input and outputs.
         origin: what is subtracted from the controls, n_u numbers; empty: nothing.
-        rests: values of the commands that it reads while which its clock stands still, as the
-            graph itself lets it; empty: the clock is as it is read.
     """
 
     policy: GaussianPolicy
     limits: tuple[Array, Array]
     precision: str
     origin: tuple[float, ...] = ()
-    rests: tuple[float, ...] = ()
 
 
 def to_onnx(exported: ExportedPolicy, metadata: dict[str, str]) -> bytes:
@@ -472,8 +469,6 @@ def network(exported: ExportedPolicy, build: "Builder", inputs: str) -> tuple[st
         shift = np.zeros(len(acted))
         shift[acted] = exported.origin
         a = build.node("Add", a, build.constant("last_origin", shift))
-    if exported.rests:
-        a = _stopped(build, a, shape.observed, exported.rests)
     for i, (weight, bias) in enumerate(policy.layers):
         operands = [a, build.constant(f"weight_{i}", weight)]
         if shape.biased[i]:
@@ -488,18 +483,6 @@ def network(exported: ExportedPolicy, build: "Builder", inputs: str) -> tuple[st
     if any(exported.origin):
         within = build.node("Sub", within, build.constant("origin", exported.origin))
     return within, a
-
-
-def _stopped(build: Builder, inputs: str, observed: Sequence[str], rests: Sequence[float]) -> str:
-    """Adds what makes the clock zero while all commands are at rest; returns the inputs so."""
-    told = [i for i, name in enumerate(observed) if name.startswith("command/")]
-    given = build.node("Gather", inputs, build.indices(told), axis=1)
-    away = build.node("Abs", build.node("Sub", given, build.constant("command_rests", rests)))
-    farthest = build.node("ReduceMax", away, axes=[1], keepdims=1)
-    moves = build.node("Greater", farthest, build.constant("nothing", 0.0))
-    moves = build.node("Cast", moves, to=build.element(np.dtype(np.float64)))
-    others = [float(not name.startswith("clock/")) for name in observed]
-    return build.node("Mul", inputs, build.node("Max", moves, build.constant("others", others)))
 
 
 def model_of(graph: Any, metadata: dict[str, str]) -> bytes:
@@ -537,5 +520,5 @@ def _read(model: Any, name: str) -> ExportedPolicy:
         GaussianPolicy(shape, parameters, arrays["noise_std"]),
         (arrays["lowest"], arrays["highest"]),
         next(name for name, number in elements.items() if number == element),
-        *(tuple(arrays.get(key, np.empty(0)).tolist()) for key in ("origin", "command_rests")),
+        tuple(arrays["origin"].tolist()) if "origin" in arrays else (),
     )

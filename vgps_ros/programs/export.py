@@ -102,9 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
     task = make_task(arguments.task) if arguments.task else recorded_task(name)
     policy.check_fits(task.observation.names, task.dynamics.control_dim)
     start = tuple(task.controls.resting(task.initial_state).tolist())
-    told = dict(zip(task.signals.names, task.signals.rest.tolist(), strict=False))
-    rests = tuple(told[name] for name in policy.observed if name in told and task.signals.stops)
-    exported = ExportedPolicy(policy, task.controls.limits, arguments.precision, start, rests)
+    exported = ExportedPolicy(policy, task.controls.limits, arguments.precision, start)
     says = metadata(task, policy, arguments.run)
     content = to_onnx(exported, says)
     files = {arguments.output: content} if arguments.output else {}

@@ -104,10 +104,9 @@ def _signals(file: TaskFile) -> Signals:
         Command(name, *entry.range, source=entry.source or "", unit=entry.unit)
         for name, entry in file.commands.items()
     )
-    if file.clock is None:
-        return Signals(tuple(commands), 0.0, file.control_period)
-    clock = file.clock
-    return Signals(tuple(commands), clock.frequency, file.control_period, clock.stops)
+    return Signals(
+        tuple(commands), file.clock.frequency if file.clock else 0.0, file.control_period
+    )
 
 
 class _Reader:

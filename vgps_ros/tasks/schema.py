@@ -158,14 +158,6 @@ class Clock(Record, frozen=True, kw_only=True):
     """A phase that turns with time."""
 
     frequency: Annotated[Positive, about("turns in a second [Hz]", 2.0)]
-    stops: Annotated[
-        bool,
-        about(
-            "whether it stands still while all commands are at rest: its sine and cosine, and what "
-            "swings with it, are zero then, so that the robot learns to stand",
-            True,
-        ),
-    ] = False
 
 
 class Except(Record, frozen=True, kw_only=True):
