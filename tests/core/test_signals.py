@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Commands and the clock."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -54,6 +56,17 @@ def test_a_context_has_the_commands_and_then_the_clock():
     found = BOTH.context(np.array([[0.5, 0.2], REST]), np.array([0.125, 0.25]))
     half = np.sqrt(0.5)
     assert_allclose(found, [[0.5, 0.2, half, half], [*REST, 1.0, 0.0]], atol=1e-12)
+
+
+def test_a_clock_that_stops_is_zero_while_all_commands_are_at_rest():
+    stops = replace(BOTH, stops=True)
+    commands, phases = np.array([REST, [0.5, 0.2], [0.0, 0.3]]), np.array([0.1, 0.1, 0.1])
+    found, turning = stops.context(commands, phases), BOTH.context(commands, phases)
+    assert_array_equal(found[0], [*REST, 0.0, 0.0])
+    assert_array_equal(found[1:], turning[1:])
+    assert_array_equal(stops.context(commands[0], phases[0]), found[0])
+    assert_array_equal(stops.held(REST, 3), [found[0]] * 3)
+    assert stops.phase_of(found[0]) == 0.0
 
 
 def test_without_a_clock_a_context_has_the_commands_alone_and_without_both_nothing():

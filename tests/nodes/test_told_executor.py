@@ -2,6 +2,7 @@
 """A controller that is told what to do: commands, a clock, and what becomes of wrong ones."""
 
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -14,8 +15,9 @@ from vgps_msgs.msg import Signals as SignalsMsg
 from tests.nodes.conftest import executed, values_of
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import nanoseconds, policy_to_msg, stamp_of, state_to_msg
+from vgps_ros.messages.robot_state import StateMessages
 from vgps_ros.ros_runtime.qos import LATCHED
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import make_task, registry
 
 PERIOD = 50_000_000  # [ns]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -124,3 +126,36 @@ def test_an_unstamped_cmd_vel_is_taken_where_a_parameter_says_so(graph, told):
     message.angular.z = float("inf")
     cmd_vel.publish(message)
     graph.diagnosis("policy_executor", ERROR, "cmd_vel is inf at index 0", 20.0)
+
+
+def test_a_quadruped_steps_at_rest_only_after_it_was_tilted(graph):
+    """Its clock stands still, turns for 1.5 s of the stamps, and stands still again."""
+    task = make_task("quadruped")
+    policy = Path(registry.__file__).parent / "quadruped" / "policy.json"
+    graph.start("policy_executor", task="quadruped", policy_file=policy, base_from="odom")
+    contexts = graph.messages(SignalsMsg, "context")
+    messages = StateMessages(task.deployment.layout)
+    senders = {topic: graph.publisher(kind, topic) for topic, kind in messages.topics.items()}
+    graph.diagnosis("policy_executor", OK, "Waiting for odom and joint_states")
+    tilted = task.initial_state.copy()
+    tilted[3:7] = np.cos(0.05), np.sin(0.05), 0.0, 0.0  # by 0.1 rad
+    for step, state, turns in (
+        (1, task.initial_state, False),
+        (2, tilted, True),
+        (3, task.initial_state, True),
+        (76, task.initial_state, True),
+        (77, task.initial_state, False),
+    ):
+        stamp = 20_000_000 * step
+
+        def said(stamp=stamp):
+            found = [c for c in contexts if nanoseconds(c.header.stamp) == stamp]
+            return found[-1] if found else None
+
+        for topic, message in messages.split(state, stamp_of(stamp)).items():
+            senders[topic].publish(message)
+        context = np.array(graph.spin_until(said, what="a context").values)
+        signals = task.signals.turning if turns else task.signals
+        wanted = signals.context(np.zeros(3), np.array(task.signals.phase_at(stamp)))
+        np.testing.assert_allclose(context, wanted, atol=1e-12)
+        assert context[3:].any() == turns

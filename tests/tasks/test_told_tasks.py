@@ -133,3 +133,18 @@ def test_what_a_task_lacks_cannot_be_read(tmp_path, entry):
     ]
     with pytest.raises(InvalidInputError, match=rf"line 9, observe\[1\]: the task has no {entry};"):
         make_task(write_task(tmp_path, *text))
+
+
+def test_a_clock_that_stops_needs_commands_and_a_free_base_that_let_it_turn(tmp_path):
+    assert make_task("quadruped").signals.stops
+    stops = ("frequency: 1.0", "frequency: 1.0, stops: true")
+    with pytest.raises(InvalidInputError, match=r"line 7, clock\.stops: only a robot on a free"):
+        make_task(write_task(tmp_path, stops))
+    alone = [
+        stops,
+        ("commands:\n  speed: {range: [-1.0, 2.0], from: cmd_vel/angular/z, unit: rad/s}\n", ""),
+        ("{command: speed, rest: 0.5}", "0.5"),
+        ("[commands, j", "[j"),
+    ]
+    with pytest.raises(InvalidInputError, match=r"line 5, clock\.stops: the clock would never"):
+        make_task(write_task(tmp_path, *alone))

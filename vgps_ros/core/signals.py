@@ -6,13 +6,14 @@ optimisation knows them ahead, the cost may follow them, the policy may read the
 executes a policy tells it their values.
 
 A command at rest is zero, or the value of its range that is nearest to zero. The clock is a phase
-φ = f t in turns, of which the policy reads sin 2πφ and cos 2πφ. It always turns: a robot that is
-pushed where nothing is commanded needs to know which foot to set next.
+φ = f t in turns, of which the policy reads sin 2πφ and cos 2πφ. It may stand still while all
+commands are at rest: both are zero then, and so is each swing that follows the clock. It turns
+there while the robot has to step (see `core.unrest`).
 """
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -76,11 +77,18 @@ class Signals:
         commands: the commands.
         frequency: of the clock [Hz]; 0: there is no clock.
         time_step: time of a control step [s].
+        stops: whether the clock stands still while all commands are at rest.
     """
 
     commands: tuple[Command, ...] = ()
     frequency: float = 0.0
     time_step: float = 0.0
+    stops: bool = False
+
+    @property
+    def turning(self) -> "Signals":
+        """The same with a clock that always turns, as it does for a robot that has to step."""
+        return replace(self, stops=False)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -130,10 +138,13 @@ class Signals:
             return commands
         turned = 2.0 * np.pi * phases
         clock = np.stack([np.sin(turned), np.cos(turned)], axis=-1)
+        if self.stops:
+            moves = (commands != self.rest).any(axis=-1, keepdims=True)
+            clock = np.where(moves, clock, 0.0)
         return np.concatenate([commands, clock], axis=-1)
 
     def phase_of(self, context: Array) -> float:
-        """Returns φ of a context (n_z,), in turns; 0 where there is no clock."""
+        """Returns φ of a context (n_z,), in turns; 0 where no clock turns."""
         if not self.frequency:
             return 0.0
         return float(np.arctan2(*context[-2:]) / (2.0 * np.pi) % 1.0)

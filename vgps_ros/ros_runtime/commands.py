@@ -25,6 +25,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.core.signals import SOURCE, Command, Signals
+from vgps_ros.core.unrest import Waking
 from vgps_ros.messages.conversions import (
     commands_from_twist,
     nanoseconds,
@@ -85,15 +86,17 @@ class Instructions:
         node: the controller.
         signals: the commands and the clock of its task.
         base_frame: the frame in which cmd_vel must be.
+        waking: says when a clock that stops turns again; None: it always turns.
 
     Attributes:
         commands: those in the newest state, shape (n_c,).
         phase: the clock's φ there, in turns.
     """
 
-    def __init__(self, node: Node, signals: Signals, base_frame: str):
+    def __init__(self, node: Node, signals: Signals, base_frame: str, waking: Waking | None = None):
         self.commands, self.phase = signals.rest, 0.0
-        self._node, self._signals = node, signals
+        self._node, self._signals, self._waking = node, signals, waking
+        self._now = signals  # with a clock that turns while the robot has to step
         self._names = [command.name for command in signals.commands]
         self._given = signals.rest.copy()
         self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
@@ -114,8 +117,8 @@ class Instructions:
         """Sets the diagnostics on which commands stand, before any message comes."""
         self._health = health
 
-    def at(self, stamp: int) -> Array:
-        """Returns the context in a state of a stamp [ns], shape (n_z,)."""
+    def at(self, stamp: int, state: Array) -> Array:
+        """Returns the context in a state (n_x,) of a stamp [ns], shape (n_z,)."""
         signals = self._signals
         if not signals.names:
             return signals.rest
@@ -123,17 +126,19 @@ class Instructions:
         is_fresh = (age >= 0.0) & (age <= self._timeout)
         self.commands = np.where(is_fresh, self._given, signals.rest)
         self.phase = signals.phase_at(stamp)
+        is_awake = self._waking is not None and self._waking.is_awake(state, stamp)
+        self._now = signals.turning if is_awake else signals
         for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
             said = f"{number:.3g} {command.unit}".rstrip()
             self._health.set_value(f"{COMMAND} {command.name}", said)
-        return signals.context(self.commands, np.array(self.phase))
+        return self._now.context(self.commands, np.array(self.phase))
 
     def ahead(self, steps: int) -> Array:
         """Returns the context of the newest state and of those after it, (steps, n_z).
 
         The commands are held.
         """
-        return self._signals.held(self.commands, steps, self.phase)
+        return self._now.held(self.commands, steps, self.phase)
 
     def publish(self, context: Array, stamp: int) -> None:
         """Publishes the context that the answer to a state used."""

@@ -33,6 +33,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
+from vgps_ros.core.unrest import Waking
 from vgps_ros.messages.conversions import (
     gains_to_msg,
     nanoseconds,
@@ -164,7 +165,9 @@ class Controller(LifecycleNode):
         self._settings = declare_settings(self, settings)
         self._poses = declare_settings(self, PoseSettings())
         base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
-        self.instructions = Instructions(self, self.robot.signals, base_frame)
+        unrest = self.robot.unrest
+        waking = Waking(unrest, self.robot.time_step) if unrest else None
+        self.instructions = Instructions(self, self.robot.signals, base_frame, waking)
         self._told_of = self.robot.signals, self.robot.controls.names
         self.health = Health(self, owns=self._sender.topics, when_alone=when_alone)
         self.instructions.report_to(self.health)
@@ -481,7 +484,7 @@ class Controller(LifecycleNode):
 
         def told() -> Array:
             nonlocal context
-            context = self.instructions.at(stamp)
+            context = self.instructions.at(stamp, state)
             self.instructions.publish(context, stamp)
             return context
 

@@ -410,7 +410,8 @@ def _contexts(signals: Signals, rollouts: Trial) -> Array:
 
 def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tuple[Array, Array]:
     """Runs rollouts; returns states (N, T+1, n_x) and controls (N, T, n_u)."""
-    policy, observation = driver.policy, driver.observation.within(context)
+    policy, unrest = driver.policy, task.unrest
+    observation = driver.observation.within(_contexts(task.signals.turning, rollouts))
     readings = Readings(task.dynamics.simulations, driver.observation.readings.names)
     observation = replace(observation, readings=readings)
     noise, lag, misread = rollouts.noise, rollouts.lag, rollouts.misread
@@ -418,16 +419,28 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
         observation, policy = replace(observation, past=policy.past), policy.policy
     if isinstance(policy, GaussianPolicy):
         return task.dynamics.execute(
-            policy, observation, rollouts.starts, noise, lag=lag, sensor_noise=misread
+            policy,
+            observation,
+            rollouts.starts,
+            noise,
+            lag=lag,
+            sensor_noise=misread,
+            unrest=unrest,
+            calm=context,
         )
     told, past, policy_law = observation.values_told(), [], driver.started()
+    calm, awake = observation.within(context).values_told(), np.zeros(len(noise), dtype=np.int64)
 
     def law(t: int, x: Array) -> Array:
+        if unrest:
+            awake[unrest.restless(x)] = t + unrest.steps
         past.append(readings(x))
         read = past[max(0, t - lag)]
         read = read if misread is None else read + misread[:, t]
-        given = np.concatenate([read, told[:, t]], axis=1) if observation.told else read
-        return policy_law(given, noise[:, t])
+        if observation.told:
+            now = np.where((t < awake)[:, None], told[:, t], calm[:, t])
+            read = np.concatenate([read, now], axis=1)
+        return policy_law(read, noise[:, t])
 
     states, controls, _ = task.dynamics.rollouts(rollouts.starts, law, noise.shape[1])
     return states, controls

@@ -27,6 +27,7 @@ from functools import partial
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.errors import DivergenceError
@@ -34,6 +35,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets, draw_targets
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.signals import Signals
 from vgps_ros.search.judgement import LATE, late_error
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
@@ -129,11 +131,13 @@ class _Begun:
         situation: the situation.
         commands: the commands with which it begins, shape (n_c,).
         phase: the clock's φ at its start, in turns.
+        signals: of its context; after a push the clock turns also at rest.
     """
 
     situation: Situation
     commands: Array
     phase: float
+    signals: Signals
 
 
 def _new_situation(
@@ -172,11 +176,13 @@ def _new_situation(
         at = int(rng.integers(max(1, fall - late if fall < steps else steps)))
     begun = _back_home(task, motion.states[at])
     commands, phase = motion.commands[at], float(motion.phases[at])
+    if motion.awake[at] or fall < steps:
+        signals = signals.turning
     context = signals.held(commands, task.planned_horizon, phase)
     if fall == steps and not end and not least_obeyed and rng.uniform() < _TOLD_ANEW:
         context = drawn_context(task, settings, rng)
         commands, phase = context[0, : len(commands)], signals.phase_of(context[0])
-    return _Begun(Situation(begun, context, lasting), commands, phase)
+    return _Begun(Situation(begun, context, lasting), commands, phase, signals)
 
 
 @dataclass(frozen=True)
@@ -189,6 +195,7 @@ class _Driven:
         phases: the clock's φ, shape (T,).
         push_end: step after a push; 0 where there is none.
         fall: step of the fall; T where there is none.
+        awake: whether a clock that stops turns in each step, shape (T,).
         error: largest mean error of a command over the last seconds, as a share of its range, or of
             a task without commands the mean cost of a step; inf after a fall.
     """
@@ -198,6 +205,7 @@ class _Driven:
     phases: Array
     push_end: int
     fall: int
+    awake: NDArray[np.bool_]
     error: float
 
 
@@ -225,12 +233,14 @@ def _driven(
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
     phases = signals.phases(steps, rng.uniform())
     here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
-    context = signals.context(commands, phases)
+    context, unrest = signals.context(commands, phases), task.unrest
     states, controls = here.dynamics.execute(
         policy,
-        here.observation.within(context),
+        here.observation.within(signals.turning.context(commands, phases)),
         start[None],
         noise * rng.standard_normal((1, steps, len(noise))),
+        unrest=unrest,
+        calm=context[None],
     )
     sound = np.isfinite(states[0]).all(axis=1) & ~task.fallen(states[0])
     fall = steps if sound.all() else int(np.argmin(sound))
@@ -240,7 +250,8 @@ def _driven(
     elif sound.all():
         cost = task.in_context(context).cost.starting_at(0, steps)
         error = float(cost(states[:, :-1], controls, 0).mean())
-    return _Driven(states[0], commands, phases, push_end, fall, error)
+    awake = unrest.awake(states[0, :-1]) if unrest else np.zeros(steps, dtype=bool)
+    return _Driven(states[0], commands, phases, push_end, fall, awake, error)
 
 
 def drawn_push(
@@ -271,8 +282,8 @@ def _first_motion(
     solutions: Sequence[OptimizationResult],
 ) -> Trajectory:
     """Returns the motion from which a new situation's solve starts."""
-    task, situation = work.task, begun.situation
-    here, signals = situation.of(task), task.signals
+    task, situation, signals = work.task, begun.situation, begun.signals
+    here = situation.of(task)
     start, n_u = situation.initial_state, task.dynamics.control_dim
 
     def motion(origin: Array, context: Array) -> Trajectory:

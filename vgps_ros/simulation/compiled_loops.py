@@ -18,6 +18,7 @@ from vgps_ros.core.executed_control import (
 )
 from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.core.unrest import RATE, TILT
 from vgps_ros.simulation.compiled_readings import read
 from vgps_ros.simulation.compiled_states import (
     NEVER,
@@ -106,13 +107,27 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
 
 @compiled
 def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    sim, bounds, network, observation, history, resting, lag, misread, told, noise, states, controls
+    sim,
+    bounds,
+    network,
+    observation,
+    history,
+    resting,
+    unrest,
+    lag,
+    misread,
+    told,
+    calm,
+    noise,
+    states,
+    controls,
 ):
     """Writes rollouts of u = μ_θ(o) + noise from states[:, 0], up to where they leave bounds.
 
     The policy reads the state of `lag` steps before, with `misread` (N, T, r) added where it has
     columns; what it read in the `history` steps before; the last control, which was `resting` in
-    the first step, where that has numbers. `told` has z of each rollout and step, shape (N, T, c).
+    the first step, where that has numbers. `told` has z of each rollout and step, shape (N, T, c),
+    and `calm` that while the robot is not restless, and for `unrest[3]` steps has not been.
     """
     n_read = len(observation.kinds)
     n_past = history * n_read
@@ -122,9 +137,12 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
     a, z = np.empty(np.max(network[1])), np.empty(np.max(network[1]))
     for rollout in range(len(states)):
         x = states[rollout, 0].copy()
+        awake = 0  # up to this step
         if not is_within(x, bounds[0]):
             continue
         for t in range(noise.shape[1]):
+            if _is_restless(x, unrest):
+                awake = t + unrest[3]
             read(sim, observation, x, past[t % (lag + 1)])
             copy(past[(t + 1) % (lag + 1) if t >= lag else 0], a[:n_read])
             for i in range(misread.shape[2]):
@@ -136,7 +154,7 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
             copy(memory, a[n_read:n_known])
             copy(a, memory[:n_past])
             for i in range(told.shape[2]):
-                a[n_known + i] = told[rollout, t, i]
+                a[n_known + i] = told[rollout, t, i] if t < awake else calm[rollout, t, i]
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
                 sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
@@ -145,6 +163,21 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
             if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
                 break
             copy(x, states[rollout, t + 1])
+
+
+@compiled_part
+def _is_restless(x, unrest):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns whether a robot is restless, as `core.unrest` has it; never, if no place is known."""
+    rotation, rate, up, steps = unrest
+    if steps == 0:
+        return False
+    qw, qx, qy, qz = x[rotation], x[rotation + 1], x[rotation + 2], x[rotation + 3]
+    a, b = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx)
+    c = 1.0 - 2.0 * (qx * qx + qy * qy)
+    along = x[rate] * a + x[rate + 1] * b + x[rate + 2] * c
+    u, v, w = x[rate] - along * a, x[rate + 1] - along * b, x[rate + 2] - along * c
+    is_tilted = a * up[0] + b * up[1] + c * up[2] < math.cos(TILT)
+    return is_tilted or u * u + v * v + w * w > RATE * RATE
 
 
 @compiled_part

@@ -26,6 +26,7 @@ from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
+from vgps_ros.core.unrest import Unrest
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of
@@ -364,6 +365,8 @@ class Dynamics:
         *,
         lag: int = 0,
         sensor_noise: Array | None = None,
+        unrest: Unrest | None = None,
+        calm: Array | None = None,
     ) -> tuple[Array, Array]:
         """Runs rollouts of u = μ_θ(o) + noise, within the limits, over several threads.
 
@@ -377,6 +380,8 @@ class Dynamics:
             noise: of the controls, shape (N, T, n_u), [N·m].
             lag: steps by which the policy reads the state too late.
             sensor_noise: what is added to each reading of the state, shape (N, T, r).
+            unrest: when the robot is restless; None: it always is.
+            calm: the context of each step while it is not, (N, T, n_z).
 
         Returns:
             States, shape (N, T+1, n_x), and controls, shape (N, T, n_u).
@@ -393,6 +398,10 @@ class Dynamics:
         network, plan = compiled_loops.compiled_network(policy), readings.plan
         told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
         told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))
+        felt, at_rest = (0, 0, np.zeros(3), 0), told
+        if unrest and calm is not None:
+            felt = unrest.rotation, unrest.rate, unrest.up, unrest.steps
+            at_rest = np.ascontiguousarray(observation.within(calm).values_told()[:, :horizon])
         misread = np.empty((n, horizon, 0)) if sensor_noise is None else sensor_noise
         past = observation.past
         history, resting = (past.history, past.resting) if past else (0, np.empty(0))
@@ -400,8 +409,8 @@ class Dynamics:
         self.simulations.in_threads(
             n,
             lambda sim, part: compiled_loops.execute(
-                *(sim, _BOUNDS, network, plan, history, resting),
-                *(lag, misread[part], told[part], noise[part], states[part], controls[part]),
+                *(sim, _BOUNDS, network, plan, history, resting, felt, lag, misread[part]),
+                *(told[part], at_rest[part], noise[part], states[part], controls[part]),
             ),
         )
         return states, controls

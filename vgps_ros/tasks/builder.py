@@ -21,6 +21,7 @@ from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import CLOCK, Command, Signals
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
@@ -68,6 +69,11 @@ def load_task(path: Path, name: str) -> Task:
     with document.at(("model",)):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
     signals, std = _signals(file), file.start.std
+    document.refuse(
+        signals.stops and state_layout(model).base is None,
+        ("clock", "stops"),
+        "only a robot on a free base feels when it has to step again; leave it out.",
+    )
     steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context, document)
@@ -104,9 +110,10 @@ def _signals(file: TaskFile) -> Signals:
         Command(name, *entry.range, source=entry.source or "", unit=entry.unit)
         for name, entry in file.commands.items()
     )
-    return Signals(
-        tuple(commands), file.clock.frequency if file.clock else 0.0, file.control_period
-    )
+    if file.clock is None:
+        return Signals(tuple(commands), 0.0, file.control_period)
+    clock = file.clock
+    return Signals(tuple(commands), clock.frequency, file.control_period, clock.stops)
 
 
 class _Reader:

@@ -158,6 +158,15 @@ class Clock(Record, frozen=True, kw_only=True):
     """A phase that turns with time."""
 
     frequency: Annotated[Positive, about("turns in a second [Hz]", 2.0)]
+    stops: Annotated[
+        bool,
+        about(
+            "whether it stands still while all commands are at rest, and the base has neither been "
+            "tilted nor pushed lately: sine and cosine, and what swings with them, are zero then, "
+            "so that the robot learns to stand",
+            True,
+        ),
+    ] = False
 
 
 class Except(Record, frozen=True, kw_only=True):

@@ -18,6 +18,7 @@ from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 from vgps_ros.core.signals import Signals
+from vgps_ros.core.unrest import Unrest
 from vgps_ros.policies.deployment import Deployment
 from vgps_ros.policies.driver import Driver, driver_of
 from vgps_ros.policies.policy_file import PolicyFile
@@ -169,6 +170,14 @@ class Task:
     def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
         """Returns the task with commands (n_c,) that do not change, and the clock's first φ."""
         return self.in_context(self.signals.held(commands, self.planned_horizon, phase))
+
+    @cached_property
+    def unrest(self) -> Unrest | None:
+        """When a clock that stops turns again; None where it never stops."""
+        if not self.signals.stops:
+            return None
+        layout = state_layout(self.dynamics.model)
+        return Unrest.of(layout, self.initial_state, self.dynamics.time_step)
 
     @cached_property
     def deployment(self) -> Deployment:

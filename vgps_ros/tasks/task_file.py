@@ -571,6 +571,12 @@ def _check_times(task: TaskFile, document: Document) -> None:
         f"it is {task.clock.frequency if task.clock else 0.0:g} Hz, but with a control_period of "
         f"{period:g} s it must be at most {fastest:g} Hz, two controls a turn.",
     )
+    document.refuse(
+        task.clock is not None and task.clock.stops and not task.commands,
+        ("clock", "stops"),
+        "the clock would never turn, since the task has no commands that could be other than at "
+        "rest; add one, or leave it out.",
+    )
     steps = round((task.horizon + task.lookahead) / period)
     document.refuse(
         steps > MOST_STEPS,

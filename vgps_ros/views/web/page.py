@@ -21,6 +21,7 @@ import numpy as np
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import Conditions, StateReadings
 from vgps_ros.core.signals import Command
+from vgps_ros.core.unrest import RATE, TILT, Unrest
 from vgps_ros.policies.onnx_file import ExportedPolicy
 from vgps_ros.simulation.frames import frame_names
 from vgps_ros.simulation.readings import Readings
@@ -109,6 +110,7 @@ def _described(task: Task, exported: ExportedPolicy) -> dict[str, Any]:
         "first_action": (past.resting - origin).tolist() if past and acts else [],
         "told": list(task.observation.columns),
         "frequency": signals.frequency,
+        "unrest": _unrest(task.unrest),
         "commands": [_command(command) for command in signals.commands],
         "speeds": [_command(ahead)] if moves else [],
         "origin": origin.tolist(),
@@ -117,6 +119,13 @@ def _described(task: Task, exported: ExportedPolicy) -> dict[str, Any]:
         "pushed": base if moves else model.nbody - 1,
         "above": RobotShape(model).plane == (0, 1),
     }
+
+
+def _unrest(unrest: Unrest | None) -> dict[str, Any] | None:
+    if unrest is None:
+        return None
+    said = {"up": unrest.up.tolist(), "tilt": TILT, "fastest": RATE}
+    return {name: getattr(unrest, name) for name in ("rotation", "rate", "steps")} | said
 
 
 def _command(command: Command) -> dict[str, Any]:

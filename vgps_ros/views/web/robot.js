@@ -28,7 +28,7 @@ class Robot {
     data.qvel.set(about.state.slice(model.nq, model.nq + model.nv));
     data.act?.set(about.state.slice(model.nq + model.nv));
     mujoco.mj_forward(model, data);
-    Object.assign(this, {step: 0, substep: 0, time: 0, lying: 0, pushed: 0, frames: null, place: null,
+    Object.assign(this, {step: 0, awake: 0, substep: 0, time: 0, lying: 0, pushed: 0, frames: null, place: null,
                          action: about.first_action, done: [0, 0, 0], recent: []});
   }
 
@@ -45,12 +45,26 @@ class Robot {
     });
   }
 
+  // Whether the clock turns in this step. One that stops does where something is commanded, and for a
+  // while after the base was tilted, or turned about a level axis.
+  turns() {
+    const {about: {unrest, commands}, data: {qpos, qvel}} = this;
+    if (!unrest) return true;
+    const state = [...qpos, ...qvel], [w, x, y, z] = state.slice(unrest.rotation, unrest.rotation + 4);
+    const up = [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)];
+    const rate = state.slice(unrest.rate, unrest.rate + 3), dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
+    const along = dot(rate, up), level = rate.map((v, i) => v - along * up[i]);
+    if (dot(up, unrest.up) < Math.cos(unrest.tilt) || dot(level, level) > unrest.fastest ** 2)
+      this.awake = this.step + unrest.steps;
+    return this.step < this.awake || this.commands.some((v, i) => v !== commands[i].rest);
+  }
+
   // Everything that the policy reads of this step: readings, memory, commands and clock.
   observe() {
     const {about} = this, now = this.read(about.readings);
     this.frames ??= Array(about.history).fill(now);
-    const turned = 2 * Math.PI * (about.frequency * about.period * this.step % 1);
-    const context = [...this.commands, Math.sin(turned), Math.cos(turned)];
+    const turned = 2 * Math.PI * (about.frequency * about.period * this.step % 1), turns = this.turns();
+    const context = [...this.commands, turns ? Math.sin(turned) : 0, turns ? Math.cos(turned) : 0];
     const seen = [now, ...this.frames, this.action.slice(0, about.first_action.length),
                   about.told.map(i => context[i])].flat();
     this.frames = [now, ...this.frames].slice(0, about.history);
