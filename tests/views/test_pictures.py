@@ -14,10 +14,11 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+from vgps_ros import DRAWS_BY
 from vgps_ros.core.signals import Command
 from vgps_ros.search.driven import Driven, planar_path
 from vgps_ros.search.run_record import RunRecord
-from vgps_ros.views.filmstrip import filmstrip, frames, write_moving_picture
+from vgps_ros.views.filmstrip import RenderingError, filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
 from vgps_ros.views.plots import driving, motion, save, trajectory
 from vgps_ros.views.robot_shape import RobotShape
@@ -228,6 +229,21 @@ def test_without_a_way_to_draw_a_sentence_says_what_to_install(run):
     assert "RenderingError: MuJoCo cannot draw here with MUJOCO_GL=egl; install libegl1" in (
         failed.stderr
     )
+
+
+@pytest.mark.parametrize("library", ["foo", "osmesa", "glfw"])
+def test_what_draws_nothing_does_not_care_for_what_draws(library):
+    """MuJoCo itself fails at its import where the variable names what is not there."""
+    environment = {**os.environ, "MUJOCO_GL": library}
+    environment.pop(DRAWS_BY, None)
+    command = [sys.executable, "-m", "vgps_ros.programs", "check", "cart_pole", "--iterations", "1"]
+    subprocess.run(command, env=environment, capture_output=True, check=True, timeout=300)
+
+
+def test_an_unknown_library_is_refused_with_those_that_are_known(run, monkeypatch):
+    monkeypatch.setenv(DRAWS_BY, "foo")
+    with pytest.raises(RenderingError, match="MUJOCO_GL is 'foo', but must be one of egl, osmesa"):
+        next(frames(run.mjcf, run.executed_states, 10, 10))
 
 
 def test_shape_agrees_with_the_link_geometry_worked_out_by_hand(swimmer, states):

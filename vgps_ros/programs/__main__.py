@@ -13,7 +13,7 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vgps_ros import NODES
+from vgps_ros import DRAWS_BY, NODES
 from vgps_ros.programs.node import start
 
 if TYPE_CHECKING:
@@ -72,6 +72,9 @@ def _set_environment() -> None:
             defaults["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
     for name, value in defaults.items():
         os.environ.setdefault(name, value)
+    # MuJoCo loads at its import what draws, and fails where that is missing, though few draw.
+    os.environ.setdefault(DRAWS_BY, os.environ.get("MUJOCO_GL", ""))
+    os.environ["MUJOCO_GL"] = "disable"
 
 
 def _installation_advice(package: str) -> str:

@@ -18,6 +18,8 @@ from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 from PIL import Image
 
+from vgps_ros import DRAWS_BY
+from vgps_ros.core.checks import quoted
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.robot_shape import RobotShape
@@ -27,6 +29,7 @@ _RATE = 25  # frames per second of a moving picture
 _SIZE = (360, 480)  # height and width of a frame of a filmstrip [pixels]
 _GIF_SIZE = (200, 360)  # height and width of a frame of a moving picture [pixels]
 _COLOURS = 48  # number of colours in a moving picture
+_LIBRARIES = ("egl", "osmesa", "cgl")
 _MARGIN = 1.25  # width of the view, as a multiple of the robot's
 _DEPTH = 0.3  # depth of the ground below a robot that moves in a horizontal plane [m]
 
@@ -43,16 +46,22 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
     Raises:
         RenderingError: MuJoCo cannot draw without a screen here.
     """
-    chosen = os.environ.get("MUJOCO_GL", "").replace("disable", "")
+    # MuJoCo's own default, glfw, would need a screen.
+    own = "cgl" if sys.platform == "darwin" else "egl"
+    chosen = os.environ.get(DRAWS_BY) or os.environ.get("MUJOCO_GL", "")
+    chosen = {"disable": "", "glfw": ""}.get(chosen, chosen).lower().strip()
+    if chosen not in ("", *_LIBRARIES):
+        raise RenderingError(
+            f"MUJOCO_GL is {quoted(chosen)}, but must be one of {', '.join(_LIBRARIES)}; set one "
+            "that is installed, or leave it out."
+        )
     try:
-        if not chosen:  # MuJoCo's own default would need a screen, and the programs disable it
-            library = "cgl" if sys.platform == "darwin" else "egl"
-            gl_context.GLContext = import_module(f"mujoco.{library}").GLContext
+        gl_context.GLContext = import_module(f"mujoco.{chosen or own}").GLContext
         model = _with_surroundings(mjcf)
         renderer = mujoco.Renderer(model, height, width)
     except (AttributeError, ImportError, RuntimeError, ValueError, mujoco.FatalError) as error:
         raise RenderingError(
-            f"MuJoCo cannot draw here with MUJOCO_GL={chosen or 'egl'}; install libegl1, "
+            f"MuJoCo cannot draw here with MUJOCO_GL={chosen or own}; install libegl1, "
             f"or libosmesa6 and set MUJOCO_GL=osmesa: {error}"
         ) from error
     with renderer:
