@@ -89,6 +89,16 @@ def test_a_robot_that_does_not_compile_is_left_out_with_a_sentence(page, shared_
     shared_graph.diagnosis("live", ERROR, "Left out a robot: ")
 
 
+def test_progress_without_a_cost_ends_nothing(page, shared_graph):
+    node, address = page
+    progress = shared_graph.publisher(LearningProgress, "learning_progress", STREAM)
+    for iteration in (1, 2):
+        progress.publish(LearningProgress(iteration=iteration))
+    shared_graph.spin_for(2.0)
+    assert node.running
+    assert origin_is_refused(address, "null")  # it still answers
+
+
 def test_without_viser_it_names_the_file_that_installs_it(domain_id):
     code = "import sys; sys.modules['viser'] = None; from vgps_ros.programs.node import start; "
     run = subprocess.run(

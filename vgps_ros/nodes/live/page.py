@@ -205,7 +205,7 @@ class LivePage:
 
     def show_learning(self, history: Sequence[IterationMetrics]) -> None:
         """Draws costs by iteration, as multiples of the initial DDP solution's."""
-        first = history[-1].initial_ddp_cost
+        first = history[-1].initial_ddp_cost or 1.0  # a cost of 0 has no multiples
         curves = [np.array([float(metrics.k) for metrics in history])]
         for name in _CURVES:
             ratios = np.array([getattr(metrics, name) / first for metrics in history])
