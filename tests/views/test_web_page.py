@@ -165,6 +165,7 @@ def assert_steps_are_ours(task, policy, steps, tolerance):
     assert max(deviations) < tolerance, deviations
 
 
+CLOCK = "vgps.recent.at(-1).observation.at(-1)"  # its cosine
 browser = [
     needs_parts,
     pytest.mark.slow,
@@ -186,6 +187,10 @@ class TestInABrowser:
     def test_a_visitor_drives_and_pushes_the_quadruped(self, quadruped, tmp_path):
         task, policy = quadruped
         with driven(f"file://{written(policy, task, tmp_path) / 'index.html'}") as view:
+            standing = commands, observations, _ = [*steps_of(view, 30)]
+            assert_steps_are_ours(task, policy, standing, 1e-4)
+            assert not commands.any()
+            assert not observations[:, -2:].any()  # its clock stands still
             view.keyboard.down("w")
             # It reads float32, and rounding grows at each impact of a foot.
             assert_steps_are_ours(task, policy, steps_of(view, 50), 1e-4)
@@ -206,9 +211,10 @@ class TestInABrowser:
             x, y = pad["x"] + pad["width"] / 2, pad["y"] + pad["height"] / 2
             view.mouse.move(x, y)
             view.mouse.down()
-            view.mouse.move(x - 0.2 * pad["width"], y)
+            view.mouse.move(x - 0.35 * pad["width"], y)
             view.mouse.up()  # which pushes it to the left
             wait(view, "vgps.done[1] > 0.1")
+            wait(view, f"{CLOCK} !== 0")  # it steps
             view.screenshot(path=tmp_path / "2.png")
             wait_for(view, 1.0)
             view.mouse.move(350, 180)  # the robot is in the middle; it is pulled to the right
@@ -217,6 +223,7 @@ class TestInABrowser:
             wait(view, "Math.hypot(vgps.done[0], vgps.done[1]) > 0.15")
             view.mouse.up()
             wait_for(view, 2.0)
+            wait(view, f"{CLOCK} === 0")  # and stands again
             assert not view.evaluate("vgps.fallen")
             assert view.evaluate("vgps.time") > 6.0  # it never fell and began anew
             view.screenshot(path=tmp_path / "3.png")
