@@ -45,6 +45,13 @@ def rotated(vector: Array, quaternion: Array) -> Array:
     )
 
 
+def vertical(quaternion: Array) -> Array:
+    """Returns the vertical in the axes of bodies, shape (..., 3), by quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    parts = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    return np.stack(parts, axis=-1)
+
+
 @dataclass(frozen=True)
 class BodyJoint:
     """A free or ball joint, and where x holds it; a ball has no position of its own.

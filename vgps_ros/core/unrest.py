@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.bodies import StateLayout
+from vgps_ros.core.bodies import StateLayout, vertical
 from vgps_ros.core.records import Array
 
 TILT = 0.07  # [rad]
@@ -58,13 +58,6 @@ class Unrest:
         at, restless = np.arange(len(states)), self.restless(states)
         last = np.maximum.accumulate(np.where(restless, at, -self.steps))
         return np.asarray(at - last < self.steps)
-
-
-def vertical(quaternion: Array) -> Array:
-    """Returns the vertical in the axes of bodies, shape (..., 3), by quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    parts = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    return np.stack(parts, axis=-1)
 
 
 class Waking:

@@ -8,11 +8,9 @@ policy drives there, while the robot may be told to stand up.
 
 import numpy as np
 
-from vgps_ros.core.bodies import BACK, StateLayout, rotated
+from vgps_ros.core.bodies import StateLayout, vertical
 from vgps_ros.core.records import Array
 from vgps_ros.safety.settings import SafetySettings
-
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 class StateLimits:
@@ -26,7 +24,8 @@ class StateLimits:
 
     def __init__(self, settings: SafetySettings, layout: StateLayout, upright: Array):
         self._settings, self._layout = settings, layout
-        self._up = self._vertical(upright)
+        base = layout.base
+        self._up = vertical(base.parts(upright)[1]) if base else np.zeros(3)
         lowest, highest = layout.ranges
         margin = settings.joint_margin or np.inf
         self._lowest, self._highest = lowest - margin, highest + margin
@@ -54,20 +53,13 @@ class StateLimits:
 
     def tilted(self, state: Array) -> str:
         """Says how far the base of a state (n_x,) is tilted, if it is too far for a policy."""
-        limit = self._settings.tilt_limit
-        if not limit or self._layout.base is None:
+        limit, base = self._settings.tilt_limit, self._layout.base
+        if not limit or base is None:
             return ""
-        tilt = float(np.arccos(np.clip(self._vertical(state) @ self._up, -1.0, 1.0)))
+        tilt = float(np.arccos(np.clip(vertical(base.parts(state)[1]) @ self._up, -1.0, 1.0)))
         if tilt <= limit:
             return ""
         return (
             f"the base is tilted by {tilt:.2f} rad, but tilt_limit is {limit:g} rad; set the robot "
             "upright, or let it stand up."
         )
-
-    def _vertical(self, state: Array) -> Array:
-        """Returns the vertical in the base's axes, shape (3,)."""
-        if self._layout.base is None:
-            return _UP
-        _, quaternion, _, _ = self._layout.base.parts(state)
-        return rotated(_UP, BACK * quaternion)
