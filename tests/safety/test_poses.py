@@ -215,3 +215,14 @@ def test_what_carries_the_weight_holds_the_pose_to_a_few_millimetres():
     assert stands == pytest.approx(task.initial_state[HEIGHT], abs=0.01)
     for name in ("cart_pole", "walker", "tests/tasks/quadruped_with_motors.yaml"):
         assert not np.any(list(make_task(name).deployment.carrying.values()))
+
+
+def test_what_a_control_asks_for_is_what_pulls_so(quadruped, rng):
+    """Damping of a motor that moves carries nothing."""
+    for task in (quadruped, make_task("quadruped")):
+        state = task.initial_state + np.r_[np.zeros(7), 0.1 * rng.standard_normal(30)]
+        beyond = 0.02 * rng.standard_normal(12)
+        control = task.controls.pulling(state, state, 60.0, 1.0, beyond)
+        asked = task.controls.asked(state, control, 60.0, 1.0)
+        np.testing.assert_allclose(asked, beyond, atol=1e-12)
+        assert not task.controls.asked(state, control, 0.0, 1.0)[task.controls.stiffness == 0].any()

@@ -262,13 +262,14 @@ class Controls:
         values = np.where(self._are_motors, forces, np.where(self._hold, goal, 0.0))
         return np.clip(self.from_joints(values), *self.limits)
 
-    def asked(self, state: Array, control: Array, stiffness: float) -> Array:
+    def asked(self, state: Array, control: Array, stiffness: float, damping: float) -> Array:
         """Returns how far beyond a state (n_x,) a control pulls: the inverse of `pulling`, (n_u,).
 
-        Of motors it is what pulls as much by that stiffness; of what is no motor or servo 0.
+        It is 0 of what is no motor or servo of positions.
         """
         values, y = self.at_joints(control), self.positions @ state
-        of_motors = values / stiffness if stiffness else np.zeros_like(values)
+        forces = values + damping * (self.velocities @ state)
+        of_motors = forces / stiffness if stiffness else np.zeros_like(forces)
         return np.where(self._are_motors, of_motors, np.where(self._hold, values - y, 0.0))
 
     def bounds(self, states: Array, forces: Array) -> tuple[Array, Array]:

@@ -98,7 +98,8 @@ class PoseMotion:
         if self._begin is None or stamp < self._begin[0]:
             first = state if self._first is None else self._first
             if self._begin is None and self._last is not None:
-                asked = self._controls.asked(first, self._last, settings.pose_stiffness)
+                gains = settings.pose_stiffness, settings.pose_damping
+                asked = self._controls.asked(first, self._last, *gains)
                 if (np.abs(asked) <= most).all():  # else it is too far away to have carried it
                     self._correction = asked
             self._begin, self._newest = (stamp, first), stamp
