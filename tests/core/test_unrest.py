@@ -40,7 +40,7 @@ def test_the_vertical_is_that_of_rotation_matrices(rng):
 @pytest.mark.parametrize("start", [Rotation.identity(), Rotation.from_euler("XY", [0.3, -0.5])])
 def test_a_tilt_and_a_turn_about_a_level_axis_are_felt_and_no_heading(quadruped, start):
     upright = turned(quadruped.initial_state, start)
-    unrest = Unrest.of(state_layout(quadruped.dynamics.model), upright, 0.02)
+    unrest = Unrest.of(quadruped.signals, state_layout(quadruped.dynamics.model), upright)
     up = start.inv().apply([0.0, 0.0, 1.0])
     level = np.linalg.svd(up[None])[2][1]  # in the base's axes
     for heading in (0.0, 1.0, 3.0):
@@ -94,6 +94,7 @@ def test_compiled_rollouts_read_the_clock_that_the_motion_tells(quadruped, rng):
 
 def test_a_task_whose_clock_never_stops_has_no_unrest(quadruped):
     assert replace(quadruped, signals=quadruped.signals.turning).unrest is None
-    deployed = quadruped.deployment.unrest
+    robot = quadruped.deployment
+    deployed = Unrest.of(robot.signals, robot.layout, robot.initial_state)
     assert (deployed.rotation, deployed.rate, deployed.steps) == (3, 22, 75)
     np.testing.assert_allclose(deployed.up, [0.0, 0.0, 1.0])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.bodies import StateLayout, vertical
 from vgps_ros.core.records import Array
+from vgps_ros.core.signals import Signals
 
 TILT = 0.07  # [rad]
 RATE = 0.7  # [rad/s]
@@ -37,13 +38,14 @@ class Unrest:
     steps: int
 
     @classmethod
-    def of(cls, layout: StateLayout, start: Array, time_step: float) -> "Unrest":
-        """Returns that of a robot that starts in a state (n_x,)."""
+    def of(cls, signals: Signals, layout: StateLayout, start: Array) -> "Unrest | None":
+        """Returns that of a robot that starts in a state (n_x,); None if its clock never stops."""
         base = layout.base
-        assert base  # the task file has been checked
+        if not signals.stops or base is None:
+            return None
         rotation, rate = base.first_position + 3, base.first_velocity + 3
         up = vertical(start[rotation : rotation + 4])
-        return cls(rotation, rate, up, round(_LASTS / time_step))
+        return cls(rotation, rate, up, round(_LASTS / signals.time_step))
 
     def restless(self, states: Array) -> NDArray[np.bool_]:
         """Returns whether the robot is restless, shape (...,), in states (..., n_x)."""

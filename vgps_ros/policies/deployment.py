@@ -29,7 +29,6 @@ from vgps_ros.core.memory import PastInputs
 from vgps_ros.core.observation import Conditions, Observation, StateReadings
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Signals
-from vgps_ros.core.unrest import Unrest
 from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
 
 _FORMAT = 2
@@ -76,13 +75,6 @@ class Deployment:
     limits: Conditions
     read: Reader
     sensors: tuple[str, ...] = ()
-
-    @cached_property
-    def unrest(self) -> Unrest | None:
-        """When a clock that stops turns again; None where it never stops."""
-        if not self.signals.stops:
-            return None
-        return Unrest.of(self.layout, self.initial_state, self.time_step)
 
     def pose(self, setting: str, keyframe: str) -> Array:
         """Returns the state of a keyframe at rest, shape (n_x,); the initial one, if it is empty.

@@ -33,7 +33,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.core.unrest import Waking
+from vgps_ros.core.unrest import Unrest, Waking
 from vgps_ros.messages.conversions import (
     gains_to_msg,
     nanoseconds,
@@ -165,8 +165,9 @@ class Controller(LifecycleNode):
         self._settings = declare_settings(self, settings)
         self._poses = declare_settings(self, PoseSettings())
         base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
-        unrest = self.robot.unrest
-        waking = Waking(unrest, self.robot.time_step) if unrest else None
+        robot = self.robot
+        unrest = Unrest.of(robot.signals, robot.layout, robot.initial_state)
+        waking = Waking(unrest, robot.time_step) if unrest else None
         self.instructions = Instructions(self, self.robot.signals, base_frame, waking)
         self._told_of = self.robot.signals, self.robot.controls.names
         self.health = Health(self, owns=self._sender.topics, when_alone=when_alone)

@@ -174,10 +174,7 @@ class Task:
     @cached_property
     def unrest(self) -> Unrest | None:
         """When a clock that stops turns again; None where it never stops."""
-        if not self.signals.stops:
-            return None
-        layout = state_layout(self.dynamics.model)
-        return Unrest.of(layout, self.initial_state, self.dynamics.time_step)
+        return Unrest.of(self.signals, state_layout(self.dynamics.model), self.initial_state)
 
     @cached_property
     def deployment(self) -> Deployment:
