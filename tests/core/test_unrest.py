@@ -35,6 +35,18 @@ def test_the_vertical_is_that_of_rotation_matrices(rng):
     turns = Rotation.random(20, rng)
     wanted = turns.inv().apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(vertical(turns.as_quat(scalar_first=True)), wanted, atol=1e-12)
+    up = np.array([0.6, 0.0, 0.8])
+    found = vertical(turns.as_quat(scalar_first=True), up)
+    np.testing.assert_allclose(found, turns.inv().apply(up), atol=1e-12)
+
+
+def test_a_slope_is_felt_as_a_tilt(quadruped):
+    """On a slope of 0.2 rad it stands level again where it is turned back by so much."""
+    slope = disturbed(quadruped, Disturbance(slope=(0.2, 0.0)))
+    here, uphill = slope.initial_state, Rotation.from_euler("Y", 0.2)
+    assert slope.unrest.restless(here)
+    assert not slope.unrest.restless(turned(here, uphill))
+    assert not quadruped.unrest.restless(here)
 
 
 @pytest.mark.parametrize("start", [Rotation.identity(), Rotation.from_euler("XY", [0.3, -0.5])])
@@ -70,7 +82,8 @@ def test_the_clock_turns_for_a_while_after_the_robot_was_restless(quadruped):
 
 def test_compiled_rollouts_read_the_clock_that_the_motion_tells(quadruped, rng):
     """A random network at rest, under a push: each control is that of the state's own context."""
-    task = disturbed(quadruped, Disturbance(body="trunk", push=(0.0, 12.0), push_time=0.3))
+    push = Disturbance(body="trunk", push=(0.0, 12.0), push_time=0.3, slope=(-0.03, 0.04))
+    task = disturbed(quadruped, push)
     observation, signals, steps = task.observation, task.signals, 130
     shape = Architecture(observation.names, (8,), 12)
     weights = 0.02 * rng.standard_normal(shape.num_parameters)
@@ -81,11 +94,11 @@ def test_compiled_rollouts_read_the_clock_that_the_motion_tells(quadruped, rng):
     calm, turning = (one.context(commands, phases) for one in (signals, signals.turning))
     states, controls = task.dynamics.execute(
         *(policy, observation.within(turning), np.tile(task.initial_state, (2, 1)), none),
-        unrest=quadruped.unrest,
+        unrest=task.unrest,
         calm=calm,
     )
     for x, u, *contexts in zip(states[:, :-1], controls, calm, turning, strict=True):
-        awake = quadruped.unrest.awake(x)
+        awake = task.unrest.awake(x)
         assert 0 < awake.sum() < steps
         context = np.where(awake[:, None], contexts[1], contexts[0])
         wanted = policy.mean(observation.within(context)(x))

@@ -136,11 +136,14 @@ def test_a_robot_with_commands_is_judged_at_each_and_under_usual_disturbances(co
     assert by_command[1.0]["rms"]["speed"] < 1e-6
     assert by_command[2.0]["survival"] == [0.0]
     # It has no contact and no damping, so that neither of their kinds can be tried.
-    assert [*found["robustness"]] == ["pushes", "masses", "latencies", "sensor_noise"]
+    kinds = ["pushes", "slopes", "masses", "latencies", "sensor_noise", "engines"]
+    assert [*found["robustness"]] == kinds
+    assert by_command[1.0]["gait"]["slip"] is None
     table = capsys.readouterr().out
     assert "speed 2" in table
     assert "changing each 3 s" in table
     assert "90 % obey" in table
+    assert "cost of transport" in table
 
 
 def test_of_named_disturbances_only_those_are_tried(commanded, tmp_path):

@@ -131,6 +131,20 @@ def test_contacts_of_mujoco_replace_those_of_the_model(block, tmp_path):
     assert tried(soft, 0.0, contacts=[0, 1])["contacts"]["survival"] == [0.0, 1.0]
 
 
+def test_a_step_stops_what_slides(block):
+    """12 N draw the block to 1 m/s within .46 m, but the first step is .3 m ahead of its front."""
+    values, driver, given = {"steps": [0.0, 0.05]}, drawn_by(block, 12.0), trial(block, 1, 200)
+    settings = DisturbanceSettings(body="block")
+    found = robustness(block, driver, given, values, 3, settings)
+    assert found["steps"]["survival"] == [0.0, 1.0]
+
+
+def test_another_engine_computes_the_same_friction(block):
+    """As `test_friction_is_borne_from_where_it_holds_the_force`, by an elliptic cone."""
+    for force, survives in ((6.0, 1.0), (12.0, 0.0)):
+        assert tried(block, force, engines=[0, 1])["engines"]["survival"] == [survives] * 2
+
+
 def test_a_task_that_does_not_know_a_fall_is_refused(block, tmp_path):
     (tmp_path / "task.yaml").write_text(TASK)
     with pytest.raises(InvalidInputError, match="does not say when the robot has fallen"):

@@ -4,6 +4,7 @@
 import re
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -169,6 +170,51 @@ def test_a_solve_closes_what_a_changed_model_opens():
     found = optimize(task, replace(request, situation=changed))
     gaps = disturbed(task, change).dynamics.gaps(found.distribution.mean)
     assert np.abs(gaps).max() < 1e-9
+
+
+def test_on_a_slope_a_policy_measures_the_vertical_and_a_cost_counts_from_the_ground(rng):
+    """An inertial unit feels gravity, wherever the ground is; the accelerometer is the witness."""
+    task = make_task("quadruped")
+    slope = disturbed(task, Disturbance(slope=(0.2, -0.1)))
+    turns = rng.standard_normal((6, task.dynamics.space.tangent_dim)) * 0.4
+    states = task.dynamics.space.add(task.initial_state, turns)
+    names = ["up/x", "up/y", "up/z"]
+    of_ground = Readings(slope.dynamics.simulations, names)(states)
+    np.testing.assert_array_equal(of_ground, Readings(task.dynamics.simulations, names)(states))
+    read = slope.observation.readings
+    measured = read(states)[:, [read.names.index(name) for name in names]]
+    model, data = slope.dynamics.model, mujoco.MjData(slope.dynamics.model)
+    for state, up, ground in zip(states, measured, of_ground, strict=True):
+        data.qpos[:] = state[: model.nq]
+        mujoco.mj_kinematics(model, data)
+        falls = data.site("imu").xmat.reshape(3, 3).T @ model.opt.gravity
+        np.testing.assert_allclose(up, -falls / 9.81, atol=1e-12)
+        assert up @ ground == pytest.approx(
+            1.0 / np.sqrt(1.0 + np.tan(0.2) ** 2 + np.tan(0.1) ** 2)
+        )
+    still, level = task.observation.readings, disturbed(task, Disturbance(friction=0.9))
+    np.testing.assert_array_equal(level.observation.readings(states), still(states))
+
+
+def test_slopes_are_drawn_in_all_directions(rng):
+    task, settings = make_task("quadruped"), DisturbanceSettings(slope=0.2)
+    slopes = np.array([draw_disturbance(task, settings, rng).slope for _ in range(60)])
+    assert (np.hypot(*slopes.T) <= 0.2).all()
+    assert len(set(map(tuple, np.sign(slopes)))) == 4
+
+
+def test_a_sled_that_slides_meets_steps_as_high_as_they_are_said_to_be(sled, rng):
+    """It begins on the first two steps, whose tops are 0.03 m high, as it does where none are."""
+    task = sled()
+    start = task.initial_state.copy()
+    start[:2] = 0.6, 0.03  # [m]
+    for height, rests in ((0.03, 0.03), (0.0, 0.0)):
+        here = disturbed(task, Disturbance(steps=height))
+        states = here.dynamics.rollout(start, lambda *_: np.zeros(1), 100).states
+        assert states[-1, 1] == pytest.approx(rests, abs=2e-3)
+    settings = DisturbanceSettings(steps=0.04)
+    draws = [draw_disturbance(task, settings, rng).steps for _ in range(40)]
+    assert 0.0 <= min(draws) < 0.005 < 0.035 < max(draws) <= 0.04
 
 
 def test_ridges_lift_what_lies_on_them(sled):

@@ -45,11 +45,20 @@ def rotated(vector: Array, quaternion: Array) -> Array:
     )
 
 
-def vertical(quaternion: Array) -> Array:
-    """Returns the vertical in the axes of bodies, shape (..., 3), by quaternions (..., 4)."""
+UP = np.array([0.0, 0.0, 1.0])  # in the world's axes
+
+
+def vertical(quaternion: Array, up: Array = UP) -> Array:
+    """Returns the vertical in the axes of bodies, shape (..., 3), by quaternions (..., 4).
+
+    On sloping ground, to which the world's axes are fixed, it is `up` (3,) in these axes.
+    """
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    parts = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    return np.stack(parts, axis=-1)
+    ahead = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    left = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    above = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    axes = zip(ahead, left, above, strict=True)
+    return np.stack([a * up[0] + b * up[1] + c * up[2] for a, b, c in axes], axis=-1)
 
 
 @dataclass(frozen=True)

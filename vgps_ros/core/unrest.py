@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.bodies import StateLayout, vertical
+from vgps_ros.core.bodies import UP, StateLayout, vertical
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Signals
 
@@ -28,28 +28,35 @@ class Unrest:
     Attributes:
         rotation: where a state has the base's quaternion.
         rate: where it has the base's angular velocity.
-        up: the vertical in the base's axes, in how it starts, shape (3,).
+        up: the vertical in the base's axes, in how it starts on level ground, shape (3,).
+        vertical: the vertical in the world's axes, shape (3,); the slope of the ground tilts it.
         steps: control steps for which the clock turns after the robot was restless.
     """
 
     rotation: int
     rate: int
     up: Array
+    vertical: Array
     steps: int
 
     @classmethod
-    def of(cls, signals: Signals, layout: StateLayout, start: Array) -> "Unrest | None":
-        """Returns that of a robot that starts in a state (n_x,); None if its clock never stops."""
+    def of(
+        cls, signals: Signals, layout: StateLayout, start: Array, up: Array = UP
+    ) -> "Unrest | None":
+        """Returns that of a robot that starts in a state (n_x,); None if its clock never stops.
+
+        The vertical is `up` (3,) in the world's axes.
+        """
         base = layout.base
         if not signals.stops or base is None:
             return None
         rotation, rate = base.first_position + 3, base.first_velocity + 3
-        up = vertical(start[rotation : rotation + 4])
-        return cls(rotation, rate, up, round(_LASTS / signals.time_step))
+        level = vertical(start[rotation : rotation + 4])
+        return cls(rotation, rate, level, up, round(_LASTS / signals.time_step))
 
     def restless(self, states: Array) -> NDArray[np.bool_]:
         """Returns whether the robot is restless, shape (...,), in states (..., n_x)."""
-        up = vertical(states[..., self.rotation : self.rotation + 4])
+        up = vertical(states[..., self.rotation : self.rotation + 4], self.vertical)
         turning = states[..., self.rate : self.rate + 3]
         level = turning - (turning * up).sum(axis=-1, keepdims=True) * up
         is_tilted = (up * self.up).sum(axis=-1) < np.cos(TILT)

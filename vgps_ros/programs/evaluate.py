@@ -7,7 +7,8 @@ Of a task with commands it measures at each command of a grid, and while command
 the share of rollouts that are up after 20 s, 60 s and at the end; the share that obeys then, whose
 mean error over the last 2 s is at most a tenth of each command, or 0.1 m/s or rad/s, or an eighth
 of its range if that is less than these; and the errors of each commanded number, from 1 s after the
-start or a change of a command on. Disturbances are tried while commands change, for 20 s at most.
+start or a change of a command on. Also what the motions ask of the robot: power, cost of transport,
+slip, impact. Disturbances are tried while commands change, for 20 s at most.
 Intervals are Wilson's, of 95 %.
 """
 
@@ -102,10 +103,14 @@ def evaluate_policy(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any
         InvalidInputError: the rollouts are too short or too many.
     """
     from vgps_ros.search.evaluation import measure_driving
+    from vgps_ros.search.gait import gaits
     from vgps_ros.search.judgement import judge_controller
 
     if task.signals.commands:
-        return {"task": task.name, **own, **judge_controller(task, driver, **own)}
+        result = {"task": task.name, **own, **judge_controller(task, driver, **own)}
+        for found, gait in zip(result["commands"], gaits(task, driver), strict=True):
+            found["gait"] = gait
+        return result
     return measure_driving(task, driver, **own)
 
 
@@ -174,13 +179,46 @@ def _show_controller(result: dict[str, Any], console: "Console", task: "Task") -
         )
 
     for i, found in enumerate(result["commands"]):
-        named = (f"{name} {value:g}" for name, value in found["command"].items() if value)
-        row(", ".join(named) or "at rest", found)
+        row(_name(found["command"]), found)
         table.rows[-1].end_section = i == len(result["commands"]) - 1
     row("all of these", result["all_commands"])
     row(f"changing each {CHANGE:g} s", result["changing"])
     console.print(table)
+    _show_gaits(result["commands"], task, console)
     _show_robustness(result, console)
+
+
+def _show_gaits(commands: list[dict[str, Any]], task: "Task", console: "Console") -> None:
+    """Prints what the motions at rest and at each command's ends ask of the robot."""
+    from rich.table import Column, Table
+
+    columns = {
+        "power": "power [W]",
+        "cost_of_transport": "cost of transport",
+        "load": "largest load",
+        "slip": "slip [m/s]",
+        "impact": "impact",
+    }
+    table = Table(
+        "command",
+        *(Column(name, justify="right") for name in columns.values()),
+        caption="Mean mechanical power at the joints; by weight and speed; the largest force of an "
+        "actuator by its limit; speed of the feet along the ground; the ground's largest force by "
+        "the robot's weight.",
+        caption_justify="left",
+    )
+    ends = {(c.name, value) for c in task.signals.commands for value in (c.lowest, c.highest)}
+    for found in commands:
+        moved = [each for each in found["command"].items() if each[1]]
+        if found["gait"] and (not moved or (len(moved) == 1 and moved[0] in ends)):
+            values = (found["gait"][key] for key in columns)
+            cells = ("none" if value is None else f"{value:.3g}" for value in values)
+            table.add_row(_name(found["command"]), *cells)
+    console.print(table)
+
+
+def _name(command: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in command.items() if value) or "at rest"
 
 
 def _share(share: float, interval: list[float]) -> str:
@@ -252,7 +290,12 @@ def add_arguments(parser: Parser) -> None:
             "pushes", (0.0,), "impulses to try, each once in a rollout's first half [N*s]",
             minimum=0.0, maximum=1e6,
         ),
-        Setting("slopes", (0.0,), "slopes to try, upwards [rad]", minimum=-1.0, maximum=1.0),
+        Setting(
+            "slopes", (0.0,), "slopes to try, upwards, or of a task with commands in all "
+            "directions [rad]", minimum=-1.0, maximum=1.0,
+        ),
+        Setting("ridges", (0.0,), "largest heights of ridges [m]", minimum=0.0, maximum=1.0),
+        Setting("steps", (0.0,), "heights of steps up and down [m]", minimum=0.0, maximum=1.0),
         Setting("payloads", (0.0,), "masses to add [kg]", minimum=0.0, maximum=1e6),
         Setting(
             "masses", (1.0,), "factors on the mass of a body, as of a trunk", minimum=0.01,
@@ -282,6 +325,11 @@ def add_arguments(parser: Parser) -> None:
         Setting(
             "contacts", (0,), "hardness of contacts: 0 the model's, 1 MuJoCo's default", minimum=0,
             maximum=1,
+        ),
+        Setting(
+            "engines", (0,), "how MuJoCo computes: 0 as the model says, 1 with the other kind of "
+            "friction cone, conjugate gradients, Euler's integrator and half the time step",
+            minimum=0, maximum=1,
         ),
         unset="not tried; of a task with commands, usual sizes if no kind is named",
     )  # fmt: skip

@@ -96,6 +96,7 @@ class Achieved:
                 lifted=following.lifted[rows],
                 moving=following.moving[rows],
                 still=following.still[rows],
+                stance=following.stance[rows],
             ),
         )
         return cls(commands, names, alone)
@@ -188,8 +189,7 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
         rollouts: starts, commands and noise.
         times: times at which the rollouts are judged [s].
     """
-    context = _contexts(task.signals, rollouts)
-    states, controls = _executed(task, driver, rollouts, context)
+    states, controls, context = execute_trial(task, driver, rollouts)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
     standing = np.logical_and.accumulate(standing, axis=1)
     achieved = Achieved.of(task)
@@ -408,17 +408,18 @@ def _contexts(signals: Signals, rollouts: Trial) -> Array:
     return signals.context(rollouts.commands, phases)
 
 
-def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tuple[Array, Array]:
-    """Runs rollouts; returns states (N, T+1, n_x) and controls (N, T, n_u)."""
-    policy, unrest = driver.policy, task.unrest
+def execute_trial(task: Task, driver: Driver, rollouts: Trial) -> tuple[Array, Array, Array]:
+    """Runs rollouts; returns states (N, T+1, n_x), controls (N, T, n_u) and z (N, T, n_z)."""
+    policy, unrest, context = driver.policy, task.unrest, _contexts(task.signals, rollouts)
     observation = driver.observation.within(_contexts(task.signals.turning, rollouts))
-    readings = Readings(task.dynamics.simulations, driver.observation.readings.names)
+    names = driver.observation.readings.names
+    readings = Readings(task.dynamics.simulations, names, measured=True)
     observation = replace(observation, readings=readings)
     noise, lag, misread = rollouts.noise, rollouts.lag, rollouts.misread
     if isinstance(policy, RememberingPolicy):
         observation, policy = replace(observation, past=policy.past), policy.policy
     if isinstance(policy, GaussianPolicy):
-        return task.dynamics.execute(
+        states, controls = task.dynamics.execute(
             policy,
             observation,
             rollouts.starts,
@@ -428,6 +429,7 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
             unrest=unrest,
             calm=context,
         )
+        return states, controls, context
     told, past, policy_law = observation.values_told(), [], driver.started()
     calm, awake = observation.within(context).values_told(), np.zeros(len(noise), dtype=np.int64)
 
@@ -443,7 +445,7 @@ def _executed(task: Task, driver: Driver, rollouts: Trial, context: Array) -> tu
         return policy_law(read, noise[:, t])
 
     states, controls, _ = task.dynamics.rollouts(rollouts.starts, law, noise.shape[1])
-    return states, controls
+    return states, controls, context
 
 
 def settled(commands: Array, steps: int) -> NDArray[np.bool_]:

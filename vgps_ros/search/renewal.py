@@ -233,7 +233,7 @@ def _driven(
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
     phases = signals.phases(steps, rng.uniform())
     here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
-    context, unrest = signals.context(commands, phases), task.unrest
+    context, unrest = signals.context(commands, phases), here.unrest
     states, controls = here.dynamics.execute(
         policy,
         here.observation.within(signals.turning.context(commands, phases)),

@@ -45,6 +45,8 @@ ENOUGH = 0.9  # share of the rollouts that survive what a policy is said to bear
 KINDS = {
     "pushes": "impulse [N·s]",
     "slopes": "slope, upwards [rad]",
+    "ridges": "largest height of ridges [m]",
+    "steps": "height of steps [m]",
     "payloads": "payload [kg]",
     "masses": "factor on the body's mass",
     "frictions": "factor on friction",
@@ -54,11 +56,14 @@ KINDS = {
     "latencies": "latency [s]",
     "sensor_noise": "factor on usual sensor noise",
     "contacts": "contacts: 0 the model's, 1 MuJoCo's",
+    "engines": "engine: 0 the model's, 1 another",
 }
 # Those that change nothing where they are 1, the others at 0.
 _FACTORS = ("masses", "frictions", "dampings", "armatures", "strengths")
 # What some of them are called in a disturbance.
 _IN_DISTURBANCE = {
+    "ridges": "ridges",
+    "steps": "steps",
     "payloads": "payload",
     "frictions": "friction",
     "dampings": "damping",
@@ -71,6 +76,9 @@ _IN_JOINTS = {"dampings": "dof_damping", "armatures": "dof_armature"}  # of MuJo
 # Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
 USUAL = {
     "pushes": (0.0, 10.0, 20.0, 25.0, 30.0, 40.0),
+    "slopes": (0.0, 0.13, 0.26),
+    "ridges": (0.0, 0.04),
+    "steps": (0.0, 0.04),
     "masses": (0.6, 1.0, 1.4),
     "frictions": (0.4, 0.7, 1.0, 1.2),
     "dampings": (0.5, 1.0, 2.0),
@@ -78,6 +86,7 @@ USUAL = {
     "latencies": (0.0, 0.02),
     "sensor_noise": (0.0, 1.0),
     "contacts": (0, 1),
+    "engines": (0, 1),
 }
 
 # Standard deviations of the noise of usual sensors: encoders, an inertial unit, an estimated speed.
@@ -178,6 +187,10 @@ def suits(task: Task, kind: str, body: str = "") -> bool:
         return may_rub(task.dynamics.model)
     if kind in _IN_JOINTS:
         return bool(getattr(task.dynamics.model, _IN_JOINTS[kind]).any())
+    if kind == "slopes":
+        return bool(task.dynamics.model.opt.gravity.any())
+    if kind in ("ridges", "steps"):
+        return bool((task.dynamics.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any())
     if kind == "pushes":
         try:
             settings = DisturbanceSettings(body=body, push=1.0)
@@ -248,10 +261,14 @@ def _tried(
 ) -> Behaviour:
     """Tries a disturbance of one size; the kind is empty where there is none."""
     seconds = given.noise.shape[1] * task.dynamics.time_step
+    rngs = [generator(seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(given.starts))]
     if kind == "pushes":  # times and directions are the same for all sizes
-        rngs = (generator(seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(given.starts)))
         pushed = replace(settings, push=value)
         drawn = [draw_disturbance(task, pushed, rng) for rng in rngs]
+        return behaviours(task, driver, drawn, given)
+    if kind == "slopes" and task.signals.commands:  # which lead it in all directions
+        turns = [2.0 * np.pi * rng.uniform() for rng in rngs]
+        drawn = [Disturbance(slope=(value * np.cos(a), value * np.sin(a))) for a in turns]
         return behaviours(task, driver, drawn, given)
     body, here = settings.body, task
     if kind == "slopes":
@@ -263,6 +280,8 @@ def _tried(
         here = _heavier(task, body_number(task, body), value)
     elif kind == "contacts":
         here = _with_default_contacts(task)
+    elif kind == "engines":
+        here = _by_another_engine(task)
     elif kind == "latencies":
         given = replace(given, lag=math.ceil(value / task.dynamics.time_step - 1e-6))
     elif kind == "sensor_noise":
@@ -298,6 +317,21 @@ def _with_default_contacts(task: Task) -> Task:
     model.pair_solref[:], model.pair_solimp[:] = default.solref, default.solimp
     model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     return on_dynamics(task, Dynamics(model, task.dynamics.substeps))
+
+
+def _by_another_engine(task: Task) -> Task:
+    """Returns the task where MuJoCo computes otherwise, and with half the time step.
+
+    Cones of friction are elliptic, not pyramids, or the other way round, the solver takes conjugate
+    gradients, and the integrator is Euler's.
+    """
+    model = copy(task.dynamics.model)
+    elliptic, pyramidal = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtCone.mjCONE_PYRAMIDAL
+    model.opt.cone = pyramidal if model.opt.cone == elliptic else elliptic
+    model.opt.solver = mujoco.mjtSolver.mjSOL_CG
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    model.opt.timestep *= 0.5
+    return on_dynamics(task, Dynamics(model, 2 * task.dynamics.substeps))
 
 
 def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:

@@ -127,7 +127,7 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
     The policy reads the state of `lag` steps before, with `misread` (N, T, r) added where it has
     columns; what it read in the `history` steps before; the last control, which was `resting` in
     the first step, where that has numbers. `told` has z of each rollout and step, shape (N, T, c),
-    and `calm` that while the robot is not restless, and for `unrest[3]` steps has not been.
+    and `calm` that while the robot is not restless, and for `unrest[-1]` steps has not been.
     """
     n_read = len(observation.kinds)
     n_past = history * n_read
@@ -142,7 +142,7 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
             continue
         for t in range(noise.shape[1]):
             if _is_restless(x, unrest):
-                awake = t + unrest[3]
+                awake = t + unrest[-1]
             read(sim, observation, x, past[t % (lag + 1)])
             copy(past[(t + 1) % (lag + 1) if t >= lag else 0], a[:n_read])
             for i in range(misread.shape[2]):
@@ -168,12 +168,14 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
 @compiled_part
 def _is_restless(x, unrest):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns whether a robot is restless, as `core.unrest` has it; never, if no place is known."""
-    rotation, rate, up, steps = unrest
+    rotation, rate, up, vertical, steps = unrest
     if steps == 0:
         return False
-    qw, qx, qy, qz = x[rotation], x[rotation + 1], x[rotation + 2], x[rotation + 3]
-    a, b = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx)
-    c = 1.0 - 2.0 * (qx * qx + qy * qy)
+    w, i, j, k = x[rotation], x[rotation + 1], x[rotation + 2], x[rotation + 3]
+    n, m, h = vertical[0], vertical[1], vertical[2]
+    a = (1.0 - 2.0 * (j * j + k * k)) * n + 2.0 * (i * j + w * k) * m + 2.0 * (i * k - w * j) * h
+    b = 2.0 * (i * j - w * k) * n + (1.0 - 2.0 * (i * i + k * k)) * m + 2.0 * (j * k + w * i) * h
+    c = 2.0 * (i * k + w * j) * n + 2.0 * (j * k - w * i) * m + (1.0 - 2.0 * (i * i + j * j)) * h
     along = x[rate] * a + x[rate + 1] * b + x[rate + 2] * c
     u, v, w = x[rate] - along * a, x[rate + 1] - along * b, x[rate + 2] - along * c
     is_tilted = a * up[0] + b * up[1] + c * up[2] < math.cos(TILT)

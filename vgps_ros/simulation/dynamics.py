@@ -398,9 +398,9 @@ class Dynamics:
         network, plan = compiled_loops.compiled_network(policy), readings.plan
         told = observation.values_told()[..., :horizon, :] if observation.told else np.empty((1, 0))
         told = np.ascontiguousarray(np.broadcast_to(told, (n, horizon, told.shape[-1])))
-        felt, at_rest = (0, 0, np.zeros(3), 0), told
+        felt, at_rest = (0, 0, np.zeros(3), np.zeros(3), 0), told
         if unrest and calm is not None:
-            felt = unrest.rotation, unrest.rate, unrest.up, unrest.steps
+            felt = unrest.rotation, unrest.rate, unrest.up, unrest.vertical, unrest.steps
             at_rest = np.ascontiguousarray(observation.within(calm).values_told()[:, :horizon])
         misread = np.empty((n, horizon, 0)) if sensor_noise is None else sensor_noise
         past = observation.past

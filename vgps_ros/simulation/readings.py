@@ -27,11 +27,15 @@ from vgps_ros.simulation.model import (
 
 _EPS = 1e-7  # perturbation of the finite differences
 _LEAST_READ = 200  # states that a thread reads at least, since it takes longer to hand fewer over
+MEASURED = "measured/"  # before a sensor's name: what an inertial unit measures in its place
 _FUNCTIONS = {"sin": compiled.SINE, "cos": compiled.COSINE}
 
 
 class Readings:
     """Reads r numbers of states, with their derivatives; an `Observation` of them.
+
+    On sloping ground a cost counts directions from the ground, as all of the model does, but what
+    is `measured` counts them from the vertical (`MEASURED`).
 
     Attributes:
         names: name of each number.
@@ -45,10 +49,10 @@ class Readings:
         InvalidInputError: a name is unknown.
     """
 
-    def __init__(self, simulations: Simulations, names: Sequence[str]):
+    def __init__(self, simulations: Simulations, names: Sequence[str], *, measured: bool = False):
         self.names, self.space = tuple(names), simulations.space
         self._simulations = simulations
-        self.plan = _plan(simulations, self.names)
+        self.plan = _plan(simulations, self.names, measured)
         self.needs_controls = self.plan.needs == compiled.EVERYTHING
         self._is_linear = bool((self.plan.kinds == compiled.COORDINATE).all())
 
@@ -112,13 +116,15 @@ class Readings:
         return x, np.ascontiguousarray(u, dtype=float).reshape(-1, n_u)
 
 
-def _plan(simulations: Simulations, names: tuple[str, ...]) -> compiled.ReadingPlan:
+def _plan(simulations: Simulations, names: tuple[str, ...], measured: bool) -> compiled.ReadingPlan:
     """Finds each name in the model, and what MuJoCo has to compute for all of them."""
     model = simulations.model
     # A coordinate that is a plain number has the same name in a state and in its deviation.
     numbers, states, deviations = sensor_numbers(model), state_names(model), deviation_names(model)
     rows: list[tuple[int, int, int]] = []  # kind, place and coordinate of a deviation of each
     sensors = set()
+    if measured:
+        names = tuple(MEASURED + n if MEASURED + n in numbers else n for n in names)
     for name in names:
         owner, _, function = name.rpartition("/")
         coordinate = f"{owner}/position" if function in _FUNCTIONS else name

@@ -31,6 +31,7 @@ class Disturbance:
         slope: angles by which the ground rises along x and y [rad].
         ridges: largest height of ridges in the ground [m].
         ridges_seed: seed of their places and heights.
+        steps: height of steps up and down in the ground, across the way [m].
         damping: factor on the damping of all joints.
         armature: factor on the armature of all joints, the inertia of their rotors.
         strength: factor on the largest forces of all actuators.
@@ -45,6 +46,7 @@ class Disturbance:
     slope: tuple[float, float] = (0.0, 0.0)
     ridges: float = 0.0
     ridges_seed: int = 0
+    steps: float = 0.0
     damping: float = 1.0
     armature: float = 1.0
     strength: float = 1.0
@@ -59,6 +61,7 @@ class Disturbance:
             "friction": (self.friction, 0.0, np.inf),
             "slope": (*self.slope, -_STEEPEST, _STEEPEST),
             "ridges": (self.ridges, 0.0, 1.0),
+            "steps": (self.steps, 0.0, 1.0),
             "damping": (self.damping, 0.0, np.inf),
             "armature": (self.armature, 0.0, np.inf),
             "strength": (self.strength, _WEAKEST, np.inf),
@@ -74,9 +77,8 @@ class Disturbance:
     def changes_model(self) -> bool:
         """True if it changes more than a push does: the robot or the ground."""
         factors = (self.friction, self.damping, self.armature, self.strength)
-        return bool(
-            self.payload or any(self.slope) or self.ridges or any(f != 1.0 for f in factors)
-        )
+        ground = any(self.slope) or self.ridges or self.steps
+        return bool(self.payload or ground or any(f != 1.0 for f in factors))
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,9 @@ class DisturbanceSettings:
     )
     ridges: float = setting(
         0.0, "largest height of ridges in the ground [m]", minimum=0.0, maximum=1.0
+    )
+    steps: float = setting(
+        0.0, "largest height of steps in the ground [m]", minimum=0.0, maximum=1.0
     )
     joints: float = setting(
         0.0,

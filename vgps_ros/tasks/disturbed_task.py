@@ -5,9 +5,10 @@ The push is part of the dynamics, x_{t+1} = f_t(x_t, u_t), which are as determin
 an optimisation knows when it comes, rollouts and derivatives contain it. A policy does not know it,
 since what it reads has no time; it learns what each q(ζ) does after its push.
 
-A slope is a turn of gravity, so that heights and angles still count from the ground. Uneven ground
+A slope is a turn of gravity, so that a cost's heights and directions still count from the ground;
+directions that a policy measures count from the vertical, as by an inertial unit. Uneven ground
 has ridges: long cylinders that lie across the way, nearly buried, whose tops are round, since force
-must start smoothly where a foot touches them.
+must start smoothly where a foot touches them. Steps are boxes across the way, one up, one down.
 """
 
 from dataclasses import replace
@@ -15,7 +16,9 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from vgps_ros.core.bodies import UP
 from vgps_ros.core.checks import known
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
@@ -27,7 +30,7 @@ from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import are_motors, compile_model
 from vgps_ros.simulation.model_changes import name_all
-from vgps_ros.simulation.readings import Readings
+from vgps_ros.simulation.readings import MEASURED, Readings
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.task import Task
 
@@ -60,8 +63,8 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
 def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
     """Returns the task with other dynamics, whose states are of the same space."""
 
-    def here(features: StateReadings) -> Readings:
-        return Readings(dynamics.simulations, features.names)
+    def here(features: StateReadings, *, measured: bool = False) -> Readings:
+        return Readings(dynamics.simulations, features.names, measured=measured)
 
     cost = task.cost
     if isinstance(cost.features, Readings):  # not those of a task in Python that has its own
@@ -70,7 +73,9 @@ def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
         task,
         dynamics=dynamics,
         cost=cost,
-        observation=replace(task.observation, readings=here(task.observation.readings)),
+        observation=replace(
+            task.observation, readings=here(task.observation.readings, measured=True)
+        ),
         fallen=replace(task.fallen, readings=here(task.fallen.readings)),
         limits=replace(task.limits, readings=here(task.limits.readings)),
     )
@@ -126,12 +131,13 @@ def draw_disturbance(
         push_duration=settings.push_duration,
         payload=settings.payload * payload,
         friction=1.0 + settings.friction * (2.0 * friction - 1.0),
-        slope=tuple((settings.slope * (2.0 * slope - 1.0) * np.abs(ahead)).tolist()),
+        slope=tuple((settings.slope * (2.0 * slope - 1.0) * ahead).tolist()),
         ridges=settings.ridges,
         ridges_seed=ridges_seed,
         damping=float(damping),
         armature=float(armature),
         strength=1.0 - settings.strength * rng.uniform() if settings.strength else 1.0,
+        steps=settings.steps * rng.uniform() if settings.steps else 0.0,
     )
 
 
@@ -177,11 +183,20 @@ def _direction(task: Task, body: int, share: float) -> Array:
 
 
 _DISABLED = mujoco.mjtDisableBit
+_SENSOR = mujoco.mjtSensor
+_DIRECTIONS = (
+    *(_SENSOR.mjSENS_FRAMEXAXIS, _SENSOR.mjSENS_FRAMEYAXIS, _SENSOR.mjSENS_FRAMEZAXIS),
+    _SENSOR.mjSENS_FRAMEQUAT,
+)
+_FRAMES = ("objtype", "objname", "reftype", "refname")  # of a sensor, and in which it counts
 _RADIUS = 0.5  # of a ridge's round top [m]
 _SPACING = 0.6  # between two ridges, on average [m]
 _REACH = (-5.0, 50.0)  # where there are ridges, ahead of the origin [m]
-_HALF_WIDTH = 20.0  # of a ridge, across the way [m]
-# What a ridge has of the floor.
+_HALF_WIDTH = 20.0  # of a ridge or step, across the way [m]
+_ACROSS = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
+_STEP = 0.4  # length of a step, and of the level ground between two [m]
+_AHEAD = 0.4  # where the first step begins [m]
+# What ridges and steps have of the floor.
 _OF_FLOOR = (
     *("contype", "conaffinity", "condim", "priority", "solmix", "margin", "gap"),
     *("friction", "solref", "solimp", "rgba"),
@@ -192,7 +207,7 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
     """Returns the model of an MJCF with a disturbance's load on a body, friction, ground, joints.
 
     Raises:
-        InvalidInputError: ridges are wanted, but there is no level floor; or actuators shall be
+        InvalidInputError: ridges or steps are wanted, but there is no floor; or actuators shall be
             weaker or stronger, but none has a largest force.
     """
     spec = _named(mjcf)
@@ -210,10 +225,10 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
         joint.armature *= disturbance.armature
     if disturbance.strength != 1.0:
         _scale_forces(spec, model, disturbance.strength)
-    spec.option.gravity = _turned(model.opt.gravity, disturbance.slope)
-    if disturbance.ridges:
-        rng = np.random.default_rng(disturbance.ridges_seed)
-        _add_ridges(spec, disturbance.ridges, rng)
+    if any(disturbance.slope):
+        _slope(spec, disturbance.slope)
+    if disturbance.ridges or disturbance.steps:
+        _raise_ground(spec, disturbance)
     return spec.compile()
 
 
@@ -264,27 +279,51 @@ def _scale_forces(spec: mujoco.MjSpec, model: mujoco.MjModel, factor: float) -> 
         joint.actfrcrange *= factor
 
 
-def _turned(gravity: Array, slope: tuple[float, float]) -> Array:
-    """Returns gravity as seen from ground that rises by these angles along x and y."""
-    down = np.array([-np.tan(slope[0]), -np.tan(slope[1]), -1.0])
-    return np.linalg.norm(gravity) * down / np.linalg.norm(down) if any(slope) else gravity
+def _slope(spec: mujoco.MjSpec, angles: tuple[float, float]) -> None:
+    """Turns gravity as seen from ground that rises by these angles along x and y.
+
+    Each sensor of a frame's direction in the world, or of the world's in a frame, gets another one
+    beside it, which measures it from the vertical.
+    """
+    up = np.array([np.tan(angles[0]), np.tan(angles[1]), 1.0])
+    up /= np.linalg.norm(up)
+    spec.option.gravity = -np.linalg.norm(spec.option.gravity) * up
+    turn, _ = Rotation.align_vectors(up, UP)
+    level = spec.worldbody.add_site(name="level", quat=turn.as_quat(scalar_first=True), group=5)
+    of_level = mujoco.mjtObj.mjOBJ_SITE, level.name
+    for sensor in [each for each in spec.sensors if each.type in _DIRECTIONS]:
+        same = {key: getattr(sensor, key) for key in ("type", *_FRAMES, "cutoff")}
+        other = spec.add_sensor(name=MEASURED + sensor.name, **same)
+        if sensor.objname == "world":
+            other.objtype, other.objname = of_level
+        if sensor.refname in ("", "world"):
+            other.reftype, other.refname = of_level
 
 
-def _add_ridges(spec: mujoco.MjSpec, height: float, rng: np.random.Generator) -> None:
+def _raise_ground(spec: mujoco.MjSpec, disturbance: Disturbance) -> None:
+    """Adds ridges and steps, which rub and give way as the floor does."""
     planes = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
     if not planes:
         raise InvalidInputError(
-            "The model has no floor that could be uneven; leave disturb.ridges out, or add a floor "
-            "(changes: floor)."
+            "The model has no floor that could be uneven; leave out disturb.ridges and "
+            "disturb.steps, or add a floor (changes: floor)."
         )
-    floor = planes[0]
-    for i, x in enumerate(np.arange(*_REACH, _SPACING)):
-        top = height * rng.uniform()
-        ridge = spec.worldbody.add_geom(name=f"ridge_{i}", type=mujoco.mjtGeom.mjGEOM_CYLINDER)
-        ridge.size = [_RADIUS, _HALF_WIDTH, 0.0]
-        ridge.pos = floor.pos + np.array(
-            [x + _SPACING * rng.uniform(-0.4, 0.4), 0.0, top - _RADIUS]
-        )
-        ridge.quat = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+    floor, raised = planes[0], []
+    if disturbance.ridges:
+        rng = np.random.default_rng(disturbance.ridges_seed)
+        for i, x in enumerate(np.arange(*_REACH, _SPACING)):
+            top = disturbance.ridges * rng.uniform()
+            ridge = spec.worldbody.add_geom(name=f"ridge_{i}", quat=_ACROSS)
+            ridge.type, ridge.size = mujoco.mjtGeom.mjGEOM_CYLINDER, [_RADIUS, _HALF_WIDTH, 0.0]
+            ridge.pos = [x + _SPACING * rng.uniform(-0.4, 0.4), 0.0, top - _RADIUS]
+            raised.append(ridge)
+    if disturbance.steps:
+        for i, x in enumerate(np.arange(_AHEAD, _REACH[1], 2.0 * _STEP)):
+            step = spec.worldbody.add_geom(name=f"step_{i}", pos=[x + 0.5 * _STEP, 0.0, 0.0])
+            step.type = mujoco.mjtGeom.mjGEOM_BOX
+            step.size = [0.5 * _STEP, _HALF_WIDTH, disturbance.steps]
+            raised.append(step)
+    for geom in raised:
+        geom.pos += floor.pos
         for name in _OF_FLOOR:
-            setattr(ridge, name, getattr(floor, name))
+            setattr(geom, name, getattr(floor, name))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.augmentation import Augmentation
+from vgps_ros.core.bodies import UP
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.observation import Conditions, Observation
@@ -174,7 +175,9 @@ class Task:
     @cached_property
     def unrest(self) -> Unrest | None:
         """When a clock that stops turns again; None where it never stops."""
-        return Unrest.of(self.signals, state_layout(self.dynamics.model), self.initial_state)
+        gravity, layout = self.dynamics.model.opt.gravity, state_layout(self.dynamics.model)
+        up = -gravity / np.linalg.norm(gravity) if gravity.any() else UP
+        return Unrest.of(self.signals, layout, self.initial_state, up)
 
     @cached_property
     def deployment(self) -> Deployment:
