@@ -160,6 +160,7 @@ FOLLOWING = Following(
     np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.6, 0.8]]),
     moving=np.ones(3),
     still=np.ones(3),
+    stance=np.zeros((3, 3)),
     rest=np.zeros(1),
 )
 CONTEXT = np.array([[0.5, 1.0, 0.0], [0.5, 0.0, 1.0], [-2.0, -1.0, 0.5], [0.0, 0.0, 0.0]])

@@ -202,6 +202,39 @@ def test_leapps_loader_does_the_same(robot, tmp_path):
     np.testing.assert_allclose(again, expected, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_leapps_loader_stops_the_clock_as_we_do(tmp_path):
+    """At rest, tilted once, at rest until the clock stands again, and then told to walk."""
+    task = make_task("quadruped")
+    policy = small_export(tmp_path, task, "--leapp", "bundle")
+    tilt = Rotation.from_euler("X", 0.1) * Rotation.from_quat(task.initial_state[[4, 5, 6, 3]])
+    states = np.tile(task.initial_state, (90, 1))
+    states[3, 3:7] = tilt.as_quat()[[3, 0, 1, 2]]
+    told = np.zeros((90, 3))
+    told[85:] = COMMANDS
+    phases = task.signals.phases(90, 0.0)
+    calm, turning = (s.context(told, phases) for s in (task.signals, task.signals.turning))
+    awake = task.unrest.awake(states)
+    assert awake.sum() == 75
+    context = np.where(awake[:, None], turning, calm)
+    expected = as_sent(task, policy.mean(task.observation.within(context)(states)))
+    positions, velocities, rates, rotations = coordinates(task, states)
+    given = {"joint_pos": positions, "joint_vel": velocities, "velocity_commands": told}
+    given |= {"base_ang_vel": rates, "base_rotation": rotations}
+    manager = leapp().InferenceManager(str(tmp_path / "bundle" / "policy.yaml"))
+    (target,) = [key for key in manager.outputs if key.endswith("_target")]
+    for t in range(90):
+        inputs = {key: given[key.removeprefix("policy/")][t : t + 1] for key in manager.inputs}
+        found = manager({key: torch.tensor(v.astype(np.float32)) for key, v in inputs.items()})
+        np.testing.assert_allclose(found[target][0], expected[t], rtol=1e-6, atol=1e-6)
+    home = task.initial_state[7:19]
+    file = policy_of(read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home), "")
+    law, observation = task.driver(file).started(), task.driver(file).observation
+    for t, state in enumerate(states):
+        own = observation.within(calm[t])(state[None])
+        np.testing.assert_allclose(as_sent(task, law(own)[0]), expected[t], rtol=1e-6, atol=1e-6)
+
+
 def test_what_a_format_cannot_say_is_refused_by_name(tmp_path):
     swimmer = make_task("swimmer")
     with pytest.raises(SystemExit, match="control of front_joint is a torque"):

@@ -8,9 +8,11 @@ smooth absolute value √(e² + s²) − s, which grows only linearly for |e| ab
 Hessian, Σ w ρ'' Jᵀ J with J = ∂r/∂δ, is never indefinite.
 
 A target may follow the context z_t, the commands and the clock of a step, which are known ahead,
-and a weight may count only while a command is not at rest, m_t = 1, or only while all are, m_t = 0:
+and a weight may count only while a command is not at rest, m_t = 1, or only while all are, m_t = 0,
+or only while a foot does not swing:
 
-    r*_t = base_t + A z_t + max(0, B z_t),    w_t = base_t · m_t or base_t · (1 − m_t).
+    r*_t = base_t + A z_t + max(0, B z_t),
+    w_t = base_t · m_t, or base_t · (1 − m_t), or base_t · max(0, C z_t).
 """
 
 from dataclasses import dataclass, replace
@@ -51,6 +53,7 @@ class Following:
         lifted: B, shape (m, n_z), which lifts a target and never lowers it, as a swinging foot's.
         moving: factor on each weight while m is 1, shape (m,), 0 or 1.
         still: factor on each weight while m is 0, shape (m,), 0 or 1.
+        stance: C, shape (m, n_z); a row of zeros leaves a weight as it is.
         rest: the commands at rest, the first numbers of z, shape (n_c,).
     """
 
@@ -58,6 +61,7 @@ class Following:
     lifted: Array
     moving: Array
     still: Array
+    stance: Array
     rest: Array
 
     def added(self, context: Array) -> Array:
@@ -68,13 +72,18 @@ class Following:
         """Returns the factors on the weights in contexts (..., n_z), shape (..., m)."""
         commands = context[..., : len(self.rest)]
         moves = (commands != self.rest).any(axis=-1, keepdims=True)
-        return np.where(moves, self.moving, self.still)
+        while_down = np.where(self._stands, np.maximum(context @ self.stance.T, 0.0), 1.0)
+        return while_down * np.where(moves, self.moving, self.still)
+
+    @property
+    def _stands(self) -> NDArray[np.bool_]:
+        return np.asarray((self.stance != 0.0).any(axis=1))
 
     @property
     def follows(self) -> NDArray[np.bool_]:
         """Tells whether target or weight of each reading changes with the context, shape (m,)."""
         targets = ((self.linear != 0.0) | (self.lifted != 0.0)).any(axis=1)
-        return np.asarray(targets | (self.moving != self.still))
+        return np.asarray(targets | (self.moving != self.still) | self._stands)
 
 
 @dataclass(frozen=True)

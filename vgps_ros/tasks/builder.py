@@ -41,6 +41,7 @@ from vgps_ros.tasks.schema import (
     MirrorEntry,
     ObservedEntry,
     SpreadLimit,
+    Stance,
     Start,
     StateSpread,
     TaskFile,
@@ -307,7 +308,7 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
     steps = round((file.horizon + file.lookahead) / file.control_period)
     names: list[str] = []
     targets, weights, smooth = [], [], []
-    linear, lifted, whens = [], [], []
+    linear, lifted, stance, whens = [], [], [], []
     controls, poses = np.zeros((2, read.model.nu))
     for i, term in enumerate(file.cost):
         place = ("cost", i)
@@ -325,11 +326,15 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
         target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], dtype=float)
         follow = [_following(part, read, (*place, "target")) for part in parts]
         read.document.refuse(
-            term.when is not None and not read.signals.commands,
+            isinstance(term.when, str) and not read.signals.commands,
             (*place, "when"),
             "the task has no command that could be at rest or not; add one.",
         )
         whens += [term.when] * size
+        down = (
+            Followed(swing=-1.0, phase=term.when.stance) if isinstance(term.when, Stance) else 0.0
+        )
+        stance += [_following(down, read, (*place, "when"))[1]] * size
         linear += [a for a, _ in follow]
         lifted += [b for _, b in follow]
         if term.reference is not None:
@@ -353,6 +358,7 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
             np.array(lifted),
             moving=np.array([float(when != "still") for when in whens]),
             still=np.array([float(when != "moving") for when in whens]),
+            stance=np.array(stance),
             rest=read.signals.rest,
         )
     return FeatureCost(

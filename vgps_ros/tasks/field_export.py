@@ -22,6 +22,7 @@ from vgps_ros.core.controls import ControlKind
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, terms_of
 from vgps_ros.core.records import Array
+from vgps_ros.core.unrest import RATE, TILT
 from vgps_ros.policies.contract import VELOCITY_COMMANDS, Contract
 from vgps_ros.policies.driver import observation_of
 from vgps_ros.policies.onnx_file import (
@@ -209,8 +210,9 @@ _GRAVITY = np.array(
 def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     """Writes a LEAPP bundle: policy.yaml, policy.onnx and what its states begin with.
 
-    Its inputs are what a robot measures; the clock is a state of the network, and so is the last
-    action. A reading that is no term is an input of its own, without a kind.
+    Its inputs are what a robot measures; the clock is a state of the network, and so are the steps
+    for which one that stops goes on (`core.unrest`), and the last action. A reading that is no term
+    is an input of its own, without a kind.
 
     Raises:
         InvalidInputError: the policy reads former steps, of which no state tells in the first one.
@@ -234,14 +236,19 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         "velocity_commands": ("command/body/velocity", _RANGES),
         "last_action": ("", names),
         "gait_phase": ("", ("phase",)),
+        "awake": ("", ("steps",)),
         "": ("", tuple(n.name for n in numbers if not n.term)),
     }
     feedback, states = dict[str, list[str]](), dict[str, Array]()
+    read_terms, parts_of = {number.term for number in numbers}, dict[str, str]()
+    stops = "gait_phase" in read_terms and task.unrest
+    if stops:
+        read_terms |= {"base_ang_vel", "projected_gravity", "awake"}
     for term, (kind, elements) in tensors.items():
-        if not any(number.term == term for number in numbers):
+        if term not in read_terms:
             continue
         name = {"projected_gravity": "base_rotation", "": "readings"}.get(term, term)
-        is_clock, is_state = term == "gait_phase", term in ("gait_phase", "last_action")
+        is_clock, is_state = term == "gait_phase", term in ("gait_phase", "last_action", "awake")
         name += "_in" * is_state
         inputs.append(_tensor(name, kind, elements, "float64" if is_clock else "float32"))
         value = build.node("Cast", name, to=build.element(double))
@@ -252,6 +259,7 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
             value = _clock(build, value, signals.frequency * task.dynamics.time_step)
         elif term == "projected_gravity":
             value = _gravity(build, value)
+        parts_of[term] = value
         parts.append(value)
         first[term], end = (
             end,
@@ -261,7 +269,10 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     places = [first[n.term] + loose.get(n.name, n.index) for n in numbers]
     read = build.node("Concat", *parts, axis=1)
     zeros = [0.0] * len(numbers)
-    actions, _ = network(exported, build, _picked(build, read, places, numbers, zeros))
+    picked = _picked(build, read, places, numbers, zeros)
+    if stops:
+        picked = _stopping(build, picked, numbers, task, parts_of)
+    actions, _ = network(exported, build, picked)
     scaled = build.node("Mul", actions, build.constant("scale", controls.scale))
     resting = controls.at_joints(np.array(exported.origin or np.zeros(len(names))))
     driving = build.node("Add", scaled, build.constant("default", resting))
@@ -281,6 +292,8 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         outputs.append(_tensor("last_action_out", "", names))
     if "gait_phase" in first:
         outputs.append(_tensor("gait_phase_out", "", ("phase",), "float64"))
+    if stops:
+        outputs.append(_tensor("awake_out", "", ("steps",)))
     graph = build.graph(
         [build.declared(t["name"], *t["shape"], kind=t["dtype"]) for t in inputs],
         [build.declared(t["name"], *t["shape"], kind=t["dtype"]) for t in outputs],
@@ -333,6 +346,39 @@ def _clock(build: Builder, phase: str, turn: float) -> str:
     build.node("Sub", following, whole, output="gait_phase_out")
     angle = build.node("Mul", phase, build.constant("two_pi", 2.0 * np.pi))
     return build.node("Concat", build.node("Sin", angle), build.node("Cos", angle), axis=1)
+
+
+def _stopping(
+    build: Builder, picked: str, numbers: list[Number], task: Task, values: Mapping[str, str]
+) -> str:
+    """Adds what stops the clock among a policy's inputs, as `core.unrest` has it."""
+    unrest, rest = task.unrest, dict(zip(task.signals.names, task.signals.rest, strict=False))
+    assert unrest
+    axis, rate = build.indices([1]), values["base_ang_vel"]
+
+    def summed(value: str) -> str:
+        return build.node("ReduceSum", value, axis)
+
+    up = build.node("Neg", values["projected_gravity"])
+    upright = summed(build.node("Mul", up, build.constant("upright", unrest.up[None])))
+    level = build.node("Sub", rate, build.node("Mul", summed(build.node("Mul", rate, up)), up))
+    speed = summed(build.node("Mul", level, level))
+    tilted = build.node("Less", upright, build.constant("cosine_of_tilt", np.cos(TILT)))
+    fast = build.node("Greater", speed, build.constant("squared_rate", RATE**2))
+    steps = build.constant("steps", float(unrest.steps))
+    left = build.node("Where", build.node("Or", tilted, fast), steps, values["awake"])
+    zero = build.constant("zero", 0.0)
+    following = build.node("Sub", left, build.constant("one_step", 1.0))
+    build.give(build.node("Max", following, zero), "awake_out")
+    told = [i for i, number in enumerate(numbers) if number.name in rest]
+    at_rest = np.array([[rest[numbers[i].name] for i in told]], dtype=np.float32)
+    commands = build.node("Gather", picked, build.indices(told), axis=1)
+    moved = build.node("Sub", commands, build.constant("at_rest", at_rest))
+    moves = build.node("Greater", summed(build.node("Abs", moved)), zero)
+    turns = build.node("Or", moves, build.node("Greater", left, zero))
+    others = [float(number.term != "gait_phase") for number in numbers]
+    stays = build.node("Greater", build.constant("no_clock", [others]), zero)
+    return build.node("Where", build.node("Or", turns, stays), picked, zero)
 
 
 def _gravity(build: Builder, rotation: str) -> str:

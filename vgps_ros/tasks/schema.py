@@ -61,6 +61,12 @@ class Followed(Record, frozen=True, kw_only=True):
 Target = Number | Followed
 
 
+class Stance(Record, frozen=True, kw_only=True):
+    """When a foot whose swings have this lead on the clock is down."""
+
+    stance: Annotated[Number, about("its lead on the clock, as of its swing [turns]", 0.5)]
+
+
 class CostTerm(Record, frozen=True, kw_only=True):
     """A term of the cost: weight · norm(sensor[index] − target) at each step, or of controls."""
 
@@ -99,9 +105,11 @@ class CostTerm(Record, frozen=True, kw_only=True):
     ] = 0.1
     terminal: Annotated[bool, about("whether only the last state counts", True)] = False
     when: Annotated[
-        Literal["moving", "still"] | None,
+        Literal["moving", "still"] | Stance | None,
         about(
-            "moving: it counts only while anything is commanded; still: only while nothing is",
+            "moving: it counts only while anything is commanded; still: only while nothing is; "
+            "{stance: PHASE}: while a foot with this phase is down, times max(0, -sin(2π(clock + "
+            "PHASE)))",
             "still",
         ),
     ] = None
