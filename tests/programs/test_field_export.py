@@ -40,7 +40,7 @@ model = mujoco.MjModel.from_xml_path("robot.xml")
 data, period = mujoco.MjData(model), float(says["control_period"])
 mujoco.mj_resetDataKeyframe(model, data, 0)
 data.qvel[:6] = 0.3  # it stands no longer still
-told, frequency = dict(forward=0.4, sideways=-0.2, turn=0.6), 3.6
+told, turn = dict(forward=0.4, sideways=-0.2, turn=0.6), 2 * np.pi / float(says["gait_period"])
 listed = {key: says[key].split(",") for key in says}
 scale, origin = (np.array(listed[key], float) for key in ("action_scale", "default_joint_pos"))
 
@@ -50,7 +50,7 @@ def read(name):
     if owner == "command":
         return told[part]
     if owner == "clock":
-        return {"sin": np.sin, "cos": np.cos}[part](2 * np.pi * frequency * data.time)
+        return {"sin": np.sin, "cos": np.cos}[part](turn * data.time)
     if part in ("position", "velocity"):
         return (data.joint(owner).qpos if part == "position" else data.joint(owner).qvel)[0]
     return data.sensor(owner).data["xyz".index(part)]
@@ -126,6 +126,8 @@ def coordinates(task, states):
 def test_onnxruntime_metadata_and_mujoco_alone_do_the_same(tmp_path):
     task = make_task("quadruped")
     policy = small_export(tmp_path, task, "--mjcf", "robot.xml")
+    says = onnxruntime.InferenceSession(tmp_path / "policy.onnx").get_modelmeta()
+    assert says.custom_metadata_map["gait_stops"] == "0.07,0.7,1.5"
     subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, check=True)
     found = np.load(tmp_path / "driven.npz")
     _, expected = driven(task, Driver.of(task.observation, policy), states=found["states"])

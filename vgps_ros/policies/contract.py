@@ -70,7 +70,7 @@ _KEYS = (
     *("observation_names", "observation_order", "observation_clip", "observation_terms_lags"),
     *("observation_terms_scale", "observation_terms_clip", "observation_terms_history_length"),
     *("observation_terms_flatten_history_dim", "action_scale", "action_clip", "target_clip"),
-    *("action_kind", "action_unit", "control_period", "gait_period", HELD, STATE),
+    *("action_kind", "action_unit", "control_period", "gait_period", "gait_stops", HELD, STATE),
     *("held_joint_pos", "held_joint_stiffness", "held_joint_damping"),
 )
 _LONGEST = 1000  # history, in steps

@@ -148,6 +148,7 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
 
     from vgps_ros.core.controls import ControlKind
     from vgps_ros.core.memory import terms_of
+    from vgps_ros.core.unrest import RATE, TILT
     from vgps_ros.policies.onnx_file import with_commas
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
@@ -181,6 +182,11 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
         "mjcf_sha256": hashlib.sha256(task.mjcf.encode()).hexdigest(),
         "vgps_ros_commit": commit(),
     }
+    if task.signals.frequency:
+        found["gait_period"] = repr(task.signals.period)
+    if task.unrest:
+        seconds = task.unrest.steps * task.dynamics.time_step
+        found["gait_stops"] = with_commas([TILT, RATE, seconds])
     if task.observation.past:
         found["observation_terms_lags"] = with_commas([lag for _, lag in terms])
         found["observed"] = with_commas(policy.observed)
