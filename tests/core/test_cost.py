@@ -188,6 +188,15 @@ def test_a_weight_counts_while_a_command_is_at_rest_or_while_it_is_not(cost, rng
     assert_allclose(parts, always * following.factors(context))
 
 
+def test_a_weight_of_a_stance_counts_while_the_foot_does_not_swing(cost):
+    """The third weight belongs to a foot that is lifted by the last two numbers of a context."""
+    following = dataclasses.replace(FOLLOWING, stance=-FOLLOWING.lifted / 0.5)
+    factors = following.factors(CONTEXT)
+    assert_array_equal(factors[:, :2], 1.0)
+    assert_allclose(factors[:, 2], [0.0, 0.0, 0.4, 0.0])  # 0.4 = -(0.6 · -1 + 0.8 · 0.5) / 0.5
+    assert_array_equal(following.follows, FOLLOWING.follows)
+
+
 def test_a_plan_on_the_way_follows_the_context_of_its_steps(cost, rng):
     cost = dataclasses.replace(cost, following=FOLLOWING).in_context(CONTEXT)
     states, controls = rng.standard_normal((2, 3)), rng.standard_normal((2, 2))

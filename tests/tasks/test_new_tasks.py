@@ -200,7 +200,8 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         bent = {model.joint(j).name: model.jnt_qposadr[j] for j in range(model.njnt)}
         assert all(task.initial_state[i] > 0.2 for name, i in bent.items() if "knee" in name)
         feet = [name for name in task.cost_names if name.startswith("foot_")]
-        assert len(feet) == len(legs)
+        assert len([name for name in feet if name.endswith("/z")]) == len(legs)
+        assert len([name for name in feet if "_speed/" in name]) == 2 * len(legs)
         # Feet touch the ground and nothing else, and those of four legs stand apart.
         touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
         names = [f"{name}_foot" for name, *_ in legs]
@@ -289,6 +290,13 @@ def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
     assert "swap: [[FL, FR], [HL, HR]]" in text
     assert "FL_roll" in text.partition("flip:")[2].partition("\n")[0]
     assert "FL_hip" not in text.partition("flip:")[2].partition("\n")[0]
+    # A foot's slip counts while it is down, which is while it does not swing.
+    phases = np.array([[0.0, 0.0, 0.0, np.sin(p), np.cos(p)] for p in np.linspace(0.1, 6.2, 9)])
+    following, names = task.cost.following, list(task.cost_names)
+    for foot in range(1, 5):
+        slips = following.factors(phases)[:, names.index(f"foot_{foot}_speed/x")]
+        lifts = following.added(phases)[:, names.index(f"foot_{foot}/z")]
+        assert ((slips > 0.0) != (lifts > 0.0)).all()
     assert task.augmentation.mirror is not None
 
 

@@ -122,6 +122,12 @@ class IterationMetrics:
     simulator_steps: Annotated[
         int, Metric("simulator steps that learning has taken, finite differences included")
     ]
+    new_situations: Annotated[
+        int, Metric("situations that were drawn anew before the M-step", "new_situations")
+    ]
+    found_situations: Annotated[
+        int, Metric("of these, those with a good solution, which are kept", "found_situations")
+    ]
     policy_digest: Annotated[
         str, Metric("SHA-256 of the policy and of the digest before it; see policy_file.py")
     ]
@@ -170,6 +176,8 @@ def measure(
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,
+        new_situations=work.new_situations,
+        found_situations=work.found_situations,
         policy_digest=policy_digest(policy, before.digest),
     )
 

@@ -111,6 +111,7 @@ def renew(
     worst = settings.worst * max(ends, _ARRIVED * usual / work.task.horizon)
     most = _MOST * usual
     found, dropped = list(solutions), []
+    work.new_situations = len(replaced)
     for each, outcome in zip(requests, work.optimize(requests), strict=True):
         i = each.trajectory_index
         if isinstance(outcome, DivergenceError) or outcome.cost > most:
@@ -118,6 +119,7 @@ def renew(
         if i in replaced and _end_cost(work, outcome) <= worst:
             dropped.append(_samples(work, solutions[i], k, i))
             found[i] = outcome
+            work.found_situations += 1
         elif i not in replaced and outcome.cost < solutions[i].cost:
             found[i] = outcome
     return tuple(found), dropped

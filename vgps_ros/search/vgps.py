@@ -55,6 +55,7 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     """Does iteration k of Algorithm 1."""
     pairs: Sequence[Update] = last.pairs if last else _first(work)
     replay = last.replay if last else ()
+    work.new_situations, work.found_situations = 0, 0
     if last and is_due(work, k) and len(pairs) == 1:
         renewed, replaced = renew(work, last.solutions, last.policy, k)
         pairs = [Update(last.policy, renewed)]

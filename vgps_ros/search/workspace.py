@@ -71,6 +71,8 @@ class Workspace:
         executions: rollouts of policies, of which the last ones are kept.
         optimization_seconds: wall time of trajectory optimisation so far [s].
         simulator_steps: simulator steps of learning so far; evaluations do not count.
+        new_situations: how many situations were drawn anew before the last M-step.
+        found_situations: for how many of these a solution was found and kept.
 
     Raises:
         InvalidInputError: a situation cannot be drawn, or optimizers have different settings.
@@ -91,6 +93,7 @@ class Workspace:
         self.seed = seed
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
+        self.new_situations, self.found_situations = 0, 0
         self.executions = Executions(seed)
         self._optimize_all = optimize_all
         self._entered: list[tuple[Situation, Task]] = []

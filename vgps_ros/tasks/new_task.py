@@ -45,6 +45,7 @@ _TEMPLATE = Path(__file__).with_name("new_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
+_SLIP = 13.0  # weight of a foot's speed on the ground, by the squared speed √(g l) of the legs
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
@@ -272,7 +273,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
     own = data.geom_xpos[robot.in_tree(model.geom_bodyid)]
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
     speed = 0.5 * length if robot.kind == "swimmer" else 1.0  # half its length in a second [m/s]
-    feet, steps = list[str](), list[str]()
+    feet, steps, slips = list[str](), list[str](), list[str]()
     when, still = "", list[str]()
     if robot.hops:  # it stands as it starts
         when, at = ", when: moving", model.jnt_qposadr
@@ -281,10 +282,17 @@ def _scored(robot: Robot) -> dict[str, Any]:
     for i, foot in enumerate(robot.feet):  # they swing in turn, at the clock's rhythm
         name = _flow(_new(robot, f"foot_{i + 1}"))
         rest = data.geom_xpos[foot, 2] - ground_of(robot)  # its height while it is down
-        swing = _flow({"swing": 0.12 * leg, "phase": 0.5 * (i % 2), "rest": rest})
-        feet.append(f"{name}: {{type: framepos, geom: {_flow(model.geom(foot).name)}}}")
+        phase = 0.5 * (i % 2)
+        swing = _flow({"swing": 0.12 * leg, "phase": phase, "rest": rest})
+        geom = _flow(model.geom(foot).name)
+        feet.append(f"{name}: {{type: framepos, geom: {geom}}}")
         weight = _flow((240.0 if may_tip else 120.0) / leg**2)
         steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
+        speed_of = _flow(_new(robot, f"foot_{i + 1}_speed"))
+        feet.append(f"{speed_of}: {{type: framelinvel, geom: {geom}}}")
+        slip, along = _flow(_SLIP / (robot.gravity * leg)), "[x, y]" if robot.is_free else axis
+        stands = f"weight: {slip}, when: {{stance: {_flow(phase)}}}"
+        slips.append(f"{{sensor: {speed_of}, index: {along}, {stands}}}")
     balls = [
         f"{_flow(_new(robot, name + '_turn'))}: {_flow({'type': 'ballquat', 'joint': name})}"
         for name in _balls(robot)
@@ -305,7 +313,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "steadies": 50 if may_tip else 20 if legs else 5,
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
         "feet": feet,
-        "steps": [*steps, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
+        "steps": [*steps, *slips, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
         "reached": reached,
         "ways": _ways(robot) if reached else [],
         "pull": 4.0 / max(length, _away(robot)) ** 2 if robot.base else 20,

@@ -74,6 +74,8 @@ class TrainingProgress(Progress):
             metrics.ddp_cost,
             metrics.initial_ddp_cost,
         )
+        solved = f"{metrics.found_situations} of {metrics.new_situations}"
+        new = f"  {solved} new situations solved" if metrics.new_situations else ""
         self.say(
             _ROW.format(
                 f"{metrics.k}/{iterations}",
@@ -81,6 +83,7 @@ class TrainingProgress(Progress):
                 *(f"{cost:.1f}" if math.isfinite(cost) else "diverged" for cost in costs),
                 f"{remaining:.0f} s",
             )
+            + new
         )
         self.update(self._initial, visible=False)
         self.update(self._learning, completed=metrics.k, total=iterations, visible=True)
