@@ -300,6 +300,19 @@ def test_the_two_sides_swing_in_turn_and_mirror_each_other(written):
     assert task.augmentation.mirror is not None
 
 
+def test_a_foot_that_is_a_whole_shank_may_move_in_its_middle_while_it_is_down(written):
+    """As the ant's feet are: its end stands, while the capsule turns about it."""
+    foot = '<geom name="{name}_foot" size=".02" pos="0 0 -.2"/>'
+    robot = walker(*FOUR)
+    for name, *_ in FOUR:
+        whole = f'<geom name="{name}_foot" type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/>'
+        assert foot.format(name=name) in robot
+        robot = robot.replace(foot.format(name=name), whole)
+    text, _ = written(robot)
+    assert "foot_4" in text
+    assert "stance" not in text
+
+
 HEAD = """<body name="torso_head" pos="0 {y} .1"><joint name="torso_head" axis="0 1 0"/>
 <geom size=".04" mass=".2"/></body>"""
 

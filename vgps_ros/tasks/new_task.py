@@ -45,6 +45,7 @@ _TEMPLATE = Path(__file__).with_name("new_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
+_LOW = 0.15  # of a leg, up to which the middle of a foot that is down lies above the ground
 _SLIP = 13.0  # weight of a foot's speed on the ground, by the squared speed √(g l) of the legs
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
@@ -288,6 +289,9 @@ def _scored(robot: Robot) -> dict[str, Any]:
         feet.append(f"{name}: {{type: framepos, geom: {geom}}}")
         weight = _flow((240.0 if may_tip else 120.0) / leg**2)
         steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
+        # The middle of a whole shank moves while its end stands; what hops was not tried.
+        if rest > _LOW * leg or robot.hops:
+            continue
         speed_of = _flow(_new(robot, f"foot_{i + 1}_speed"))
         feet.append(f"{speed_of}: {{type: framelinvel, geom: {geom}}}")
         slip, along = _flow(_SLIP / (robot.gravity * leg)), "[x, y]" if robot.is_free else axis
