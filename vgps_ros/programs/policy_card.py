@@ -222,7 +222,8 @@ def _limits(task: Task, settings: Mapping[str, Any] | None) -> list[str]:
     if settings is None:
         sentences.append("Which disturbances it has met is not recorded.")
     elif (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any() and task.fallen.lowest.size:
-        ground = "with slopes or ridges" if _any(settings, "slope", "ridges") else "flat"
+        is_uneven = _any(settings, "slope", "ridges", "steps")
+        ground = "with slopes, ridges or steps" if is_uneven else "flat"
         sentences.append(f"The ground from which it has learned is {ground}.")
     kinds = {"push": "pushes", "payload": "payloads", "friction": "other friction"}
     for has, words, comma in ((True, "has", " and "), (False, "has not", " or ")):

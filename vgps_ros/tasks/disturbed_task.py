@@ -288,10 +288,10 @@ def _slope(spec: mujoco.MjSpec, angles: tuple[float, float]) -> None:
     up = np.array([np.tan(angles[0]), np.tan(angles[1]), 1.0])
     up /= np.linalg.norm(up)
     spec.option.gravity = -np.linalg.norm(spec.option.gravity) * up
-    turn, _ = Rotation.align_vectors(up, UP)
-    level = spec.worldbody.add_site(name="level", quat=turn.as_quat(scalar_first=True), group=5)
+    turn = Rotation.align_vectors(up, UP)[0].as_quat(scalar_first=True)
+    level = spec.worldbody.add_site(name=f"{MEASURED}level", quat=turn, group=5)
     of_level = mujoco.mjtObj.mjOBJ_SITE, level.name
-    for sensor in [each for each in spec.sensors if each.type in _DIRECTIONS]:
+    for sensor in [each for each in spec.sensors if each.type in _DIRECTIONS and each.name]:
         same = {key: getattr(sensor, key) for key in ("type", *_FRAMES, "cutoff")}
         other = spec.add_sensor(name=MEASURED + sensor.name, **same)
         if sensor.objname == "world":
