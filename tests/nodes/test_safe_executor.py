@@ -173,8 +173,8 @@ def at(seconds):
 
 NAN = float("nan")
 FAULTS = {
-    "not finite": ({"velocity": [0.0, NAN, 0.0, 0.0, 0.0]}, "velocity is nan at index 1"),
-    "infinite": ({"position": [float("inf")] * 5}, "position is inf at index 0"),
+    "not finite": ({"velocity": [0.0, NAN, 0.0, 0.0, 0.0]}, "velocity of 'root_y' is nan"),
+    "infinite": ({"position": [float("inf")] * 5}, "position of 'root_x' is inf"),
     "other names": ({"name": list("abcde")}, "each of ['root_x'"),
     "a joint twice": ({"name": ["root_x"] * 5}, "must be there once"),
     "too short": ({"position": [0.0] * 4}, "position has 4 values"),
@@ -303,13 +303,13 @@ def test_recovery_by_hand_needs_a_new_activation_and_rates_are_limited(
     robot.send(robot.message([NAN] * 10, robot.step + 1))
     for _ in range(3):
         np.testing.assert_array_equal(robot.drive(), [0.0, 0.0])
-    status = robot.diagnosis(ERROR, "is nan at index 0")
+    status = robot.diagnosis(ERROR, " is nan; every value")
     assert "until the node is deactivated and activated" in status.message
     for name in ("drive", "stand", "hold", "sit"):  # which would do nothing
         answer = graph.call(Trigger, f"policy_executor/{name}")
         assert not answer.success
         assert answer.message.startswith("Deactivate and activate the node first")
-        assert "is nan at index 0" in answer.message
+        assert " is nan; every value" in answer.message
     np.testing.assert_array_equal(robot.drive(), [0.0, 0.0])
     assert robot.change(Transition.TRANSITION_DEACTIVATE)
     assert robot.change(Transition.TRANSITION_ACTIVATE)

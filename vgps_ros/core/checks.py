@@ -110,8 +110,12 @@ def told(error: Exception) -> str:
     return f"{' '.join(str(error).split()):.200}".rstrip(". ")
 
 
-def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+def finite_array(
+    name: str, values: ArrayLike, shape: tuple[int, ...], owners: Sequence[str] = ()
+) -> Array:
     """Returns `values` as a float array of the given shape.
+
+    An error says whose value is wrong, if their owners are known, or else its index.
 
     Raises:
         InvalidInputError: the number of values does not fit the shape, or one is not finite.
@@ -126,9 +130,9 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     finite = np.isfinite(array)
     if not finite.all():
         first = int(np.argmin(finite))
-        raise InvalidInputError(
-            f"{name} is {array.flat[first]} at index {first}; every value must be finite."
-        )
+        value = f"{array.flat[first]}{'' if owners else f' at index {first}'}"
+        whose = f" of {quoted(owners[first])}" if owners else ""
+        raise InvalidInputError(f"{name}{whose} is {value}; every value must be finite.")
     return array.reshape(shape)
 
 

@@ -323,7 +323,7 @@ def state_from_msg(message: JointState, joint_names: Sequence[str]) -> Array:
                 f"joint_states.{name} has {len(given)} values, but the message names "
                 f"{len(message.name)} joints."
             )
-        parts.append(finite_array(f"joint_states.{name}", given[order], order.shape))
+        parts.append(finite_array(f"joint_states.{name}", given[order], order.shape, joint_names))
     return np.concatenate(parts)
 
 
