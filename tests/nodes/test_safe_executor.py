@@ -371,7 +371,7 @@ def test_faults_in_lock_step_change_no_bit_of_the_motion(graph, swimmer, random_
     graph.node.create_subscription(JointState, "joint_states", inject, STREAM)
     graph.step(horizon)
     graph.spin_until(lambda: horizon in motion())
-    assert "joint_states.position is nan" in executor.output
+    assert "joint_states.position of 'root_x' is nan" in executor.output
     rollout = swimmer.dynamics.rollout(start, lambda _, x: mean(policy, x[0])[None], horizon)
     assert len(motion()) == horizon + 1
     for t, message in motion().items():
