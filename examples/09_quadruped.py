@@ -25,8 +25,7 @@ period, model = task.dynamics.time_step, task.dynamics.model
 
 def drive(policy, commands, rollouts=1, push=0.0):
     """Returns states under commands (T, 3), after pushes [N·s] all round, (rollouts, T+1, n_x)."""
-    clock = task.signals.turning  # as after a push, also where it would stand still
-    told = clock.context(commands, clock.phases(len(commands), first=0.0))
+    told = task.signals.turning.context(commands, task.signals.phases(len(commands), first=0.0))
     starts = np.tile(task.initial_state, (rollouts, 1))
     angles = 2 * np.pi * np.arange(rollouts) / rollouts
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)

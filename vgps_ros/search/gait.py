@@ -23,7 +23,7 @@ _LEAST_SPEED = 0.1  # from which on a way has a cost [m/s]
 
 
 @dataclass(frozen=True)
-class Gait:
+class GaitFigures:
     """Figures of a motion; None where there is nothing to measure.
 
     Attributes:
@@ -58,7 +58,7 @@ def gaits(task: Task, driver: Driver) -> list[dict[str, Any] | None]:
     ]
 
 
-def measure_gait(task: Task, states: Array, controls: Array) -> Gait:
+def measure_gait(task: Task, states: Array, controls: Array) -> GaitFigures:
     """Returns the figures of a motion.
 
     Args:
@@ -85,7 +85,7 @@ def measure_gait(task: Task, states: Array, controls: Array) -> Gait:
     way = np.linalg.norm(middle[-1] - middle[0])
     speed = float(way / (max(1, steps - 1) * task.dynamics.time_step))
     mean, pressed = float(power.mean()), float(ground.sum())
-    return Gait(
+    return GaitFigures(
         power=mean,
         cost_of_transport=mean / (weight * speed) if weight and speed > _LEAST_SPEED else None,
         load=float(load.max()) if limited.any() else None,
