@@ -6,39 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.search.test_robustness import BLOCK, TASK
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.gait import gaits, measure_gait
 from vgps_ros.tasks import make_task, registry
 
 SHIPPED = Path(registry.__file__).parent / "quadruped" / "policy.json"
 
-# A block of 2 kg, whose friction is 9.81 N.
-BLOCK = """
-<mujoco>
-  <option timestep="0.002" integrator="implicitfast" cone="elliptic"/>
-  <worldbody>
-    <geom type="plane" size="9 9 1" friction="0.5 0 0"/>
-    <body name="block" pos="0 0 0.1">
-      <joint name="x" type="slide" axis="1 0 0"/>
-      <joint name="z" type="slide" axis="0 0 1"/>
-      <geom type="box" size="0.1 0.1 0.1" mass="2" friction="0.5 0 0" condim="3"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="x" joint="x" LIMIT/></actuator>
-</mujoco>
-"""
-TASK = """
-model: block.xml
-control_period: 0.01
-horizon: 1.0
-cost: [{sensor: x/velocity}]
-"""
+# Small steps, and a motor whose force may have a limit.
+FINE = BLOCK.replace('timestep="0.01"', 'timestep="0.002" cone="elliptic"')
+assert FINE != BLOCK
 
 
 @pytest.fixture
 def block(tmp_path):
     def made(limit='forcerange="-20 20"', option="<option "):
-        text = BLOCK.replace("LIMIT", limit).replace("<option ", option)
+        text = FINE.replace('joint="x"/>', f'joint="x" {limit}/>').replace("<option ", option)
         (tmp_path / "block.xml").write_text(text)
         (tmp_path / "task.yaml").write_text(TASK)
         return make_task(str(tmp_path))

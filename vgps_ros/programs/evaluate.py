@@ -214,7 +214,8 @@ def _show_gaits(commands: list[dict[str, Any]], task: "Task", console: "Console"
             values = (found["gait"][key] for key in columns)
             cells = ("none" if value is None else f"{value:.3g}" for value in values)
             table.add_row(_name(found["command"]), *cells)
-    console.print(table)
+    if table.row_count:
+        console.print(table)
 
 
 def _name(command: dict[str, float]) -> str:

@@ -24,7 +24,7 @@ _LEAST_SPEED = 0.1  # from which on a way has a cost [m/s]
 
 @dataclass(frozen=True)
 class GaitFigures:
-    """Figures of a motion; None where there is nothing to measure.
+    """Records what a motion costs and asks; None where there is nothing to measure.
 
     Attributes:
         power: mean mechanical power [W].
