@@ -24,7 +24,7 @@ LEG = """
 </body>"""
 
 
-WEAKER = 'ctrlrange="-50 50"'  # than what would shake these legs
+WEAKER = 'ctrlrange="-25 25"'  # than what would shake these legs
 
 
 def walker(*legs, motor="motor", extra=WEAKER, joint='<freejoint name="base"/>', armature=0.05):
@@ -129,7 +129,7 @@ def written(tmp_path, monkeypatch):
     [
         (walker(*FOUR), "Legs, 4", ["command: turn", "clock: {frequency", "begin: {law: pd}"]),
         (walker(*TWO), "Legs, 2", ["swap: [[left, right]]", "begin: {law: path}"]),
-        (walker(*TWO), "Legs, 2", ["up, turning, velocity, commands", '"velocity/*": 0.05']),
+        (walker(*TWO), "Legs, 2", ["up, turning, velocity, commands", '"velocity/*": 0.03']),
         (walker(*TWO, motor="position", extra=SERVO), "Legs, 2", ["begin: {law: pd}"]),
         (walker(("mid", 0, 0)), "Legs, 1", ["clock: {frequency"]),
         (
@@ -182,10 +182,10 @@ def test_each_kind_of_robot_gets_the_task_that_it_is_meant_for(written, model, k
 
 
 def test_motors_that_would_throw_light_joints_about_become_servos_as_strong(written):
-    """A joint of inertia I changes its speed by τ t / I in a control period, 0.02 s."""
+    """A joint of inertia I is accelerated by τ / I."""
     light, _ = written(walker(*FOUR, armature=0.001))
     assert "remove_actuators" in light
-    assert "limit: 50" in light
+    assert "limit: 25" in light
     heavy, _ = written(walker(*FOUR, armature=0.1))
     assert "remove_actuators" not in heavy
     arm, _ = written(ARM)
@@ -211,7 +211,7 @@ def test_legs_start_bent_with_their_feet_on_the_ground(written):
         mujoco.mj_kinematics(model, data)
         assert (np.ptp([data.geom(name).xpos[1] for name in names]) > 0.25) == (legs is FOUR)
         assert not task.fallen(task.initial_state[None])[0]
-        assert model.opt.timestep == 0.005
+        assert task.dynamics.time_step == pytest.approx(4 * model.opt.timestep)
 
 
 def test_feet_that_are_meshes_stand_on_the_ground_by_their_lowest_vertex(written):
@@ -275,8 +275,9 @@ def test_posture_counts_more_on_one_or_two_feet_than_on_four(written):
         found.append([weights[name] for name in ("velocity", "up", "height")])
     hopper, biped, four = found
     assert hopper == pytest.approx(biped, rel=0.02)
-    assert biped[:2] == [8, 50]
-    assert four[:2] == [8, 20]
+    assert biped[0] > 1.2 * four[0]
+    assert [biped[1], four[1]] == [50, 20]
+    assert biped[2] > 1.2 * four[2]
 
 
 def test_a_wall_is_no_ground(written):

@@ -20,11 +20,11 @@ from vgps_ros.core.augmentation import exchanged
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
-from vgps_ros.simulation.model import cyclic_positions, deviation_names, joint_names
+from vgps_ros.simulation.model import joint_names
+from vgps_ros.tasks.legged_scale import legged_numbers, servo_numbers, strongest
 from vgps_ros.tasks.robot_kind import (
     BALL,
     HINGE,
-    PERIOD,
     SLIDE,
     Robot,
     bottoms_of,
@@ -46,8 +46,8 @@ _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
 _LOW = 0.15  # of a leg, up to which the middle of a foot that is down lies above the ground
-_SLIP = 13.0  # weight of a foot's speed on the ground, by the squared speed √(g l) of the legs
 _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
+_PERIOD = 0.02  # of control, of what swims or swings [s]
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
 _EDITS = ("drop", "remove_bodies", "free_bodies", "remove_actuators")  # that were made before
@@ -77,7 +77,7 @@ def first_task_file(
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
         robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
     facts: dict[str, Any] = dict.fromkeys(_EDITS) | changes
-    facts |= _facts(robot) | {"schema": schema, "model": reference}
+    facts |= _facts(robot, former.nu) | {"schema": schema, "model": reference}
     locks = changes.get("joints", {}).items()
     facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
     facts["jointed"] = facts["locks"] or facts["limits"]
@@ -115,26 +115,11 @@ def _flow(value: Any, digits: int = 3) -> str:
     return re.sub(r"^(-?\d+)e", r"\1.0e", number)
 
 
-def _facts(robot: Robot) -> dict[str, Any]:
-    """Returns the facts of which the template speaks; what it asks for and is not here, is not."""
+def _facts(robot: Robot, actuators: int) -> dict[str, Any]:
+    """Returns the facts of which the template speaks; one that is left out counts as false."""
     model, legs = robot.model, bool(robot.feet)
-    step = max(0.005, model.opt.timestep) if legs else model.opt.timestep
-    is_swimmer = robot.kind == "swimmer"
-    period = _whole(PERIOD if legs or is_swimmer or robot.kind == "pendulum" else 0.01, step)
-    planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
-    swings = 0.75 * planned if _swings(robot) else 0.0  # a plan's end needs no feedback
-    horizon = _whole(1.0 if legs else 3.0 if is_swimmer else swings or planned, period)
-    times = {
-        "step": step,
-        "period": period,
-        "horizon": horizon,
-        "twice": 2 * (planned if swings else horizon),
-        "lookahead": _whole(1.0 if is_swimmer else 0.5 if robot.base else planned / 4, period),
-    }
+    numbers = legged_numbers(robot) if legs else _numbers(robot)
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
-    std: dict[str, Any] = {"position": 0.01, "velocity": 0.1}
-    if (same := _places(robot)) and not _seeks(robot):
-        std["overrides"] = dict.fromkeys(same, 0.0)
     moved = robot.moved()
     listed = {
         "joints": [model.joint(i).name for i in range(model.njnt)],
@@ -144,30 +129,54 @@ def _facts(robot: Robot) -> dict[str, Any]:
     }
     return {
         robot.kind: True,
-        "robot": f"({robot.mass:.3g} kg, a {base} base, {model.nu} actuators)",
+        "robot": f"({robot.mass:.3g} kg, a {base} base, {actuators} actuators)",
+        "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},
-        **{name: f"{time:g}" for name, time in times.items()},
         "goes_on": bool(robot.base) or _swings(robot),  # after its horizon, as it is trained to
         "keyframe": None if robot.key is None else listed["keyframes"][robot.key],
         "moved": _flow(moved, 5) if moved else "",
-        "std": std,
         "seeks": (seeks := _seeks(robot)),
         "measured": seeks or (legs and robot.is_free),
         "swims": "reach what is called target" if seeks else f"go along {robot.forward[0]}",
         "varied": _varied(robot),
         "observed": _observed(robot),
-        **{name.upper(): _flow(_new(robot, name)) for name in _SENSORS},
-        **_changes(robot, step),
-        **_scored(robot),
+        **{name.upper(): _flow(robot.new_sensor(name)) for name in _SENSORS},
+        **numbers,
+        **{time: f"{numbers[time]:g}" for time in ("step", "period", "horizon", "lookahead")},
+        **_changes(robot, numbers),
+        **_scored(robot, numbers),
         **_begin(robot),
         **(_signals(robot) if legs else {}),
     }
 
 
-def _changes(robot: Robot, step: float) -> dict[str, Any]:
+def _numbers(robot: Robot) -> dict[str, Any]:
+    """Returns the times and the spread of a robot without legs."""
+    step, is_swimmer = robot.model.opt.timestep, robot.kind == "swimmer"
+    period = _whole(_PERIOD if is_swimmer or robot.kind == "pendulum" else 0.01, step)
+    planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
+    swings = 0.75 * planned if _swings(robot) else 0.0  # a plan's end needs no feedback
+    horizon = _whole(3.0 if is_swimmer else swings or planned, period)
+    same = [] if _seeks(robot) else robot.cyclic_places()
+    return {
+        "step": step,
+        "period": period,
+        "horizon": horizon,
+        "twice": 2 * (planned if swings else horizon),
+        "lookahead": _whole(1.0 if is_swimmer else 0.5 if robot.base else planned / 4, period),
+        "std": {"position": 0.01, "velocity": 0.1, "overrides": dict.fromkeys(same, 0.0)},
+        "soft": float(f"{_soft(robot):.2g}"),
+        "contact_width": 0.02,
+        "soft_limit": 0.04,
+        "lifts": 10.0,
+        "steadies": 5.0,
+    }
+
+
+def _changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     """Returns what is changed of the model."""
-    model, option = robot.model, robot.model.opt
+    model, option, step = robot.model, robot.model.opt, numbers["step"]
     touches = bool(not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT)
     touches &= bool(touching_geoms(model).any())
     is_round = touches and option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -183,6 +192,7 @@ def _changes(robot: Robot, step: float) -> dict[str, Any]:
         "tolerance": (1e-10, option.tolerance <= 1e-10),
         "cone": ("pyramidal", not is_round),
     }
+    options = {name: value for name, (value, has) in wanted.items() if not has}
     has_ground = (model.body_weldid[model.geom_bodyid] == 0).any()
     groups = dict[float, list[str]]()
     for j in [] if model.nu else robot.joints:
@@ -191,14 +201,12 @@ def _changes(robot: Robot, step: float) -> dict[str, Any]:
     for limit, names in groups.items():
         motor: dict[str, Any] = {"joint": names if len(names) > 1 else names[0]}
         if robot.feet or robot.strengths is not None:  # damped as a gear damps
-            servo = {"stiffness": 1.5 * limit, "damping": limit / 20, "armature": limit / 1000}
-            motor |= servo
+            motor |= servo_numbers(robot, limit)
         key = f"up_to_{limit:g}" if len(names) > 1 else names[0]
         motors.append(f"{_flow(key)}: {_flow(motor | {'limit': limit})}")
     return {
-        "options": {name: value for name, (value, has) in wanted.items() if not has},
+        "options": _flow(options, 6) if options else "",
         "contact": touches,
-        "soft": _flow(_soft(robot), 2),
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
@@ -224,34 +232,14 @@ def _contacts(robot: Robot) -> list[list[str]]:
 
 def _signals(robot: Robot) -> dict[str, Any]:
     """Returns what a robot with legs is told: commands, the clock of its gait, and its mirror."""
-    many = len(robot.feet) > 2
-    fast = float(f"{(0.4 if many else 0.22) * (robot.gravity * robot.leg) ** 0.5:.1g}")
-    two = robot.is_biped
-    push = 3.0 if many else 0.3 if robot.hops else 0.25 if two else 1.0  # [m/s]
     return {
-        "ahead": [0.0 if robot.hops else -fast / 2, fast],  # [m/s]
-        "aside": [-0.4 * fast, 0.4 * fast],
         "sideways": robot.is_free and robot.forward[0] == "x",
         "turns": robot.is_free,
-        "rate": f"{_rate(robot):.2g}",
-        "push": f"{push * robot.mass:.2g}",
-        "fall_lead": f"{1.7 * (robot.height / robot.gravity) ** 0.5:.2g}",  # of a pendulum [s]
-        "biped": two,
-        "iterations": 30 if robot.hops else 26 if two else 22,
         # The cheaper a late control is, the wilder would be its noise, which learning must hear
         # the motion through.
         "alphas": [scale * _leads(robot).max(initial=1.0) for scale in (0.4, 1.2)],
-        "solves": 3 if two else 2,  # DDP iterations
-        "new_solves": 24 if two else 16,
-        "unlimited": dict.fromkeys(_places(robot), np.inf),
         "mirror": _mirror(robot),
     }
-
-
-def _rate(robot: Robot) -> float:
-    """Returns how often a robot steps [Hz]; 0 without legs."""
-    share = 0.6 if len(robot.feet) > 2 or robot.hops else 0.36
-    return share * (robot.gravity / robot.leg) ** 0.5 if robot.feet else 0.0
 
 
 def _leads(robot: Robot) -> Array:
@@ -259,18 +247,18 @@ def _leads(robot: Robot) -> Array:
 
     One that acts late has to lead by more, the faster the robot steps.
     """
+    rate = legged_numbers(robot)["rate"] if robot.feet else 0.0
     kinds, numbers = robot.model.actuator_dyntype, robot.model.actuator_dynprm
     lags = np.isin(kinds, [int(kind) for kind in _LAGGING])
-    return np.asarray(1.0 + (2 * np.pi * _rate(robot) * np.where(lags, numbers[:, 0], 0.0)) ** 2)
+    return np.asarray(1.0 + (2 * np.pi * rate * np.where(lags, numbers[:, 0], 0.0)) ** 2)
 
 
-def _scored(robot: Robot) -> dict[str, Any]:
+def _scored(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     """Returns what is measured and scored, by the sensors that are added."""
     model, data, legs, leg = robot.model, robot.data, bool(robot.feet), robot.leg
     axis, sign = robot.forward
     reached, leans = _reached(robot), _leans(robot)
     goes = legs or (bool(robot.base) and reached is None)
-    may_tip = robot.is_biped or robot.hops  # or leap to be fast at once, where its height is cheap
     own = data.geom_xpos[robot.in_tree(model.geom_bodyid)]
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
     speed = 0.5 * length if robot.kind == "swimmer" else 1.0  # half its length in a second [m/s]
@@ -281,24 +269,24 @@ def _scored(robot: Robot) -> dict[str, Any]:
         places = {model.joint(j).name: data.qpos[at[j]] for j in robot.joints}
         still = [f"sensor: {j}/position, target: {_flow(q)}" for j, q in places.items()]
     for i, foot in enumerate(robot.feet):  # they swing in turn, at the clock's rhythm
-        name = _flow(_new(robot, f"foot_{i + 1}"))
+        name = _flow(robot.new_sensor(f"foot_{i + 1}"))
         rest = data.geom_xpos[foot, 2] - ground_of(robot)  # its height while it is down
         phase = 0.5 * (i % 2)
-        swing = _flow({"swing": 0.12 * leg, "phase": phase, "rest": rest})
+        swing = _flow({"swing": numbers["swing"], "phase": phase, "rest": rest})
         geom = _flow(model.geom(foot).name)
         feet.append(f"{name}: {{type: framepos, geom: {geom}}}")
-        weight = _flow((240.0 if may_tip else 120.0) / leg**2)
+        weight = _flow(numbers["stepping"])
         steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
         # The middle of a whole shank moves while its end stands; what hops was not tried.
         if rest > _LOW * leg or robot.hops:
             continue
-        speed_of = _flow(_new(robot, f"foot_{i + 1}_speed"))
+        speed_of = _flow(robot.new_sensor(f"foot_{i + 1}_speed"))
         feet.append(f"{speed_of}: {{type: framelinvel, geom: {geom}}}")
-        slip, along = _flow(_SLIP / (robot.gravity * leg)), "[x, y]" if robot.is_free else axis
+        slip, along = _flow(numbers["slip"]), "[x, y]" if robot.is_free else axis
         stands = f"weight: {slip}, when: {{stance: {_flow(phase)}}}"
         slips.append(f"{{sensor: {speed_of}, index: {along}, {stands}}}")
     balls = [
-        f"{_flow(_new(robot, name + '_turn'))}: {_flow({'type': 'ballquat', 'joint': name})}"
+        f"{_flow(robot.new_sensor(name + '_turn'))}: {_flow({'type': 'ballquat', 'joint': name})}"
         for name in _balls(robot)
     ]
     return {
@@ -310,11 +298,8 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "rises": robot.height > 0.0,
         "height": robot.height,
         "low": 0.55 * robot.height,
-        "lifts": (105.0 if may_tip else 40.0) / leg**2 if legs else 10.0,
-        "turning": 15 if may_tip else 5,
         "leans": ["xyz"[i] for i in leans],
         "upright": [robot.frame[2, i] for i in leans],
-        "steadies": 50 if may_tip else 20 if legs else 5,
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
         "feet": feet,
         "steps": [*steps, *slips, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
@@ -324,7 +309,7 @@ def _scored(robot: Robot) -> dict[str, Any]:
         "turned": None if (turned := _turned(robot)) is None else model.joint(turned).name,
         "balls": balls,
         "axes": [
-            f"{_flow(_new(robot, f'{name}_axis'))}: {_flow(axis.sensor)}"
+            f"{_flow(robot.new_sensor(f'{name}_axis'))}: {_flow(axis.sensor)}"
             for name, axis in _upright(robot).items()
         ],
         "added": goes or reached or balls or leans or bool(_upright(robot)),
@@ -362,7 +347,7 @@ def _strength(robot: Robot, joint: int) -> float:
     """Returns a limit for a joint's motor [N·m]: what the model allows, or what its load asks."""
     model, data = robot.model, robot.data
     if known := (robot.strengths or {}).get(model.joint(joint).name):
-        return known
+        return min(known, strongest(robot)) if robot.feet else known
     if model.jnt_actfrclimited[joint]:
         return float(np.abs(model.jnt_actfrcrange[joint]).max())
     body, is_leg = int(model.jnt_bodyid[joint]), any(joint in leg for leg in legs_of(robot))
@@ -371,15 +356,7 @@ def _strength(robot: Robot, joint: int) -> float:
     far = max(far, float(gyration) ** 0.5)  # of what is balanced on its joint
     carried = 0.5 * robot.mass * robot.leg
     load = max(3 * model.body_subtreemass[body] * far, carried if is_leg else 0.0)
-    return float(f"{(robot.gravity or 9.81) * load:.2g}")
-
-
-def _places(robot: Robot) -> list[str]:
-    """Returns the cyclic positions, in which nothing differs, but a height."""
-    names = [deviation_names(robot.model)[i] for i in cyclic_positions(robot.model)]
-    joint = robot.model.joint(robot.base[0]).name if robot.base else ""
-    # A height in which nothing differs in the model matters once there is a floor.
-    return [name for name in names if not (robot.height and name == f"{joint}/z")]
+    return float(f"{(robot.gravity or 9.81) * load:.3g}")
 
 
 def _mirror(robot: Robot) -> list[str]:
@@ -409,19 +386,13 @@ def _mirror(robot: Robot) -> list[str]:
             parts = zip(*(re.split(r"([^A-Za-z]+)", n) for n in (one, other)), strict=False)
             swaps |= {(a, b) for a, b in parts if "" < a < b}
             flips += [one] if one and one not in flips and image @ axes[k] < 0 else []
-    up, turning, velocity = (_new(robot, name) for name in ("up", "turning", "velocity"))
+    up, turning, velocity = (robot.new_sensor(name) for name in ("up", "turning", "velocity"))
     pairs |= {up: up, turning: turning}
     if any(exchanged(a, sorted(swaps)) != b for a, b in pairs.items()):
         return []
     flips += [f"{velocity}/y"] if robot.is_biped else []
     flips += [f"{up}/y", f"{turning}/[xz]", "command/sideways", "command/turn", "clock/*"]
     return [f"swap: {_flow([list(pair) for pair in sorted(swaps)])}", f"flip: {_flow(flips)}"]
-
-
-def _new(robot: Robot, name: str) -> str:
-    """Returns the name of a new sensor, which the model does not have yet."""
-    taken = {robot.model.sensor(i).name for i in range(robot.model.nsensor)}
-    return f"root_{name}" if name in taken else name
 
 
 def _leans(robot: Robot) -> list[int]:
@@ -611,7 +582,7 @@ def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
     is_turned = thing is not None and model.jnt_type[thing] != SLIDE and not has_target
     turning, upright = _turning(robot), _upright(robot)
     for name, axis in upright.items():
-        stands = {"sensor": _new(robot, f"{name}_axis"), "target": axis.target}
+        stands = {"sensor": robot.new_sensor(f"{name}_axis"), "target": axis.target}
         terms.append(stands | {"weight": axis.weight})
     for j in robot.joints:
         name, goal = model.joint(j).name, robot.goal[model.jnt_qposadr[j]]
@@ -624,7 +595,7 @@ def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
             terms.append({"sensor": f"{name}/position", "target": goal, "weight": weight})
         terms.append({"sensor": f"{name}/velocity", "weight": 0.01})
     for name, turn in _balls(robot).items():
-        terms.append({"sensor": _new(robot, name + "_turn"), "target": turn})
+        terms.append({"sensor": robot.new_sensor(name + "_turn"), "target": turn})
         terms += [{"sensor": rate, "weight": 0.1} for rate in _rates(name)]
     if is_turned:
         rate = "velocity" if model.jnt_type[thing] == HINGE else "wz"
@@ -680,7 +651,7 @@ def _observed(robot: Robot) -> list[Any]:
     model, entries = robot.model, list[Any]()
     endless = [j for j in (_turned(robot),) if j is not None and not model.jnt_limited[j]]
     turning = [model.joint(j).name for j in [*_turning(robot), *endless]]
-    cyclic = {name.rpartition("/")[0] for name in _places(robot)}
+    cyclic = {name.rpartition("/")[0] for name in robot.cyclic_places()}
     out = [name for name in joint_names(model) if name in cyclic or name in turning]
     carried = [model.joint(j).name for j in robot.base if model.jnt_type[j] >= SLIDE]
     unread = carried if (seeks := _seeks(robot)) else []  # it sees where the target is
@@ -689,18 +660,21 @@ def _observed(robot: Robot) -> list[Any]:
             key = f"joint_{kind}"
             entries.append({key: {"except": names}} if names else key)
     if seeks:
-        return [*entries, *(_new(robot, name) for name in ("velocity", "turning", "to_target"))]
+        return [
+            *entries,
+            *(robot.new_sensor(name) for name in ("velocity", "turning", "to_target")),
+        ]
     entries += [{"joint": name, "as": "sin_cos"} for name in turning]
-    entries += [_new(robot, "up")] if robot.is_free and _leans(robot) else []
+    entries += [robot.new_sensor("up")] if robot.is_free and _leans(robot) else []
     if robot.is_free and robot.feet:
-        entries.append(_new(robot, "turning"))
-        entries += [_new(robot, "velocity")] if robot.is_biped else []
+        entries.append(robot.new_sensor("turning"))
+        entries += [robot.new_sensor("velocity")] if robot.is_biped else []
     elif robot.is_free:
         joint = model.joint(robot.base[0]).name
         entries += [*(f"{joint}/{rate}" for rate in ("z", "vx", "vy", "vz")), *_rates(joint)]
     for name in _balls(robot):
-        entries += [_new(robot, name + "_turn"), *_rates(name)]
-    entries += [_new(robot, "to_target")] if _reached(robot) else []
+        entries += [robot.new_sensor(name + "_turn"), *_rates(name)]
+    entries += [robot.new_sensor("to_target")] if _reached(robot) else []
     lagging = (model.actuator(int(i)).name for i in np.flatnonzero(model.actuator_actnum == 1))
     entries += [f"{name}/activation" for name in lagging]
     entries += ["commands", "clock"] if robot.feet else []

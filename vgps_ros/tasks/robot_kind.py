@@ -16,10 +16,10 @@ from vgps_ros.core.controls import ControlKind, Mask
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.model import cyclic_positions, deviation_names
 
 _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
-_SHAKEN = 25.0  # change of a joint's speed in a control period that no policy can steer [rad/s]
-PERIOD = 0.02  # of control, of legs and of what swims or swings [s]
+_SHAKEN = 37.0  # acceleration of a joint by its motor that no policy can steer, of g/l
 FREE, BALL, SLIDE, HINGE = range(4)  # as in mjtJoint
 
 
@@ -48,6 +48,11 @@ class Robot:
         first = (_bending(self, leg)[:1] for leg in legs_of(self))
         hips = [self.data.xanchor[j][2] for joints in first for j in joints]
         return max([h - ground_of(self) for h in hips], default=self.height)
+
+    @property
+    def time(self) -> float:
+        """Its unit of time, √(l/g) of its legs [s]."""
+        return float((self.leg / self.gravity) ** 0.5)
 
     @property
     def name(self) -> str:
@@ -100,6 +105,18 @@ class Robot:
     def frame(self) -> Array:
         """The root's axes as columns, shape (3, 3)."""
         return np.array(self.data.xmat[self.root].reshape(3, 3))
+
+    def new_sensor(self, name: str) -> str:
+        """Returns the name of a sensor that the model does not have yet."""
+        taken = {self.model.sensor(i).name for i in range(self.model.nsensor)}
+        return f"root_{name}" if name in taken else name
+
+    def cyclic_places(self) -> list[str]:
+        """Returns the positions that make no difference, as those along the ground."""
+        names = [deviation_names(self.model)[i] for i in cyclic_positions(self.model)]
+        joint = self.model.joint(self.base[0]).name if self.base else ""
+        # A height in which nothing differs in the model matters once there is a floor.
+        return [name for name in names if not (self.height and name == f"{joint}/z")]
 
     def in_tree(self, bodies: Any) -> Mask:
         """Returns which of the bodies are the robot's."""
@@ -163,8 +180,8 @@ def free_in_all_but_name(model: mujoco.MjModel) -> str | None:
 def shakes_its_legs(model: mujoco.MjModel) -> bool:
     """Returns whether a robot with legs has motors of torques that would shake them.
 
-    Such a motor at its limit changes the speed of its joint by so much in one control period that
-    no policy can steer it. A servo can, whose loop closes at each step of the simulator.
+    Such a motor at its limit turns its joint so fast within one control period that no policy can
+    steer it. A servo can, whose loop closes at each step of the simulator.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
@@ -179,7 +196,8 @@ def shakes_its_legs(model: mujoco.MjModel) -> bool:
     accelerations, torques = np.zeros((2, len(dofs), model.nv))
     torques[range(len(dofs)), dofs] = controls.largest[[*motors]]
     mujoco.mj_solveM(model, robot.data, accelerations, torques)
-    return bool(PERIOD * accelerations[range(len(dofs)), dofs].max() > _SHAKEN)
+    largest = accelerations[range(len(dofs)), dofs].max()
+    return bool(largest * robot.time**2 > _SHAKEN)
 
 
 @lru_cache(maxsize=2)  # of a model, which is the same only if it is one
@@ -365,9 +383,9 @@ def _stand(robot: Robot) -> None:
         robot.feet = _feet(robot)
     lowest = float(bottoms_of(robot).min(initial=np.inf))
     if np.isfinite(lowest):
-        depth = float(np.ceil(1e3 * (ground_of(robot) - lowest)) / 1e3)
-        hovers = robot.feet and 0.01 < -depth < 2.0 * (data.xpos[robot.root][2] - lowest)
-        data.qpos[_vertical(robot)] += depth if depth > 1e-3 or hovers else 0.0
+        depth, height = ground_of(robot) - lowest, data.xpos[robot.root][2] - lowest
+        hovers = robot.feet and 0.04 < -depth / height < 2.0
+        data.qpos[_vertical(robot)] += depth if depth > 0.004 * height or hovers else 0.0
     mujoco.mj_forward(model, data)
     robot.height = float(data.xpos[robot.root][2] - ground_of(robot))
     if robot.feet:
@@ -440,18 +458,19 @@ def _feet(robot: Robot) -> list[int]:
     bottoms = bottoms_of(robot)
     bodies = np.unique(model.geom_bodyid[np.isfinite(bottoms)])
     lowest = float(bottoms.min(initial=np.inf))
-    reach = lowest + 0.1 * (data.xpos[robot.root][2] - lowest)
+    height = data.xpos[robot.root][2] - lowest
+    reach = lowest + 0.1 * height
     found = dict[int, int]()
     for body in map(int, np.setdiff1d(bodies, [*model.body_parentid[bodies], robot.root])):
         own = np.flatnonzero((model.geom_bodyid == body) & np.isfinite(bottoms))
         if bottoms[own].min() < reach and not _is_wheel(robot, body, own):
-            soles = own[bottoms[own] < bottoms[own].min() + 0.005]
+            soles = own[bottoms[own] < bottoms[own].min() + 0.02 * height]
             places = data.geom_xpos[soles]
             nearest = np.abs(places - places.mean(axis=0)).sum(axis=1).argmin()
             found[int(model.body_parentid[body])] = int(soles[nearest])
     for geom in list(found.values()):  # what is above a foot on the same leg is none
         for parent in robot.chain(int(model.geom_bodyid[geom]))[1:]:
-            if parent in found and bottoms[found[parent]] > bottoms[geom] + 0.01:
+            if parent in found and bottoms[found[parent]] > bottoms[geom] + 0.04 * height:
                 del found[parent]
     centre = data.subtree_com[robot.root] if robot.base else data.xpos[robot.root]
     around = {i: np.arctan2(*(data.geom_xpos[i] - centre)[[1, 0]]) for i in found.values()}
