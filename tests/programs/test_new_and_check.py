@@ -87,8 +87,8 @@ def test_the_first_file_of_a_planar_robot_keeps_it_upright_at_any_time_step(fold
     main(["new", "mine", "--model", "robot.xml"])
     task = make_task(str(folder / "mine"))
     dt = task.dynamics.time_step
-    assert dt == pytest.approx(0.021)
-    assert task.horizon * dt == pytest.approx(1.0, abs=dt)
+    assert dt == pytest.approx(4 * task.dynamics.model.opt.timestep)
+    assert task.horizon == 50
     leaning = task.initial_state.copy()
     leaning[2] = 1.2
     assert task.fallen(leaning)
@@ -302,6 +302,25 @@ def test_a_start_or_a_solver_that_is_wrong_is_named(folder, capsys, option, heig
     assert re.search(sentence, shown), shown
 
 
+@pytest.mark.parametrize(("weight", "obeys"), [("1.0e-4", True), ("1.0e+3", False)])
+def test_check_says_what_the_motion_does_of_each_command(folder, capsys, weight, obeys):
+    told = "commands: {to: {range: [-0.08, 0.08], unit: rad}}\ncost:"
+    follows = "{sensor: hinge/position, target: {command: to}}"
+    shown = check(
+        folder,
+        capsys,
+        ("start: {positions: {hinge: 1.0}}\n", ""),
+        ("cost:", told),
+        ("{sensor: hinge/position}", follows),
+        ("weight: 1.0", f"weight: {weight}"),
+    )
+    rows = re.findall(r"│ to +│ rad +│ +(\S+) │ +(\S+) │", shown)
+    assert [float(value) for value, _ in rows] == [-0.08, 0.08]
+    for value, does in rows:
+        assert (abs(float(does) - float(value)) < 0.03) == obeys
+    assert ("Commanded 0.08 rad to, DDP's motion does" in shown) != obeys
+
+
 def test_a_start_at_the_goal_is_said(folder, capsys):
     shown = check(folder, capsys, ("start: {positions: {hinge: 1.0}}\n", ""))
     assert "Note: the start is the goal, where the robot stays without a control" in shown
@@ -317,7 +336,7 @@ def test_a_solver_that_ends_early_is_blamed_before_contact(folder):
     assert "contact is too hard" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
     assert not inexact(task, [1e-6] * 10)
     soft = PENDULUM.replace("<option ", '<option tolerance="1e-10" ')
-    (folder / "pendulum.xml").write_text(soft.replace("<geom ", '<geom solref=".04 1" '))
+    (folder / "pendulum.xml").write_text(soft.replace("<geom ", '<geom solimp="0 .9" '))
     assert "abruptly though it is soft" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
 
 
@@ -337,7 +356,8 @@ def test_a_motion_that_dives_at_its_end_is_named(folder, capsys):
     (folder / "robot.xml").write_text(HOPPER)
     main(["new", "mine", "--model", "robot.xml"])
     path = folder / "mine" / "task.yaml"
-    path.write_text(re.sub("lookahead.*", "", path.read_text()))
+    short = re.sub("horizon: .*", "horizon: 0.9", path.read_text())
+    path.write_text(re.sub("lookahead.*", "", short))
     main(["check", "mine"])
     assert "lets itself fall at its end" in " ".join(capsys.readouterr().out.split())
 

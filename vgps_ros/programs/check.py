@@ -47,6 +47,8 @@ _FAR = 0.7  # share of the start's cost from which on a step at the end is as fa
 _NEAR = 0.1  # share of it up to which the motion has arrived, so that little is left to improve
 _MUCH = 0.1  # share of the cost from which on a part of it is what the task is for
 _UNTOUCHED = 0.5  # share of the steps in which a reading stays as it was, if nothing touches it
+_TOLD = 10  # most iterations of DDP for each command
+_STANDS = 0.5  # share of a command that DDP's motion misses, if it does little of it
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
 
@@ -60,6 +62,8 @@ class TaskCheck:
     is_guess: bool = False  # whether the first motion is one that no robot can follow, as a path
     seconds: float = 0.0  # wall time of all iterations
     errors: list[float] = field(default_factory=list)  # of the derivatives, of the largest entry
+    # Each command alone, at an end of its range: its name, unit, value, and what DDP's motion does.
+    commands: list[tuple[str, str, float, float]] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)  # a sentence on each
     notes: list[str] = field(default_factory=list)  # what may be meant
     optimized: Trajectory | None = None
@@ -83,9 +87,11 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         with Progress(console=Console(stderr=True), transient=True) as progress:
             bar = progress.add_task("DDP", total=arguments.iterations)
-            task, found = _examined(
-                arguments, lambda index, _: progress.update(bar, completed=index)
-            )
+
+            def advance(index: int, _: float) -> None:
+                progress.update(bar, completed=index, total=max(index, arguments.iterations))
+
+            task, found = _examined(arguments, advance)
     except KeyboardInterrupt:
         print("vgps check: interrupted.", file=sys.stderr, flush=True)
         os._exit(1)  # what is compiled may go on for minutes, and Python would wait for it
@@ -155,6 +161,12 @@ def _show(task: "Task", found: TaskCheck) -> None:
                 "It begins with a guess that no robot can follow (begin), so what it ends with may "
                 "cost more."
             )
+    if found.commands:
+        names = ("commanded alone", "unit", "value", "DDP's motion does")
+        table = Table(*names[:2], *(Column(name, justify="right") for name in names[2:]))
+        for name, unit, value, does in found.commands:
+            table.add_row(name, unit, f"{value:.3g}", f"{does:.3g}")
+        console.print(table)
     if found.errors:
         median, most = np.quantile(found.errors, [0.5, 0.9])
         console.print(
@@ -252,6 +264,55 @@ def examine_task(
         found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
         found.troubles += _after(task, q.mean, found, task.cost.values(still))
         found.troubles += _untouched(task, q.mean, is_unmoved)
+        found.commands = _obeyed(task, request, q.mean, on_iteration, seconds)
+        found.troubles += [
+            f"Commanded {value:.3g} {unit} {name}, DDP's motion does {does:.3g}: give the reading "
+            "that follows this command more weight or controls less (cost), or command less "
+            "(commands)."
+            for name, unit, value, does in found.commands
+            if abs(does - value) > _STANDS * abs(value)
+        ]
+    return found
+
+
+def _obeyed(
+    task: "Task",
+    request: "OptimizationRequest",
+    motion: Trajectory,
+    on_iteration: Callable[[int, float], None],
+    seconds: float,
+) -> list[tuple[str, str, float, float]]:
+    """Returns what DDP's motion does of each command alone, at both ends of its range.
+
+    It is the mean over the later half of the horizon. DDP begins with the motion that it found for
+    the first situation, and ends after so many seconds in all.
+    """
+    from vgps_ros.search.judgement import Achieved
+    from vgps_ros.search.trajectory_optimization import optimize
+    from vgps_ros.tasks.task import Nominal
+
+    signals, achieved = task.signals, Achieved.of(task)
+    began, found = time.perf_counter(), list[tuple[str, str, float, float]]()
+
+    def note(iteration: "Iteration") -> None:
+        on_iteration(request.max_iterations + _TOLD * len(found) + iteration.index, iteration.cost)
+
+    is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
+    for column, i in enumerate(achieved.commands):
+        command = signals.commands[i]
+        for value in sorted({command.lowest, command.highest} - {command.rest}):
+            commands = np.where(np.arange(len(signals.rest)) == i, value, signals.rest)
+            context = signals.held(commands, task.planned_horizon)
+            situation = replace(request.situation, context=context)
+            asked = replace(request, situation=situation, max_iterations=_TOLD)
+            try:
+                q = optimize(task, asked, note, is_late, Nominal(motion)).distribution
+            except VgpsError:
+                continue
+            late = slice(task.horizon // 2, task.horizon)
+            errors = achieved.errors(q.mean.states[None], q.mean.controls[None], context[None])
+            done = value + float(errors[0, late, column].mean())
+            found.append((command.name, command.unit, value, done))
     return found
 
 
@@ -356,14 +417,16 @@ def inexact(task: "Task", errors: list[float]) -> list[str]:
             f"{share}friction in elliptic cones is not smooth where contact is light; make them "
             "pyramids (changes: {option: {cone: pyramidal}})."
         ]
-    if task.dynamics.model.geom_solref[:, 0].min(initial=0.04) >= 0.04:
+    model = task.dynamics.model
+    softest = float(model.geom_solref[:, 0].max(initial=0.0))
+    if softest > 0.0 and not model.geom_solimp[:, 0].any():
         return [
             f"{share}contact changes abruptly though it is soft, as between edges and corners; "
             "leave out what need not touch (changes: only_contacts)."
         ]
     return [
-        f'{share}contact is too hard; soften it (changes: {{geoms: {{"*": {{solref: [0.04, 1], '
-        "solimp: [0, 0.95, 0.02, 0.5, 2]}}})."
+        f"{share}contact is too hard; let its force begin softly, by the solref and solimp that "
+        "`vgps new` writes for this robot (changes: geoms)."
     ]
 
 
