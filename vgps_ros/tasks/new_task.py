@@ -635,7 +635,8 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
         limit = high if np.isfinite(high) and high > 0 else 10.0
         if is_servo:  # the target from which on its force is greatest [rad]
             force = controls.servo_forces[i]
-            limit = min(force / controls.stiffness[i], 1.0) if force < 1e6 else _UNKNOWN_REACH
+            limit = force / controls.stiffness[i] if force < 1e6 else _UNKNOWN_REACH
+            limit = limit if robot.feet else min(limit, 1.0)
             limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
         weight = f"{strong / limit**2 / _leads(robot)[i]:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
